@@ -1,0 +1,35 @@
+"""Any mesh in, the same type out: arrays, tensors, trimesh, pymeshlab and files.
+
+`to_mesh` gives the triangles of any mesh object that is known, `extend` appends new vertices and faces to it and
+returns an object of the same type whose original part is unchanged. An adapter for a further type is a class with
+`name`, `types`, `to_mesh` and `extend` (see `Adapter`), made known by `register`. Nothing here imports trimesh,
+pymeshlab or torch before an object of theirs has to be built.
+
+    >>> import numpy as np
+    >>> from spinor_geom.adapters import to_mesh
+    >>> mesh = to_mesh((np.eye(3), np.array([[0, 1, 2]])))
+    >>> mesh.faces
+    array([[0, 1, 2]])
+"""
+
+from __future__ import annotations
+
+from spinor_geom.adapters.arrays import ArrayPairAdapter, TriangleMeshAdapter
+from spinor_geom.adapters.mesh_files import MeshFile, MeshFileAdapter, read_mesh
+from spinor_geom.adapters.meshlab import MeshSetAdapter
+from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.registry import Adapter, extend, known_types, register, to_mesh
+from spinor_geom.adapters.tensors import TensorPairAdapter
+from spinor_geom.adapters.trimesh_mesh import TrimeshAdapter
+
+for _adapter in (
+    ArrayPairAdapter(),
+    TensorPairAdapter(),
+    TrimeshAdapter(),
+    MeshSetAdapter(),
+    TriangleMeshAdapter(),
+    MeshFileAdapter(),
+):
+    register(_adapter)
+
+__all__ = ["Adapter", "MeshFile", "Polygons", "extend", "known_types", "read_mesh", "register", "to_mesh"]

@@ -1,0 +1,75 @@
+"""Pairs (vertices, faces) of numpy arrays, as libigl's functions take and return them, and the package's own mesh."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from spinor_geom.adapters.extending import check_extension, extend_mesh, fitting_index_dtype
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+
+class TriangleMeshAdapter:
+    """`TriangleMesh`, the package's own type."""
+
+    name = "TriangleMesh"
+    types = ("spinor_geom.TriangleMesh",)
+
+    def to_mesh(self, obj: TriangleMesh) -> TriangleMesh:
+        """The mesh itself."""
+        return obj
+
+    def extend(self, obj: TriangleMesh, extension: MeshExtension) -> TriangleMesh:
+        """The mesh with the extension appended.
+
+        Raises:
+            VertexIndexError: a new face names a vertex that neither of them has.
+            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
+        """
+        return extend_mesh(obj, extension)
+
+
+class ArrayPairAdapter:
+    """A tuple or list (V, F) of numpy arrays: positions (V, 3) and vertex indices (F, 3)."""
+
+    name = "a pair (V, F) of numpy arrays"
+    types = ("pair of numpy.ndarray",)
+
+    def to_mesh(self, obj: tuple[np.ndarray, np.ndarray] | list[np.ndarray]) -> TriangleMesh:
+        """The mesh of the two arrays.
+
+        Raises:
+            MeshShapeError: V is not (n, 3) real numbers or F not (m, 3) integers.
+            NonFiniteVertexError: a coordinate is NaN or infinite.
+            VertexIndexError: a face names a vertex that does not exist.
+        """
+        vertices, faces = obj
+        return TriangleMesh(np.asarray(vertices), np.asarray(faces))
+
+    def extend(self, obj: Any, extension: MeshExtension) -> Any:
+        """A new tuple or list of two new arrays, with the old ones as their first rows.
+
+        Both arrays keep their dtype (new positions are rounded to it), unless it cannot hold what is added: integer
+        positions become float64, and index types too narrow for the new indices are widened.
+
+        Raises:
+            VertexIndexError: a new face names a vertex that neither of them has.
+        """
+        vertices, faces = (np.asarray(member) for member in obj)
+        check_extension(extension, vertices=len(vertices), attributes={})
+        floating = vertices.dtype if vertices.dtype.kind == "f" else np.dtype(np.float64)
+        indices = fitting_index_dtype(faces.dtype, extension.faces)
+        return rebuilt_pair(
+            obj,
+            np.concatenate([vertices.astype(floating), extension.vertices.astype(floating)]),
+            np.concatenate([faces.astype(indices), extension.faces.astype(indices)]),
+        )
+
+
+def rebuilt_pair(pair: Any, vertices: Any, faces: Any) -> Any:
+    """The two members in a container like `pair`: a tuple, a named tuple or a list."""
+    if hasattr(pair, "_make"):
+        return pair._make([vertices, faces])
+    return type(pair)([vertices, faces])

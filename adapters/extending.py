@@ -1,0 +1,111 @@
+"""Checks and conversions that every adapter needs to append an extension."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, Real
+
+from spinor_geom.errors import MeshShapeError, VertexIndexError
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+
+def check_extension(extension: MeshExtension, *, vertices: int, attributes: Mapping[str, int]) -> None:
+    """Whether an extension fits a mesh of `vertices` vertices with attributes of the given widths.
+
+    An extension without new vertices needs no attributes.
+
+    Raises:
+        VertexIndexError: a face names a vertex that neither of them has.
+        MeshShapeError: an attribute is missing or has another width.
+    """
+    total = vertices + len(extension.vertices)
+    outside = (extension.faces < 0) | (extension.faces >= total)
+    if outside.any():
+        face, corner = divmod(int(np.flatnonzero(outside)[0]), 3)
+        raise VertexIndexError(face=face, index=int(extension.faces[face, corner]), vertices=total)
+    if len(extension.vertices) == 0:
+        return
+    for name, width in attributes.items():
+        values = extension.vertex_attributes.get(name)
+        if values is None:
+            raise MeshShapeError(
+                f"the extension lacks the vertex attribute {name!r} that the mesh has; give its values"
+            )
+        if values.shape[1] != width:
+            raise MeshShapeError(
+                f"vertex attribute {name!r} has {width} numbers a vertex in the mesh and {values.shape[1]} in the "
+                "extension; give the same number"
+            )
+
+
+def extend_mesh(mesh: TriangleMesh, extension: MeshExtension) -> TriangleMesh:
+    """The mesh with the extension's vertices, faces and attributes appended.
+
+    Raises:
+        VertexIndexError: a new face names a vertex that neither of them has.
+        MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
+    """
+    widths = {name: values.shape[1] for name, values in mesh.vertex_attributes.items()}
+    check_extension(extension, vertices=len(mesh.vertices), attributes=widths)
+    return TriangleMesh(
+        np.concatenate([mesh.vertices, extension.vertices]),
+        np.concatenate([mesh.faces, extension.faces]),
+        vertex_attributes={
+            name: np.concatenate([values, attribute_rows(extension, name, width=widths[name])])
+            for name, values in mesh.vertex_attributes.items()
+        },
+    )
+
+
+def attribute_rows(extension: MeshExtension, name: str, *, width: int) -> Float[np.ndarray, "k {width}"]:
+    """The extension's values of one attribute, (K, width); no rows where it has no new vertices."""
+    if len(extension.vertices) == 0:
+        return np.zeros((0, width))
+    return extension.vertex_attributes[name]
+
+
+def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.ndarray:
+    """Numbers in another dtype; for integers and truth values rounded to the nearest one that the dtype holds."""
+    if dtype.kind == "b":
+        return values >= 0.5
+    if dtype.kind not in "iu":
+        return values.astype(dtype)
+    limits = np.iinfo(dtype)
+    # 2**63 - 1 is no float64, and its neighbour 2**63 no int64: the largest float64 below the limit bounds instead
+    highest = np.nextafter(float(limits.max), 0.0) if float(limits.max) > limits.max else float(limits.max)
+    rounded = np.clip(np.rint(np.nan_to_num(values)), float(limits.min), highest)
+    return rounded.astype(dtype)
+
+
+def grown_attribute(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarray:
+    """An attribute (V, ...) of any real dtype followed by new rows in its own dtype and trailing shape."""
+    new = cast_values(rows, values.dtype).reshape(len(rows), *values.shape[1:])
+    return np.concatenate([values, new])
+
+
+def most_frequent_row(values: np.ndarray) -> np.ndarray:
+    """The row that occurs most often among (n, ...) values, (1, ...): what a new face gets where nothing tells better.
+
+    Rows of zeros for values that cannot be compared, and where there are none.
+    """
+    if len(values) == 0 or values.dtype.kind not in "biuf":
+        return np.zeros((1, *values.shape[1:]), dtype=values.dtype)
+    _, first, counts = np.unique(values.reshape(len(values), -1), axis=0, return_index=True, return_counts=True)
+    return values[[first[np.argmax(counts)]]]
+
+
+def real_columns(values: np.ndarray) -> Float[np.ndarray, "v c"]:
+    """An attribute (V, ...) of any real dtype as (V, k) float64."""
+    return values.reshape(len(values), -1).astype(np.float64)
+
+
+def fitting_index_dtype(dtype: np.dtype[Any], faces: Int[np.ndarray, "t 3"]) -> np.dtype[Any]:
+    """The dtype of a mesh's faces, widened where it cannot hold the indices of new faces."""
+    highest = int(faces.max(initial=0))
+    if highest <= np.iinfo(dtype).max:
+        return dtype
+    return np.promote_types(dtype, np.min_scalar_type(highest))

@@ -1,0 +1,231 @@
+"""Mesh files: OBJ, PLY, STL, OFF and GLB, read without loss and written with patches appended."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from spinor_geom.adapters.contents import Addition, FileContents, malformed
+from spinor_geom.adapters.extending import attribute_rows, check_extension
+from spinor_geom.adapters.glb import encode_glb, read_glb
+from spinor_geom.adapters.obj import encode_obj, read_obj
+from spinor_geom.adapters.off import encode_off, read_off
+from spinor_geom.adapters.ply import encode_ply, read_ply
+from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.seams import close_seams
+from spinor_geom.adapters.stl import encode_stl, read_stl
+from spinor_geom.errors import MeshFileError, NonFiniteVertexError
+from spinor_geom.files import atomic_path
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+FORMATS: dict[str, tuple[Callable[[bytes, Path | None], FileContents], Callable[[FileContents], bytes]]] = {
+    ".obj": (read_obj, encode_obj),
+    ".ply": (read_ply, encode_ply),
+    ".stl": (read_stl, encode_stl),
+    ".off": (read_off, encode_off),
+    ".glb": (read_glb, encode_glb),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeshFile:
+    """A mesh file in memory: what it holds, its triangles, and what was appended to it.
+
+    Written in the format it was read from, a file keeps everything that was in it byte for byte (in GLB: every
+    element), and new elements follow the old ones. Written in another format it keeps vertices, faces, curves and those
+    attributes that the format has a place for.
+
+    Attributes:
+        path: where it was read from, or None.
+        contents: vertices, polygons, attributes and curves, old and new.
+        mesh: the triangles: polygons split, and closed along texture and normal seams.
+        face_polygons: (F,) int64, the number of the polygon that each triangle of `mesh` comes from.
+        read_sizes: how many vertices and faces the file had when it was read; those that follow were appended.
+    """
+
+    path: Path | None
+    contents: FileContents
+    mesh: TriangleMesh
+    face_polygons: Int[np.ndarray, " f"]
+    read_sizes: tuple[int, int]
+
+    @classmethod
+    def of_contents(
+        cls, contents: FileContents, *, path: Path | None, read_sizes: tuple[int, int] | None = None
+    ) -> MeshFile:
+        """Split the polygons and close the seams; without `read_sizes` nothing counts as appended.
+
+        Raises:
+            NonFiniteVertexError: a coordinate is NaN or infinite.
+        """
+        finite = np.isfinite(contents.vertices).all(axis=1)
+        if not finite.all():
+            raise NonFiniteVertexError(vertex=int(np.argmin(finite)))
+        triangles, polygons = contents.polygons.triangulated(contents.vertices)
+        faces, kept = close_seams(triangles, contents.representatives)
+        mesh = TriangleMesh(contents.vertices, faces, vertex_attributes=contents.attributes)
+        return cls(
+            path=path,
+            contents=contents,
+            mesh=mesh,
+            face_polygons=polygons[kept],
+            read_sizes=read_sizes or (len(contents.vertices), len(contents.polygons)),
+        )
+
+    @property
+    def polygons(self) -> Polygons:
+        """The faces as the file has them, quads and polygons whole."""
+        return self.contents.polygons
+
+    @property
+    def polylines(self) -> tuple[Int[np.ndarray, " _"], ...]:
+        """The curves in the file, (k,) vertex indices each; a closed one ends with the vertex it begins with."""
+        return self.contents.polylines
+
+    def extended(self, extension: MeshExtension) -> MeshFile:
+        """The file with new vertices and faces after its own; this object stays as it is.
+
+        Raises:
+            VertexIndexError: a new face names a vertex that does not exist.
+            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
+        """
+        old = self.contents
+        widths = {name: values.shape[1] for name, values in old.attributes.items()}
+        first = len(old.vertices)
+        check_extension(extension, vertices=first, attributes=widths)
+        contents = replace(
+            old,
+            vertices=np.concatenate([old.vertices, extension.vertices]),
+            polygons=old.polygons.followed_by(extension.faces),
+            attributes={
+                name: np.concatenate([values, attribute_rows(extension, name, width=widths[name])])
+                for name, values in old.attributes.items()
+            },
+            representatives=np.append(old.representatives, np.arange(first, first + len(extension.vertices))),
+        )
+        return MeshFile.of_contents(contents, path=self.path, read_sizes=self.read_sizes)
+
+    def merged(self) -> MeshFile:
+        """The file with vertices of exactly equal position made one, as soups (STL) need.
+
+        Of each group the vertex of lowest index stays, with its attributes; polygons and curves stay whole. Such a file
+        no longer follows the one that was read: it is written anew, without materials and other things that are not in
+        `contents`.
+        """
+        mesh, new_index = TriangleMesh(
+            self.contents.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=self.contents.attributes
+        ).merged()
+        contents = replace(
+            self.contents,
+            vertices=mesh.vertices,
+            polygons=self.contents.polygons.renumbered(new_index),
+            attributes=mesh.vertex_attributes,
+            representatives=np.arange(len(mesh.vertices)),
+            polylines=tuple(new_index[curve] for curve in self.contents.polylines),
+            source=None,
+        )
+        return MeshFile.of_contents(contents, path=self.path)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the file, in the format that the suffix of `path` names.
+
+        The file appears complete or not at all, and after an error an old file of that name is as it was.
+
+        Raises:
+            MeshFileError: no known format, or the file cannot be written.
+        """
+        target = Path(path)
+        suffix = _known_suffix(target)
+        data = self._encoded(suffix)
+        try:
+            with atomic_path(target) as temporary:
+                temporary.write_bytes(data)
+        except OSError as error:
+            raise malformed(target, "", f"cannot be written ({error})", "check the folder") from error
+
+    def _encoded(self, suffix: str) -> bytes:
+        source = self.contents.source
+        if source is None or source.suffix != suffix:
+            return FORMATS[suffix][1](self.contents)
+        vertices, faces = self.read_sizes
+        return source.appended(
+            Addition(
+                first=vertices,
+                vertices=self.contents.vertices[vertices:],
+                faces=self.contents.polygons.from_face(faces).corners.reshape(-1, 3),
+                attributes={name: values[vertices:] for name, values in self.contents.attributes.items()},
+            )
+        )
+
+
+def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
+    """Read a mesh file.
+
+    OBJ faces are read by position, so texture seams leave no trace; in PLY, OFF and GLB, vertices that a renderer's
+    format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL is read as the soup it is:
+    `MeshFile.merged` makes a surface of it. No other file that this one names is ever opened.
+
+    Args:
+        path: a file whose suffix is .obj, .ply, .stl, .off or .glb, in any case.
+
+    Raises:
+        MeshFileError: no such file, no known format, or malformed; names the file and the place in it.
+        NonFiniteVertexError: a coordinate is NaN or infinite.
+    """
+    source = Path(path)
+    suffix = _known_suffix(source)
+    try:
+        data = source.read_bytes()
+    except OSError as error:
+        problem = f"cannot be read ({error.strerror or error})"
+        raise malformed(source, "", problem, "check the name and the access rights") from error
+    if not data:
+        raise malformed(source, "", "is empty", "check that the file is complete")
+    contents = FORMATS[suffix][0](data, source)
+    if len(contents.polygons) == 0 and not contents.polylines:
+        raise malformed(source, "", "has vertices but no faces and no curves", "give a file with a surface in it")
+    return MeshFile.of_contents(contents, path=source)
+
+
+class MeshFileAdapter:
+    """`MeshFile`, and paths of mesh files."""
+
+    name = "the path of a mesh file (.obj, .ply, .stl, .off, .glb), or the MeshFile that read_mesh gives"
+    types = ("spinor_geom.MeshFile", "pathlib.PurePath", "builtins.str")
+
+    def to_mesh(self, obj: MeshFile | str | os.PathLike[str]) -> TriangleMesh:
+        """The triangles of the file.
+
+        Raises:
+            MeshFileError: the file is missing or malformed.
+        """
+        return _opened(obj).mesh
+
+    def extend(self, obj: Any, extension: MeshExtension) -> MeshFile:
+        """The file with the extension appended, as a `MeshFile`; nothing is written.
+
+        Raises:
+            MeshFileError: the file is missing or malformed.
+            VertexIndexError: a new face names a vertex that does not exist.
+            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
+        """
+        return _opened(obj).extended(extension)
+
+
+def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:
+    return obj if isinstance(obj, MeshFile) else read_mesh(obj)
+
+
+def _known_suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        problem = f"'{path.suffix}' is no known format"
+        raise MeshFileError(f"{path}: {problem}; use one of {', '.join(FORMATS)}", path=path, place="")
+    return suffix

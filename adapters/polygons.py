@@ -1,0 +1,168 @@
+"""Faces of any number of corners, as files hold them, and the triangles they stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float, Int
+
+# A polygon of n corners is split in the best of its n fans; beyond this size only the first is tried, as n fans take
+# n² triangles.
+LARGEST_SEARCHED = 32
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Polygons:
+    """Faces of any number of corners: face i has the corners corners[starts[i]:starts[i + 1]].
+
+    Attributes:
+        corners: (n,) int64 vertex indices of all faces, one face after the other.
+        starts: (P + 1,) int64, where each face begins; the last entry is n.
+    """
+
+    corners: Int[np.ndarray, " n"]
+    starts: Int[np.ndarray, " p"]
+
+    @classmethod
+    def of_sizes(cls, corners: Int[np.ndarray, " n"], sizes: Int[np.ndarray, " p"]) -> Polygons:
+        """Faces given by all their corners in one row and the number of corners of each."""
+        starts = np.zeros(len(sizes) + 1, dtype=np.int64)
+        np.cumsum(sizes, out=starts[1:])
+        return cls(corners=np.asarray(corners, dtype=np.int64), starts=starts)
+
+    @classmethod
+    def of_triangles(cls, faces: Int[np.ndarray, "f 3"]) -> Polygons:
+        """Triangles as polygons."""
+        return cls.of_sizes(faces.reshape(-1), np.full(len(faces), 3))
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def __getitem__(self, face: int) -> Int[np.ndarray, " k"]:
+        """The corners of one face."""
+        start, stop = self.starts[face : face + 2]
+        return self.corners[start:stop]
+
+    @property
+    def sizes(self) -> Int[np.ndarray, " p"]:
+        """How many corners each face has, (P,) int64."""
+        return np.diff(self.starts)
+
+    def followed_by(self, faces: Int[np.ndarray, "t 3"]) -> Polygons:
+        """These faces, then the given triangles."""
+        sizes = np.concatenate([self.sizes, np.full(len(faces), 3)])
+        return Polygons.of_sizes(np.concatenate([self.corners, faces.reshape(-1)]), sizes)
+
+    def from_face(self, first: int) -> Polygons:
+        """The faces from number `first` on."""
+        return Polygons.of_sizes(self.corners[self.starts[first] :], self.sizes[first:])
+
+    def renumbered(self, new_index: Int[np.ndarray, " v"]) -> Polygons:
+        """The same faces with vertex v called new_index[v]."""
+        return Polygons(corners=new_index[self.corners], starts=self.starts)
+
+    def of_size(self, size: int) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, "k {size}"]]:
+        """The numbers of the faces with `size` corners, and those corners, one face a row."""
+        chosen = np.flatnonzero(self.sizes == size)
+        return chosen, self.corners[self.starts[chosen][:, None] + np.arange(size)]
+
+    def rows(self) -> list[list[int]]:
+        """The corners of every face as lists, for writing."""
+        flat = self.corners.tolist()
+        bounds = self.starts.tolist()
+        return [flat[start:stop] for start, stop in pairwise(bounds)]
+
+    def triangulated(self, vertices: Float[np.ndarray, "v 3"]) -> tuple[Int[np.ndarray, "t 3"], Int[np.ndarray, " t"]]:
+        """The faces split into triangles, without new vertices and in the same order.
+
+        A polygon of n corners becomes the n − 2 triangles of a fan from one of its corners: of the fans from its up to
+        32 corners, the one whose triangle most against the polygon's area vector is best (so a quad with a reflex
+        corner is split along its inner diagonal); of equal fans the one from the earliest corner.
+
+        Args:
+            vertices: (V, 3) positions of the vertices.
+
+        Returns:
+            The triangles (T, 3) int64, and the number of the polygon each comes from, (T,) int64.
+        """
+        pieces = self.sizes - 2
+        starts = np.concatenate([[0], np.cumsum(pieces)])
+        triangles = np.empty((int(starts[-1]), 3), dtype=np.int64)
+        for size in np.unique(self.sizes).tolist():
+            chosen, corners = self.of_size(size)
+            rows = starts[chosen][:, None] + np.arange(size - 2)
+            triangles[rows] = _best_fans(vertices, corners)
+        return triangles, np.repeat(np.arange(len(self)), pieces)
+
+
+def _best_fans(vertices: Float[np.ndarray, "v 3"], corners: Int[np.ndarray, "m n"]) -> Int[np.ndarray, "m n-2 3"]:
+    """The best fan of each of m polygons with n corners."""
+    size = corners.shape[1]
+    best = _fans(corners, 0)
+    if size == 3:
+        return best
+    with np.errstate(over="ignore", invalid="ignore"):  # huge coordinates: any fan is right for the topology
+        quality = _least_agreement(vertices, best)
+        for start in range(1, size if size > 4 else 2) if size <= LARGEST_SEARCHED else ():
+            fans = _fans(corners, start)
+            candidate = _least_agreement(vertices, fans)
+            better = candidate > quality
+            best[better] = fans[better]
+            quality = np.where(better, candidate, quality)
+    return best
+
+
+def _fans(corners: Int[np.ndarray, "m n"], start: int) -> Int[np.ndarray, "m n-2 3"]:
+    turned = np.roll(corners, -start, axis=1)
+    apex = np.broadcast_to(turned[:, :1], (len(corners), corners.shape[1] - 2))
+    return np.stack([apex, turned[:, 1:-1], turned[:, 2:]], axis=2)
+
+
+def _least_agreement(vertices: Float[np.ndarray, "v 3"], fans: Int[np.ndarray, "m t 3"]) -> Float[np.ndarray, " m"]:
+    """The least of the inner products of a fan's triangle area vectors with their sum."""
+    a, b, c = np.moveaxis(vertices[fans], 2, 0)
+    areas = np.cross(b - a, c - a)
+    return np.einsum("mtx,mx->mt", areas, areas.sum(axis=1)).min(axis=1)
+
+
+def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[Int[np.ndarray, " _"], ...]:
+    """Pieces of polylines joined into curves as long as possible.
+
+    Pieces are joined, turned round where needed, at every vertex where exactly two of their ends meet. A closed curve
+    begins and ends with the same vertex.
+
+    Args:
+        elements: vertex indices of each piece, (k,) with k ≥ 2.
+
+    Returns:
+        The curves, in the order and direction of the first piece of each.
+    """
+    pieces = [element.tolist() for element in elements]
+    ends: dict[int, list[int]] = {}
+    for number, piece in enumerate(pieces):
+        for end in (piece[0], piece[-1]):
+            ends.setdefault(end, []).append(number)
+    unused = set(range(len(pieces)))
+    curves = []
+    for number, piece in enumerate(pieces):
+        if number in unused:
+            unused.discard(number)
+            forward = _grown(piece, pieces, ends, unused)
+            curves.append(_grown(forward[::-1], pieces, ends, unused)[::-1])
+    return tuple(np.array(curve, dtype=np.int64) for curve in curves)
+
+
+def _grown(curve: list[int], pieces: list[list[int]], ends: dict[int, list[int]], unused: set[int]) -> list[int]:
+    """A curve extended beyond its last vertex while a single other piece goes on from there."""
+    curve = list(curve)
+    while curve[0] != curve[-1] and len(ends[curve[-1]]) == 2:
+        follower = next((number for number in ends[curve[-1]] if number in unused), None)
+        if follower is None:
+            break
+        unused.discard(follower)
+        piece = pieces[follower]
+        curve += (piece if piece[0] == curve[-1] else piece[::-1])[1:]
+    return curve

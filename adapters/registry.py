@@ -1,0 +1,114 @@
+"""Which adapter serves which type: decided by name, so that no optional library is imported to find out."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+from spinor_geom.errors import UnknownMeshTypeError
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+
+@runtime_checkable
+class Adapter(Protocol):
+    """Translates one kind of mesh object to a `TriangleMesh`, and appends to it.
+
+    Attributes:
+        name: how error messages call what this adapter takes.
+        types: the types it serves, each as "package.Class" (the top-level package and the class's own name), or
+            "pair of package.Class" for a tuple or list (vertices, faces) of two such objects. Subclasses are served
+            too.
+    """
+
+    name: str
+    types: tuple[str, ...]
+
+    def to_mesh(self, obj: Any) -> TriangleMesh:
+        """The triangles of `obj`, its vertices all and in its own order."""
+        ...
+
+    def extend(self, obj: Any, extension: MeshExtension) -> Any:
+        """A new object of the type of `obj`: what `obj` holds, unchanged, followed by the extension."""
+        ...
+
+
+_adapters: dict[str, Adapter] = {}
+
+
+def register(adapter: Adapter) -> None:
+    """Let an adapter serve its types from now on, instead of any adapter that served them before."""
+    for name in adapter.types:
+        _adapters[name] = adapter
+
+
+def to_mesh(obj: Any) -> TriangleMesh:
+    """The triangles of any known mesh object or mesh file.
+
+    The result has all vertices of `obj` in their own order, so that the indices of loops and extensions are those of
+    `obj`. Quads and larger polygons are split into triangles. Where a renderer's format splits vertices along texture
+    or normal seams, faces name the vertex of lowest index at each place, so that a seam is not a boundary. Nothing else
+    is merged, cleaned or reordered.
+
+    Args:
+        obj: a `TriangleMesh`, a pair (vertices, faces) of numpy arrays or torch tensors, a `trimesh.Trimesh`, the
+            current mesh of a `pymeshlab.MeshSet`, a `MeshFile`, the path of a mesh file, or any type an adapter was
+            registered for.
+
+    Raises:
+        UnknownMeshTypeError: no adapter knows the type.
+        MeshError: the mesh has an index out of range, a coordinate that is not finite, or arrays of the wrong shape.
+        MeshFileError: the file is missing or malformed.
+    """
+    return _adapter_of(obj).to_mesh(obj)
+
+
+def extend(obj: Any, extension: MeshExtension) -> Any:
+    """A new object of the type of `obj`, with new vertices and faces appended.
+
+    What `obj` holds is an unchanged prefix of the result: vertices bit by bit, faces (quads and polygons too),
+    attributes and metadata. `obj` itself is not changed. A path gives a `MeshFile`, to be written where one likes.
+
+    Args:
+        obj: as for `to_mesh`.
+        extension: what to append; its attributes are those of `to_mesh(obj)`.
+
+    Raises:
+        UnknownMeshTypeError: no adapter knows the type.
+        VertexIndexError: a new face names a vertex that neither `obj` nor the extension has.
+        MeshShapeError: an attribute of `to_mesh(obj)` is missing in the extension or has another width.
+        MeshFileError: the file is missing or malformed.
+    """
+    return _adapter_of(obj).extend(obj, extension)
+
+
+def known_types() -> tuple[str, ...]:
+    """How error messages call the types that are known, in the order of their registration."""
+    return tuple(dict.fromkeys(adapter.name for adapter in _adapters.values()))
+
+
+def _adapter_of(obj: Any) -> Adapter:
+    for name in _type_names(obj):
+        if name in _adapters:
+            return _adapters[name]
+    raise UnknownMeshTypeError(found=_description(obj), known=known_types())
+
+
+def _type_names(obj: Any) -> list[str]:
+    """The names of an object's classes, nearest first; of a pair, the classes that both its members have."""
+    names = [_class_name(cls) for cls in type(obj).__mro__]
+    if isinstance(obj, (tuple, list)) and len(obj) == 2:
+        second = type(obj[1]).__mro__
+        names += [f"pair of {_class_name(cls)}" for cls in type(obj[0]).__mro__ if cls in second]
+    return names
+
+
+def _class_name(cls: type) -> str:
+    return f"{cls.__module__.partition('.')[0]}.{cls.__qualname__}"
+
+
+def _description(obj: Any) -> str:
+    own = _class_name(type(obj)).removeprefix("builtins.")
+    if not isinstance(obj, (tuple, list)):
+        return own
+    members = ", ".join(_class_name(type(member)).removeprefix("builtins.") for member in obj[:3])
+    return f"{own} of {len(obj)} ({members}{', ...' if len(obj) > 3 else ''})"

@@ -1,0 +1,104 @@
+"""STL, text and binary: three corners for every triangle, nothing shared."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from spinor_geom.adapters.contents import FileContents, malformed, numbers, single_precision
+from spinor_geom.adapters.polygons import Polygons
+
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+HEADER = 80
+SOLID = "spinor_geom"
+
+
+def read_stl(data: bytes, path: Path | None) -> FileContents:
+    """The triangles of an STL file as a soup: vertices 3i, 3i + 1, 3i + 2 are the corners of facet i.
+
+    Text positions are read as float64, binary ones are float32. Normals and attribute bytes are not kept.
+
+    Raises:
+        MeshFileError: shorter than announced, a facet without three readable corners, or no facets; names the place.
+    """
+    corners = _binary_corners(data)
+    is_text = corners is None
+    if corners is None:
+        corners = _text_corners(data, path)
+    if len(corners) == 0:
+        raise malformed(path, "", "has no facets", "check that the file is complete")
+    vertices = corners.reshape(-1, 3).astype(np.float64)
+    return FileContents(
+        vertices=vertices,
+        polygons=Polygons.of_triangles(np.arange(len(vertices)).reshape(-1, 3)),
+        representatives=np.arange(len(vertices)),
+        is_text_stl=is_text,
+    )
+
+
+def encode_stl(contents: FileContents) -> bytes:
+    """An STL file of the triangles of all faces: text if the contents were, else binary and rounded to float32.
+
+    Raises:
+        MeshFileError: a coordinate is too large for float32.
+    """
+    faces, _ = contents.polygons.triangulated(contents.vertices)
+    corners = contents.vertices[faces]
+    normals = _normals(corners)
+    if contents.is_text_stl:
+        blocks = [
+            f"facet normal {numbers(normal)}\n outer loop\n"
+            + "".join(f"  vertex {numbers(corner)}\n" for corner in triangle)
+            + " endloop\nendfacet\n"
+            for normal, triangle in zip(normals.tolist(), corners.tolist(), strict=True)
+        ]
+        return f"solid {SOLID}\n{''.join(blocks)}endsolid {SOLID}\n".encode("ascii")
+    facets = np.zeros(len(faces), dtype=FACET)
+    facets["normal"] = normals
+    facets["corners"] = single_precision(corners)
+    return SOLID.encode("ascii").ljust(HEADER, b"\0") + np.uint32(len(faces)).tobytes() + facets.tobytes()
+
+
+def _binary_corners(data: bytes) -> Float[np.ndarray, "f 3 3"] | None:
+    """The corners in a binary file, or None if this is none: the length must be what the header announces."""
+    if len(data) < HEADER + 4:
+        return None
+    count = int(np.frombuffer(data, "<u4", 1, HEADER)[0])
+    if len(data) != HEADER + 4 + count * FACET.itemsize:
+        return None
+    return np.frombuffer(data, FACET, count, HEADER + 4)["corners"]
+
+
+def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
+    if data.lstrip()[:5].lower() != b"solid" or b"\0" in data:
+        announced = int(np.frombuffer(data, "<u4", 1, HEADER)[0]) if len(data) >= HEADER + 4 else None
+        problem = f"has {len(data)} bytes and does not begin with 'solid'"
+        if announced is not None:
+            problem = f"announces {announced} facets, {HEADER + 4 + announced * FACET.itemsize} bytes; has {len(data)}"
+        raise malformed(path, f"byte {HEADER}", problem, "check that the file is complete and is an STL file")
+    # the first line is the solid's name, which may be anything
+    start = data.find(b"\n", data.lower().find(b"solid")) + 1
+    words = re.findall(rb"(?im)^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t\r]*$", data[start:])
+    ends = len(re.findall(rb"(?im)^[ \t]*endfacet\b", data[start:]))
+    begins = len(re.findall(rb"(?im)^[ \t]*facet\b", data[start:]))
+    if begins != ends or len(words) != 3 * ends:
+        problem = f"{begins} facets begin, {ends} end, and {len(words)} vertices can be read, three for each are needed"
+        raise malformed(path, f"about facet {min(ends, len(words) // 3)}", problem, "check that the file is complete")
+    try:
+        flat = [float(word) for row in words for word in row]
+    except ValueError as error:
+        raise malformed(path, "", f"a coordinate is no number ({error})", "correct it") from None
+    return np.array(flat).reshape(-1, 3, 3)
+
+
+def _normals(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"]:
+    """Unit normals, zero for triangles without area."""
+    # to size 1 first: products of very large or small edges would overflow or vanish
+    size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
+    corners = np.divide(corners, size, out=np.zeros_like(corners), where=size > 0)
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(areas, axis=1, keepdims=True)
+    return np.divide(areas, lengths, out=np.zeros_like(areas), where=lengths > 0)

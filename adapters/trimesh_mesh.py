@@ -1,0 +1,151 @@
+"""`trimesh.Trimesh`."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spinor_geom.adapters.extending import (
+    attribute_rows,
+    check_extension,
+    grown_attribute,
+    most_frequent_row,
+    real_columns,
+)
+from spinor_geom.adapters.seams import close_seams, seam_representatives
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    import trimesh
+
+
+class TrimeshAdapter:
+    """`trimesh.Trimesh`, with its vertex colours, texture coordinates, normals and vertex attributes.
+
+    The attributes are called "color" (0 to 255), "uv", "normal" (where normals were given or have been computed) and
+    by the names in `vertex_attributes`; one of these that clashes gets the prefix "attribute ". On a mesh with a
+    texture (`TextureVisuals`) positions whose vertices differ in texture coordinates, normals or colours are seams.
+    """
+
+    name = "trimesh.Trimesh"
+    types = ("trimesh.Trimesh",)
+
+    def to_mesh(self, obj: trimesh.Trimesh) -> TriangleMesh:
+        """The triangles, closed along texture seams.
+
+        Raises:
+            NonFiniteVertexError: a coordinate is NaN or infinite.
+            VertexIndexError: a face names a vertex that does not exist.
+        """
+        faces = np.asarray(obj.faces)
+        carried = _carried(obj)
+        mesh = TriangleMesh(
+            np.asarray(obj.vertices),
+            faces,
+            vertex_attributes={name: real_columns(values) for name, values in carried.items()},
+        )
+        if obj.visual.kind != "texture":
+            return mesh
+        appearance = [mesh.vertex_attributes[name] for name in ("uv", "normal", "color") if name in carried]
+        closed, _ = close_seams(mesh.faces, seam_representatives(mesh.vertices, appearance))
+        return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes)
+
+    def extend(self, obj: trimesh.Trimesh, extension: MeshExtension) -> trimesh.Trimesh:
+        """A new `Trimesh` with the extension appended; material, metadata and attributes are copied.
+
+        New faces get the face colour and the face attributes that occur most often. Attributes that are no real
+        numbers get zeros or empty entries at new vertices. Normals are kept only if the extension has them, else
+        trimesh computes them when they are asked for.
+
+        Raises:
+            VertexIndexError: a new face names a vertex that neither of them has.
+            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
+        """
+        import trimesh
+
+        carried = _carried(obj)
+        widths = {name: real_columns(values).shape[1] for name, values in carried.items()}
+        if "normal" not in extension.vertex_attributes:
+            # trimesh caches normals whenever it computes them: they may have come after to_mesh
+            widths.pop("normal", None)
+        check_extension(extension, vertices=len(obj.vertices), attributes=widths)
+        grown = {
+            name: grown_attribute(carried[name], attribute_rows(extension, name, width=width))
+            for name, width in widths.items()
+        }
+        own = {_attribute_name(obj, name): name for name in obj.vertex_attributes}
+        count = len(extension.vertices)
+        return trimesh.Trimesh(
+            vertices=np.concatenate([np.asarray(obj.vertices), extension.vertices]),
+            faces=np.concatenate([np.asarray(obj.faces), extension.faces]),
+            vertex_normals=grown.pop("normal", None),
+            vertex_attributes={
+                name: grown.pop(key) if key in grown else _padded(obj.vertex_attributes[name], count)
+                for key, name in own.items()
+            },
+            face_attributes={
+                name: _repeated(np.asarray(values), len(extension.faces))
+                for name, values in obj.face_attributes.items()
+            },
+            visual=_grown_visual(obj, grown, new_faces=len(extension.faces)),
+            metadata=deepcopy(obj.metadata),
+            process=False,
+            validate=False,
+        )
+
+
+def _carried(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
+    """The real-valued attributes at the vertices under the names they have in a `TriangleMesh`."""
+    carried = dict(_visual_attributes(mesh))
+    # the only place where trimesh keeps normals that were given; asking for mesh.vertex_normals would compute them
+    if "vertex_normals" in mesh._cache:
+        carried["normal"] = np.asarray(mesh._cache["vertex_normals"])
+    carried |= {_attribute_name(mesh, name): np.asarray(values) for name, values in mesh.vertex_attributes.items()}
+    count = len(mesh.vertices)
+    return {
+        name: values for name, values in carried.items() if values.dtype.kind in "biuf" and values.shape[:1] == (count,)
+    }
+
+
+def _visual_attributes(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
+    if mesh.visual.kind == "vertex":
+        return {"color": np.asarray(mesh.visual.vertex_colors)}
+    if mesh.visual.kind == "texture":
+        return {name: np.asarray(values) for name, values in mesh.visual.vertex_attributes.items()}
+    return {}
+
+
+def _attribute_name(mesh: trimesh.Trimesh, name: str) -> str:
+    taken = {"normal", "uv", "color", *_visual_attributes(mesh)}
+    return f"attribute {name}" if name in taken else name
+
+
+def _grown_visual(mesh: trimesh.Trimesh, grown: dict[str, np.ndarray], *, new_faces: int) -> Any:
+    """A copy of the mesh's visual with the grown attributes and one entry for each new face."""
+    from trimesh.visual import ColorVisuals
+
+    if mesh.visual.kind == "vertex":
+        return ColorVisuals(vertex_colors=grown["color"])
+    if mesh.visual.kind == "face":
+        return ColorVisuals(face_colors=_repeated(np.asarray(mesh.visual.face_colors), new_faces))
+    if mesh.visual.kind != "texture":
+        return None
+    visual = mesh.visual.copy()
+    for name in mesh.visual.vertex_attributes:
+        if name in grown:
+            visual.vertex_attributes[name] = grown[name]
+    if visual.face_materials is not None:
+        visual.face_materials = _repeated(np.asarray(visual.face_materials), new_faces)
+    return visual
+
+
+def _repeated(values: np.ndarray, count: int) -> np.ndarray:
+    return np.concatenate([values, np.repeat(most_frequent_row(values), count, axis=0)])
+
+
+def _padded(values: Any, count: int) -> np.ndarray:
+    array = np.asarray(values)
+    return np.concatenate([array, np.zeros((count, *array.shape[1:]), dtype=array.dtype)])

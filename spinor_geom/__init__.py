@@ -1,0 +1,89 @@
+"""Fills holes and solves Plateau's problem with exact minimal surfaces from two holomorphic functions.
+
+The names below are the public ones; each is imported on first use, so `import spinor_geom` is quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from spinor_geom.adapters import MeshFile as MeshFile
+    from spinor_geom.adapters import read_mesh as read_mesh
+    from spinor_geom.compare import Comparison as Comparison
+    from spinor_geom.compare import compare as compare
+    from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface as DiscreteMinimalSurface
+    from spinor_geom.discrete.minimal_surface import discrete_minimal_surface as discrete_minimal_surface
+    from spinor_geom.domain.plane_domain import PlaneDomain as PlaneDomain
+    from spinor_geom.errors import SpinorGeomError as SpinorGeomError
+    from spinor_geom.fill.fill_hole import fill_hole as fill_hole
+    from spinor_geom.fill.loops import boundary_loops as boundary_loops
+    from spinor_geom.fill.result import FillResult as FillResult
+    from spinor_geom.fill.result import LoopOutcome as LoopOutcome
+    from spinor_geom.holomorphic.cauchy import CauchyNetwork as CauchyNetwork
+    from spinor_geom.holomorphic.series import PowerSeries as PowerSeries
+    from spinor_geom.mesh.boundary_loop import BoundaryLoop as BoundaryLoop
+    from spinor_geom.mesh.curve import BoundaryCurve as BoundaryCurve
+    from spinor_geom.mesh.triangle_mesh import TriangleMesh as TriangleMesh
+    from spinor_geom.meshing.embed import Patch as Patch
+    from spinor_geom.meshing.embed import mesh_patch as mesh_patch
+    from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution
+    from spinor_geom.plateau.solve import solve_plateau as solve_plateau
+    from spinor_geom.surface.spinor_surface import SpinorSurface as SpinorSurface
+
+_MODULES = {
+    "BoundaryCurve": "spinor_geom.mesh.curve",
+    "BoundaryLoop": "spinor_geom.mesh.boundary_loop",
+    "CauchyNetwork": "spinor_geom.holomorphic.cauchy",
+    "Comparison": "spinor_geom.compare",
+    "DiscreteMinimalSurface": "spinor_geom.discrete.minimal_surface",
+    "FillResult": "spinor_geom.fill.result",
+    "LoopOutcome": "spinor_geom.fill.result",
+    "MeshFile": "spinor_geom.adapters",
+    "Patch": "spinor_geom.meshing.embed",
+    "PlaneDomain": "spinor_geom.domain.plane_domain",
+    "PlateauSolution": "spinor_geom.plateau.solution",
+    "PowerSeries": "spinor_geom.holomorphic.series",
+    "SpinorGeomError": "spinor_geom.errors",
+    "SpinorSurface": "spinor_geom.surface.spinor_surface",
+    "TriangleMesh": "spinor_geom.mesh.triangle_mesh",
+    "boundary_loops": "spinor_geom.fill.loops",
+    "compare": "spinor_geom.compare",
+    "discrete_minimal_surface": "spinor_geom.discrete.minimal_surface",
+    "fill_hole": "spinor_geom.fill.fill_hole",
+    "mesh_patch": "spinor_geom.meshing.embed",
+    "read_mesh": "spinor_geom.adapters",
+    "solve_plateau": "spinor_geom.plateau.solve",
+}
+
+__all__ = sorted(_MODULES)
+
+
+def __getattr__(name: str) -> Any:
+    """Imports a public name from its module on first use."""
+    try:
+        module = _MODULES[name]
+    except KeyError:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}") from None
+    value = getattr(importlib.import_module(module), name)
+    globals()[name] = value
+    return value
+
+
+class _Package(ModuleType):
+    """Keeps `compare` the function: importing the submodule of that name would put the module in its place."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _MODULES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
+def __dir__() -> list[str]:
+    """The public names, imported or not."""
+    return sorted({*globals(), *_MODULES})

@@ -1,0 +1,84 @@
+"""What the command line says: tables and progress on a terminal, complaints in one sentence, exit statuses."""
+
+from __future__ import annotations
+
+import enum
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from spinor_geom.errors import SpinorGeomError
+
+BAD_INPUT = (
+    SpinorGeomError,
+    FileNotFoundError,
+    IsADirectoryError,
+    NotADirectoryError,
+    PermissionError,
+    FileExistsError,
+)
+
+
+class ExitStatus(enum.IntEnum):
+    """What the shell is told."""
+
+    DONE = 0
+    NOT_ALL_FILLED = 1
+    BAD_INPUT = 2
+    INTERRUPTED = 130
+
+
+def sentence(error: BaseException) -> str:
+    """An error as one line."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split())
+
+
+def complain(text: str) -> None:
+    """Says one sentence on standard error."""
+    sys.stderr.write(f"spinor-geom: {text}\n")
+
+
+def show_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, piped: bool) -> None:
+    """Shows a table on standard output: ruled on a terminal, else tab-separated lines with a header if wanted piped.
+
+    Args:
+        columns: the headers.
+        rows: one text per column.
+        piped: whether a pipe gets the table too; a terminal always does.
+    """
+    console = Console()
+    if console.is_terminal:
+        table = Table(*columns, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+    elif piped:
+        sys.stdout.write("\t".join(columns) + "\n")
+        sys.stdout.writelines("\t".join(row) + "\n" for row in rows)
+
+
+def show_lines(text: str, *, piped: bool) -> None:
+    """Writes text to standard output: always on a terminal, on a pipe if wanted there."""
+    if piped or sys.stdout.isatty():
+        sys.stdout.write(text.rstrip("\n") + "\n")
+
+
+@contextmanager
+def progress(label: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on standard error while the block runs, on a terminal only.
+
+    Yields:
+        What to call with the number of things done and of all.
+    """
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task(label, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,0 +1,62 @@
+"""`spinor-geom loops`: lists the boundary loops of a mesh file."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import Any
+
+from spinor_geom.cli.console import ExitStatus, show_lines, show_table
+from spinor_geom.cli.source import read_surface
+from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+
+COLUMNS = ("loop", "vertices", "perimeter", "mean edge", "elongation", "corners", "vertex", "remark")
+
+
+def run(arguments: argparse.Namespace) -> ExitStatus:
+    """Lists the loops: a table, or JSON."""
+    loops = boundary_loops(read_surface(arguments.input, merge=arguments.merge))
+    if arguments.json:
+        show_lines(json.dumps([describe(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
+    elif loops:
+        show_table(COLUMNS, [row(index, loop) for index, loop in enumerate(loops)], piped=True)
+    else:
+        show_lines("no boundary loops: the mesh is closed", piped=True)
+    return ExitStatus.DONE
+
+
+def describe(index: int, loop: BoundaryLoop) -> dict[str, Any]:
+    """A loop in JSON's types; the elongation of points on a line is None."""
+    return {
+        "index": index,
+        "vertices": len(loop),
+        "perimeter": loop.perimeter,
+        "mean_edge_length": loop.mean_edge_length,
+        "elongation": loop.elongation if math.isfinite(loop.elongation) else None,
+        "centroid": loop.centroid.tolist(),
+        "normal": loop.plane.normal.tolist(),
+        "slit_fraction": loop.slit_fraction,
+        "seam_edges": len(loop.seam_edges),
+        "corners": loop.vertex_ids[loop.corners].tolist(),
+        "vertex_ids": loop.vertex_ids.tolist(),
+    }
+
+
+def row(index: int, loop: BoundaryLoop) -> list[str]:
+    """A loop as a line of the table."""
+    remarks = [
+        *([f"zero-width slit ({loop.slit_fraction:.0%})"] if loop.slit_fraction else []),
+        *([f"{len(loop.seam_edges)} edges on another loop"] if len(loop.seam_edges) else []),
+    ]
+    return [
+        str(index),
+        str(len(loop)),
+        f"{loop.perimeter:.5g}",
+        f"{loop.mean_edge_length:.4g}",
+        f"{loop.elongation:.3g}",
+        str(int(loop.corners.sum())),
+        str(int(loop.vertex_ids[0])),
+        "; ".join(remarks),
+    ]

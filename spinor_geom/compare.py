@@ -1,0 +1,162 @@
+"""The exact minimal surface beside the discrete one over the same loop, in numbers."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
+from spinor_geom.measures.hausdorff import HausdorffDistance, hausdorff_distance
+from spinor_geom.measures.mean_curvature import discrete_mean_curvature
+from spinor_geom.meshing.embed import Patch, mesh_patch
+from spinor_geom.plateau.solution import PlateauSolution
+
+# second derivatives cost some milliseconds a point
+MOST_CURVATURE_POINTS = 500
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvatureFigures:
+    """|H| at some points, in 1/mesh units.
+
+    Attributes:
+        max: Largest.
+        rms: Root mean square, by area where it is a mesh's.
+    """
+
+    max: float
+    rms: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Mesh of an exact minimal surface (the patch) against a discrete minimal surface (the baseline) over one loop.
+
+    Attributes:
+        method: What made the baseline.
+        hausdorff: Distances, forward from the patch to the baseline; mesh units.
+        patch_area: Of the patch's triangles; squared mesh units, like the two others.
+        baseline_area: Of the baseline's triangles.
+        exact_area: Of the surface itself.
+        patch_curvature: Discrete |H| (cotangents over mixed Voronoi areas) at the patch's inner vertices.
+        baseline_curvature: The same of the baseline.
+        exact_curvature: |H| of the surface by automatic differentiation at the patch's inner vertices.
+        exact_curvature_points: At how many of them: all, or a share of a large patch's, evenly spread.
+        patch_vertices: Number of vertices.
+        baseline_vertices: Number of vertices.
+        solution_seconds: Wall time of the exact surface, all stages.
+        baseline_seconds: Wall time of the baseline.
+    """
+
+    method: str
+    hausdorff: HausdorffDistance
+    patch_area: float
+    baseline_area: float
+    exact_area: float
+    patch_curvature: CurvatureFigures
+    baseline_curvature: CurvatureFigures
+    exact_curvature: CurvatureFigures
+    exact_curvature_points: int
+    patch_vertices: int
+    baseline_vertices: int
+    solution_seconds: float
+    baseline_seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """All figures in JSON's types, the symmetric distances included."""
+        figures = asdict(self)
+        figures["hausdorff"] |= {"max": self.hausdorff.max, "mean": self.hausdorff.mean}
+        return figures
+
+    def __str__(self) -> str:
+        """A table of one line a figure, with a column for each surface."""
+        forward, backward = self.hausdorff.forward, self.hausdorff.backward
+        rows = [
+            ("", "exact", "its mesh", self.method),
+            ("area", _number(self.exact_area), _number(self.patch_area), _number(self.baseline_area)),
+            *(
+                (f"|H| {name}", *(f"{getattr(figures, name):.2e}" for figures in self._curvatures))
+                for name in ("max", "rms")
+            ),
+            ("vertices", "", str(self.patch_vertices), str(self.baseline_vertices)),
+            ("seconds", f"{self.solution_seconds:.2f}", "", f"{self.baseline_seconds:.2f}"),
+            ("distance max", "", f"{forward.max:.2e}", f"{backward.max:.2e}"),
+            ("distance mean", "", f"{forward.mean:.2e}", f"{backward.mean:.2e}"),
+        ]
+        widths = [max(len(row[column]) for row in rows) for column in range(4)]
+        return "\n".join(
+            "  ".join([row[0].ljust(widths[0]), *(row[k].rjust(widths[k]) for k in (1, 2, 3))]).rstrip() for row in rows
+        )
+
+    @property
+    def _curvatures(self) -> tuple[CurvatureFigures, CurvatureFigures, CurvatureFigures]:
+        return self.exact_curvature, self.patch_curvature, self.baseline_curvature
+
+
+def compare(
+    solution: PlateauSolution,
+    baseline: DiscreteMinimalSurface | None = None,
+    *,
+    target_edge_length: float | Literal["auto"] = "auto",
+    patch: Patch | None = None,
+) -> Comparison:
+    """Compares a solved minimal surface with a discrete one over the same loop.
+
+    Args:
+        solution: The exact surface.
+        baseline: The discrete surface; if none is given, `discrete_minimal_surface` of the same loop.
+        target_edge_length: Of the patch, as in `mesh_patch`.
+        patch: The solution's mesh, if there is one already; `target_edge_length` is then not used.
+
+    Raises:
+        OptionError: The edge length is not a positive number.
+        DomainError: The solution cannot be meshed, or the loop has no discrete surface.
+        FirstFillError: The loop has no discrete surface.
+    """
+    discrete = discrete_minimal_surface(solution.loop) if baseline is None else baseline
+    mesh = mesh_patch(solution, target_edge_length) if patch is None else patch
+    exact = _exact_curvature(solution, mesh)
+    return Comparison(
+        method=discrete.method,
+        hausdorff=hausdorff_distance(mesh.vertices, mesh.faces, discrete.vertices, discrete.faces),
+        patch_area=mesh.area,
+        baseline_area=discrete.area,
+        exact_area=solution.area,
+        patch_curvature=_discrete_curvature(mesh),
+        baseline_curvature=_discrete_curvature(discrete),
+        exact_curvature=CurvatureFigures(max=_largest(exact), rms=_root_mean_square(exact)),
+        exact_curvature_points=len(exact),
+        patch_vertices=len(mesh.vertices),
+        baseline_vertices=len(discrete.vertices),
+        solution_seconds=sum(solution.timings.values()),
+        baseline_seconds=discrete.seconds,
+    )
+
+
+def _discrete_curvature(mesh: Patch | DiscreteMinimalSurface) -> CurvatureFigures:
+    curvature = discrete_mean_curvature(mesh.vertices, mesh.faces)
+    return CurvatureFigures(max=curvature.max, rms=curvature.rms)
+
+
+def _exact_curvature(solution: PlateauSolution, patch: Patch) -> Float[np.ndarray, " k"]:
+    """|H| at inner vertices of the patch; a branch point has none."""
+    inner = patch.points[patch.boundary_size :]
+    if len(inner) > MOST_CURVATURE_POINTS:
+        inner = inner[np.linspace(0, len(inner) - 1, MOST_CURVATURE_POINTS).astype(int)]
+    values = np.abs(np.asarray(solution.surface.mean_curvature(inner)))
+    return np.asarray(values[np.isfinite(values)])
+
+
+def _largest(values: Float[np.ndarray, " k"]) -> float:
+    return float(values.max(initial=0.0))
+
+
+def _root_mean_square(values: Float[np.ndarray, " k"]) -> float:
+    return float(np.sqrt((values**2).mean())) if len(values) else 0.0
+
+
+def _number(value: float) -> str:
+    return f"{value:.8g}"

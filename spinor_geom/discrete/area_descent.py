@@ -1,0 +1,133 @@
+"""Area descent of a discrete disk with fixed boundary: Pinkall-Polthier iteration and a Newton finish."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse.linalg as spl
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array, csc_array
+
+from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+
+# Harmonic steps converge slowly near a loss of stability, Newton steps need a good start: hand over at this change.
+_HAND_OVER = 1e-3
+# Steps shorter than this share are not worth an area evaluation: the area is stationary to round-off.
+_SHORTEST_STEP = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Descent:
+    """Result of an area descent: vertices, total areas (first to last) and whether the area became stationary."""
+
+    vertices: Float[np.ndarray, "n 3"]
+    areas: tuple[float, ...]
+    converged: bool
+
+
+def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
+    """Values at all vertices, harmonic at those after the first m, which are given."""
+    m = len(boundary)
+    if laplacian.shape[0] == m:
+        return boundary.copy()
+    factor = factor_symmetric(laplacian[m:, m:])
+    return np.concatenate([boundary, factor.solve(-(laplacian[m:, :m] @ boundary))])
+
+
+def factor_symmetric(matrix: csc_array) -> spl.SuperLU:
+    """Sparse factor without row exchanges, so that the signs of U's diagonal are those of the eigenvalues."""
+    return spl.splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def descend_area(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    boundary_size: int,
+    *,
+    relative_change: float,
+    max_iterations: int = 100,
+) -> Descent:
+    """Moves the inner vertices to a stationary area.
+
+    First harmonic maps on the current surface: ∇area = L(x)x with L the positive cotangent Laplacian, so the step
+    −L⁻¹∇area descends. Then Newton's method for displacements along the vertex normals. Motions in the surface's own
+    plane change its area by no more than the discretisation error and degenerate the triangles: they are left alone.
+
+    Args:
+        vertices: the first boundary_size are fixed.
+        faces: triangles.
+        boundary_size: number of fixed vertices.
+        relative_change: the area counts as stationary when a full Newton step lowers it by less than this share.
+        max_iterations: limit on steps.
+
+    Source: Pinkall & Polthier, "Computing discrete minimal surfaces and their conjugates", Experim. Math. 2 (1993).
+    """
+    x, m = vertices, boundary_size
+    areas = [float(face_areas(x, faces).sum())]
+    if len(x) == m or areas[0] == 0:
+        return Descent(vertices=x, areas=tuple(areas), converged=True)
+    newton = False
+    for _ in range(max_iterations):
+        step = _newton_step(x, faces, m) if newton else _harmonic_step(x, faces, m)
+        length = 1.0
+        while length > _SHORTEST_STEP:
+            moved = x + length * step
+            area = float(face_areas(moved, faces).sum())
+            if area <= areas[-1]:
+                break
+            length /= 2
+        change = areas[-1] - area
+        if change >= 0:
+            x = moved
+            areas.append(area)
+        # a small gain by a full step, or no smaller area along a direction of descent: this stage has done its part
+        if length <= _SHORTEST_STEP or (
+            length == 1.0 and change <= (relative_change if newton else _HAND_OVER) * areas[-1]
+        ):
+            if newton:
+                return Descent(vertices=x, areas=tuple(areas), converged=True)
+            newton = True
+    return Descent(vertices=x, areas=tuple(areas), converged=False)
+
+
+def _harmonic_step(x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int) -> Float[np.ndarray, "n 3"]:
+    return harmonic_extension(cotangent_laplacian(x, faces), x[:m]) - x
+
+
+def _newton_step(x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int) -> Float[np.ndarray, "n 3"]:
+    """Newton step of the total area for displacements of the inner vertices along their normals."""
+    n = len(x)
+    corner = x[faces]
+    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    vertex_normal = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(cross[:, k], 3), minlength=n) for k in range(3)], axis=1
+    )
+    vertex_normal /= np.maximum(np.linalg.norm(vertex_normal, axis=1), 1e-300)[:, None]
+    # slivers have no area to gain: their second derivative must not drown that of their neighbours
+    longest = np.max(np.sum((corner - np.roll(corner, 1, axis=1)) ** 2, axis=2), axis=1)
+    twice_area = np.maximum(np.linalg.norm(cross, axis=1), 1e-4 * longest)
+    normal = cross / twice_area[:, None]
+    nu = vertex_normal[faces]
+    # first derivatives of the face's cross product by the displacements of its corners
+    slope = np.cross(nu, np.roll(corner, -1, axis=1) - np.roll(corner, -2, axis=1))
+    along = np.einsum("fik,fk->fi", slope, normal)
+    gradient = np.bincount(faces.ravel(), 0.5 * along.ravel(), minlength=n)[m:]
+    hessian = slope @ slope.transpose(0, 2, 1) - along[:, :, None] * along[:, None, :]
+    hessian /= 2 * twice_area[:, None, None]
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        mixed = 0.5 * np.einsum("fk,fk->f", normal, np.cross(nu[:, i], nu[:, j]))
+        hessian[:, i, j] += mixed
+        hessian[:, j, i] += mixed
+    rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
+    matrix = csc_array(coo_array((hessian.ravel(), (rows, columns)), shape=(n, n)).tocsc()[m:, m:])
+    metric = cotangent_laplacian(x, faces)[m:, m:]
+    shift = 0.0
+    while True:
+        factor = factor_symmetric(matrix + shift * metric)
+        if shift > 1e3 or (factor.U.diagonal() > 0).all():  # an indefinite Hessian's step could climb
+            break
+        shift = max(4 * shift, 1e-2)
+    step = np.zeros((n, 3))
+    step[m:] = -factor.solve(gradient)[:, None] * vertex_normal[m:]
+    return step

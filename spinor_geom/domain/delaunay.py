@@ -1,0 +1,110 @@
+"""Constrained Delaunay triangles of a polygon with inner points, and what is read off them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from spinor_geom.errors import DomainError
+
+# a walk that has not arrived after so many triangles counts as blocked
+_LONGEST_WALK = 16
+_OUTSIDE = np.iinfo(np.uint32).max
+
+
+def constrained_delaunay(
+    points: Complex[np.ndarray, " n"], m: int
+) -> tuple[Int[np.ndarray, "t 3"], Int[np.ndarray, "t 3"]]:
+    """Constrained Delaunay triangulation of the inside of a polygon.
+
+    Args:
+        points: The polygon's m vertices, counter-clockwise, then points inside it.
+        m: Number of the polygon's vertices.
+
+    Returns:
+        Counter-clockwise faces, and for each the neighbours: number k lies across the edge from vertex k to the next,
+        −1 where that edge is on the polygon.
+
+    Raises:
+        DomainError: Two edges of the polygon cross, or two points are equal.
+    """
+    import pythoncdt
+
+    cdt = pythoncdt.Triangulation(
+        pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
+    )
+    index = np.arange(m, dtype=np.uint32)
+    # Any: numpy's stubs do not say that arrays are buffers
+    vertices: Any = plane_coordinates(points)
+    edges: Any = np.stack([index, np.roll(index, -1)], axis=1)
+    try:
+        cdt.insert_vertices(vertices)
+        cdt.insert_edges(edges)
+    except RuntimeError as error:
+        reason = str(error).partition("\n")[0]
+        raise DomainError(f"the polygon is not simple ({reason})", vertices=m) from error
+    cdt.erase_outer_triangles()
+    triangles = cdt.triangles_array()
+    neighbours = triangles["neighbors"].astype(np.int64)
+    neighbours[neighbours == _OUTSIDE] = -1
+    return triangles["vertices"].astype(np.int64), neighbours
+
+
+def plane_coordinates(z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+    """Complex numbers as rows (x, y), without a copy where possible."""
+    return np.ascontiguousarray(z).view(np.float64).reshape(-1, 2)
+
+
+def cross(a: Complex[np.ndarray, "*#n"], b: Complex[np.ndarray, "*#n"]) -> Float[np.ndarray, "*n"]:
+    """Signed area of the parallelogram from a to b."""
+    return np.asarray(a.real * b.imag - a.imag * b.real)
+
+
+def edge_codes(faces: Int[np.ndarray, "t 3"], n: int) -> Int[np.ndarray, " t3"]:
+    """For each edge of each face, from vertex k to the next: smaller index · n + larger index."""
+    a, b = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    return np.asarray(np.minimum(a, b) * n + np.maximum(a, b))
+
+
+def unique_edges(faces: Int[np.ndarray, "t 3"], n: int) -> Int[np.ndarray, "e 2"]:
+    """Every edge of the faces once, smaller index first, sorted."""
+    code = np.unique(edge_codes(faces, n))
+    return np.stack([code // n, code % n], axis=1)
+
+
+def circumcircles(
+    p: Complex[np.ndarray, "t 3"],
+) -> tuple[Complex[np.ndarray, " t"], Float[np.ndarray, " t"], Float[np.ndarray, " t"]]:
+    """Circumcentre, circumradius, and shortest edge of each counter-clockwise triangle."""
+    b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    bb, cc = b.real**2 + b.imag**2, c.real**2 + c.imag**2
+    # a flat triangle gets a huge circle instead of a division by zero
+    twice = np.maximum(2 * cross(b, c), np.finfo(np.float64).tiny ** 0.5)
+    offset = 1j * (b * cc - c * bb) / twice
+    shortest = np.sqrt(np.minimum(np.abs(c - b) ** 2, np.minimum(bb, cc)))
+    return p[:, 0] + offset, np.abs(offset), shortest
+
+
+def reachable(
+    p: Complex[np.ndarray, "t 3"],
+    neighbours: Int[np.ndarray, "t 3"],
+    start: Int[np.ndarray, " k"],
+    target: Complex[np.ndarray, " k"],
+) -> Bool[np.ndarray, " k"]:
+    """Whether a walk over the triangles p from number `start` towards `target` arrives without leaving the polygon."""
+    along = p[:, [1, 2, 0]] - p
+    arrived = np.zeros(len(start), dtype=bool)
+    active, at = np.arange(len(start)), start
+    for _ in range(_LONGEST_WALK):
+        side = cross(along[at], target[active][:, None] - p[at])
+        way_out = side.argmin(axis=1)
+        inside = side.min(axis=1) >= 0
+        arrived[active[inside]] = True
+        following = neighbours[at, way_out]
+        go = ~inside & (following >= 0)
+        active, at = active[go], following[go]
+        if len(active) == 0:
+            break
+    return arrived

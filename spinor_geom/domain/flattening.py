@@ -1,0 +1,247 @@
+"""Boundary first flattening of a discrete disk: boundary lengths kept, or as nearly as a simple domain allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse.linalg as spl
+from jaxtyping import Complex, Float, Int
+from scipy.sparse import csc_array
+
+from spinor_geom.errors import DomainError
+from spinor_geom.mesh.operators import cotangent_laplacian, internal_angles
+
+# Strengths of straightening, weakest first: weight of |u|² against the evenness of the smoothed curvature.
+_STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
+# Widths of the smoothing as fractions of the boundary length: slow windings first, then ever more local tangles.
+_WIDTHS = (0.06, 0.03, 0.015)
+_UNTANGLING_ROUNDS = 60
+_LARGEST_LOBE = 24
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Flattening:
+    """Boundary of a plane domain conformal to a discrete disk.
+
+    Attributes:
+        boundary: the images of the disk's boundary vertices, counter-clockwise.
+        log_scale: u at those vertices: logarithm of the length in the plane per length on the disk, mean of the two edges.
+        clearance: smallest distance across the outside between far parts of the boundary, in local edge lengths
+            (infinite where no two parts come near).
+    """
+
+    boundary: Complex[np.ndarray, " m"]
+    log_scale: Float[np.ndarray, " m"]
+    clearance: float
+
+
+def dirichlet_to_neumann(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
+) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
+    """Dirichlet-to-Neumann matrix Λ of a discrete disk and its boundary's turning angles k₀ when flattened at u = 0.
+
+    A flattening with boundary log scale u turns by k₀ + Λu at its vertices; the turning sums to 2π.
+
+    Args:
+        vertices: the boundary vertices come first, in boundary order.
+        faces: a disk, counter-clockwise.
+        boundary_size: m.
+
+    Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
+    """
+    m = boundary_size
+    laplacian = cotangent_laplacian(vertices, faces)
+    defect = np.full(len(vertices), 2 * np.pi)
+    defect -= np.bincount(faces.ravel(), internal_angles(vertices, faces).ravel(), minlength=len(vertices))
+    turning = defect[:m] - np.pi
+    if len(vertices) == m:
+        return np.asarray(laplacian.toarray()), turning
+    inner = _factor(laplacian[m:, m:])
+    coupling = laplacian[:m, m:]
+    solved = inner.solve(np.column_stack([coupling.T.toarray(), defect[m:]]))
+    neumann = laplacian[:m, :m].toarray() - coupling @ solved[:, :m]
+    return (neumann + neumann.T) / 2, turning - coupling @ solved[:, m]
+
+
+def flatten(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    boundary_size: int,
+    *,
+    clearance: float = 3.0,
+) -> Flattening:
+    """Flattens a discrete disk conformally, with boundary scale 1 where the result is a simple polygon.
+
+    Where two parts of the boundary cross, or come nearer than `clearance` edges across the outside, u is the minimiser of
+    α|u|²/ℓ² + |S(k₀ + Λu)/ds − 2π/ℓ|² with a Gaussian smoothing S along the boundary of length ℓ: it straightens the slow
+    winding and leaves corners alone. α is lowered until the boundary is clear. Small lobes, as ragged rims have them, are
+    drawn in instead (see `untangled`).
+
+    Args:
+        vertices: boundary vertices first, in boundary order.
+        faces: a disk, counter-clockwise.
+        boundary_size: number m of boundary vertices.
+        clearance: smallest allowed gap in local edge lengths; smaller gaps are accepted if nothing larger is found.
+
+    Raises:
+        DomainError: no simple domain was found.
+
+    Source: Sawhney & Crane (2018) for u ↦ k₀ + Λu.
+    """
+    m = boundary_size
+    neumann, turning = dirichlet_to_neumann(vertices, faces, m)
+    edge = np.linalg.norm(np.roll(vertices[:m], -1, axis=0) - vertices[:m], axis=1)
+    return flatten_boundary(edge, turning, neumann, clearance=clearance)
+
+
+def flatten_boundary(
+    edge: Float[np.ndarray, " m"],
+    turning: Float[np.ndarray, " m"],
+    neumann: Float[np.ndarray, "m m"],
+    *,
+    clearance: float,
+) -> Flattening:
+    """The boundary of `flatten` from edge lengths, turning angles at u = 0 and the matrix Λ.
+
+    Raises:
+        DomainError: no simple domain was found.
+    """
+    best: Flattening | None = None
+    for draw_in_lobes in (False, True):
+        for u in _candidates(edge, turning, neumann):
+            # degenerate triangles can make Λ infinite, never k₀: u = 0 must not touch Λ
+            polygon = lay_out(edge, turning + neumann @ u if u.any() else turning, u)
+            if polygon is not None and draw_in_lobes:
+                polygon = untangled(polygon)
+            if polygon is None or not is_simple(polygon):
+                continue
+            gap = outer_clearance(polygon)
+            if best is None or gap > best.clearance:
+                ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
+                best = Flattening(boundary=polygon, log_scale=(ratio + np.roll(ratio, 1)) / 2, clearance=gap)
+            if gap >= clearance:
+                break
+        if best is not None:
+            return best
+    raise DomainError(
+        f"no simple plane domain was found for a boundary of {len(edge)} vertices: it stays crossed however it is straightened"
+    )
+
+
+def _candidates(edge, turning, neumann):  # type: ignore[no-untyped-def]
+    """Boundary log scales to try, the nearest to 0 first."""
+    yield np.zeros(len(edge))
+    if not np.isfinite(neumann).all():
+        return
+    ds = (edge + np.roll(edge, 1)) / 2
+    length = ds.sum()
+    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / length
+    distance = np.abs(s[:, None] - s)
+    distance = np.minimum(distance, 1 - distance)
+    for width in _WIDTHS:
+        smooth = np.exp(-0.5 * (distance / width) ** 2)
+        smooth /= (smooth @ ds)[:, None]
+        slope = smooth @ neumann
+        normal = slope.T @ (ds[:, None] * slope)
+        load = slope.T @ (ds * (2 * np.pi / length - smooth @ turning))
+        for strength in _STRENGTHS:
+            yield np.linalg.solve(normal + np.diag(strength / length**2 * ds), load)
+
+
+def lay_out(
+    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], log_scale: Float[np.ndarray, " m"]
+) -> Complex[np.ndarray, " m"] | None:
+    """Polygon with given turning at its vertices and edge lengths e^u, closed by the least relative change of lengths.
+
+    Returns:
+        The vertices, or None where closing would need an edge of negative length.
+    """
+    length = edge * np.exp((log_scale + np.roll(log_scale, -1)) / 2)
+    direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j
+    rows = np.stack([direction.real, direction.imag])
+    gram = (rows * length) @ rows.T
+    closed = length * (1 - rows.T @ np.linalg.solve(gram, rows @ length))
+    if closed.min() <= 0:
+        return None
+    return np.concatenate([[0.0], np.cumsum(closed * direction)[:-1]])
+
+
+def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
+    """Pairs i < j of edges of a closed polygon that cross; neighbours count where one folds back onto the other."""
+    a, m = polygon, len(polygon)
+    e = np.roll(a, -1) - a
+    left = np.imag(np.conj(e)[:, None] * (a[None] - a[:, None])) > 0
+    apart = left != np.roll(left, -1, axis=1)
+    hit = apart & apart.T
+    i = np.arange(m)
+    for shift in (-1, 0, 1):
+        hit[i, (i + shift) % m] = False
+    turn = np.conj(e) * np.roll(e, -1)
+    hit[i, (i + 1) % m] = (turn.imag == 0) & (turn.real < 0)
+    return np.argwhere(np.triu(hit | hit.T))
+
+
+def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
+    """Whether a closed polygon runs counter-clockwise and does not cross itself."""
+    return bool(np.imag(np.conj(polygon) * np.roll(polygon, -1)).sum() > 0) and not len(crossing_edges(polygon))
+
+
+def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] | None:
+    """A simple polygon near to one that is crossed only by small lobes of itself; None where far parts cross.
+
+    The vertices of each lobe are drawn towards the chord that closes it until it is gone. Ragged rims of scans unfold
+    with such lobes; any simple domain will do there, and only a few edges are moved.
+    """
+    z, m = polygon.copy(), len(polygon)
+    for _ in range(_UNTANGLING_ROUNDS):
+        pairs = crossing_edges(z)
+        if not len(pairs):
+            return z
+        first, last = pairs.T
+        forwards = last - first
+        swap = forwards > m - forwards
+        first, last = np.where(swap, last, first), np.where(swap, first, last)
+        size = np.mod(last - first, m)  # inner vertices of the lobe: first + 1 … last
+        if size.max() > min(_LARGEST_LOBE, m // 3):
+            return None
+        for start, count in zip(first.tolist(), size.tolist(), strict=True):
+            inner = (start + 1 + np.arange(count)) % m
+            share = np.arange(1, count + 1) / (count + 1)
+            chord = z[start] + share * (z[(start + count + 1) % m] - z[start])
+            z[inner] += 0.5 * (chord - z[inner])
+    return None
+
+
+def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
+    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths.
+
+    Far: the way along the boundary is more than four times the gap plus six edges.
+    """
+    a, b = polygon, np.roll(polygon, -1)
+    edge = np.abs(b - a)
+    local = (edge + np.roll(edge, 1)) / 2
+    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]])
+    along = np.abs(s[:, None] - s)
+    along = np.minimum(along, edge.sum() - along)
+    gap = np.abs(a[:, None] - a)
+    relative = gap / np.maximum(local[:, None], local)
+    i, j = np.nonzero(np.triu((relative < 8) & (along > 4 * gap + 6 * np.maximum(local[:, None], local))))
+    if not len(i):
+        return np.inf
+    order = np.argsort(relative[i, j])
+    i, j = i[order], j[order]
+    # the smallest gaps first: the first that lies outside all along is the answer
+    for start in range(0, len(i), 256):
+        block = slice(start, start + 256)
+        along_gap = a[i[block], None] + np.array([0.2, 0.5, 0.8]) * (a[j[block]] - a[i[block]])[:, None]
+        d = a - along_gap[:, :, None]
+        outside = (np.angle(np.roll(d, -1, axis=2) * np.conj(d)).sum(axis=2) < np.pi).all(axis=1)
+        if outside.any():
+            first = start + int(np.argmax(outside))
+            return float(relative[i[first], j[first]])
+    return np.inf
+
+
+def _factor(matrix: csc_array) -> spl.SuperLU:
+    return spl.splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -1,0 +1,220 @@
+"""The plane domain Ω on which p and q live."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order
+
+from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
+from spinor_geom.errors import OptionError
+from spinor_geom.mesh.curve import piecewise_cubic
+
+
+@runtime_checkable
+class Boundary(Protocol):
+    """A closed plane curve t ↦ z(t), t in [0, 1), counter-clockwise."""
+
+    @property
+    def vertices(self) -> Complex[np.ndarray, " m"]:
+        """Points that the curve passes through."""
+        ...
+
+    @property
+    def parameters(self) -> Float[np.ndarray, " m1"]:
+        """Parameters of the vertices, from 0, with 1 (the first vertex again) at the end."""
+        ...
+
+    @property
+    def corners(self) -> Bool[np.ndarray, " m"]:
+        """Which vertices are corners."""
+        ...
+
+    def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """z(t); t is taken modulo 1."""
+        ...
+
+    def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """dz/dt."""
+        ...
+
+
+class SplineBoundary:
+    """Interpolating cubic spline through the vertices by chord length, with corners where the domain has corners."""
+
+    def __init__(self, vertices: Complex[np.ndarray, " m"], corners: Bool[np.ndarray, " m"] | None = None) -> None:
+        self.vertices = np.asarray(vertices, dtype=np.complex128)
+        self.corners = np.zeros(len(vertices), dtype=bool) if corners is None else np.asarray(corners, dtype=bool)
+        self.parameters, self._coefficients = piecewise_cubic(
+            np.stack([self.vertices.real, self.vertices.imag], axis=1), self.corners
+        )
+
+    def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """z(t); t is taken modulo 1."""
+        c, x = self._local(t)
+        return np.asarray(((c[0] * x + c[1]) * x + c[2]) * x + c[3])
+
+    def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """dz/dt."""
+        c, x = self._local(t)
+        return np.asarray((3 * c[0] * x + 2 * c[1]) * x + c[2])
+
+    def _local(self, t: Float[np.ndarray, "*pts"]) -> tuple[Complex[np.ndarray, "4 *pts"], Float[np.ndarray, "*pts"]]:
+        t = np.mod(t, 1.0)
+        piece = np.clip(np.searchsorted(self.parameters, t, side="right") - 1, 0, len(self.vertices) - 1)
+        c = self._coefficients[:, piece]
+        return c[..., 0] + 1j * c[..., 1], t - self.parameters[piece]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CircleBoundary:
+    """The circle of a given radius about 0, with m vertices at equal angles."""
+
+    radius: float = 1.0
+    count: int = 64
+
+    @cached_property
+    def vertices(self) -> Complex[np.ndarray, " m"]:
+        """The vertices radius·e^{2πik/m}."""
+        return self.point(self.parameters[:-1])
+
+    @cached_property
+    def parameters(self) -> Float[np.ndarray, " m1"]:
+        """k/m for k = 0 … m."""
+        return np.linspace(0.0, 1.0, self.count + 1)
+
+    @cached_property
+    def corners(self) -> Bool[np.ndarray, " m"]:
+        """A circle has none."""
+        return np.zeros(self.count, dtype=bool)
+
+    def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """z(t) = radius·e^{2πit}."""
+        return np.asarray(self.radius * np.exp(2j * np.pi * np.asarray(t)))
+
+    def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """dz/dt = 2πi·z."""
+        return 2j * np.pi * self.point(t)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathTree:
+    """A tree of straight edges inside Ω that joins every vertex of its triangulation to the root.
+
+    Attributes:
+        root: the vertex where integration starts.
+        parent: for each vertex the one before it on its way from the root; the root is its own parent.
+        levels: the vertices at 1, 2, … edges from the root, nearest first.
+    """
+
+    root: int
+    parent: Int[np.ndarray, " n"]
+    levels: tuple[Int[np.ndarray, "_"], ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlaneDomain:
+    """A simply connected plane domain Ω with a triangulation of it.
+
+    Attributes:
+        boundary: ∂Ω as a closed curve, counter-clockwise.
+        triangulation: triangles inside the polygon of the boundary's vertices; those vertices come first.
+        log_scale: u at the boundary's vertices: e^u is the length in Ω per length on the discrete surface it was
+            flattened from; 0 where lengths are kept.
+    """
+
+    boundary: Boundary
+    triangulation: PlaneTriangulation
+    log_scale: Float[np.ndarray, " m"] = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def disk(cls, radius: float = 1.0, n: int = 64) -> PlaneDomain:
+        """The disk |z| < radius; `n` vertices on its circle.
+
+        Raises:
+            OptionError: radius is not positive or n < 3.
+        """
+        if not radius > 0 or n < 3:
+            raise OptionError(f"a disk needs a positive radius and at least 3 vertices, got {radius} and {n}")
+        boundary = CircleBoundary(radius=radius, count=n)
+        return cls(
+            boundary=boundary,
+            triangulation=triangulate_polygon(boundary.vertices, graded_size(boundary.vertices)),
+            log_scale=np.zeros(n),
+        )
+
+    @classmethod
+    def from_boundary(
+        cls,
+        vertices: Complex[np.ndarray, " m"],
+        corners: Bool[np.ndarray, " m"] | None = None,
+        log_scale: Float[np.ndarray, " m"] | None = None,
+    ) -> PlaneDomain:
+        """The domain inside the spline through the vertices (counter-clockwise).
+
+        Raises:
+            DomainError: the polygon of the vertices is not simple.
+        """
+        boundary = SplineBoundary(vertices, corners)
+        return cls(
+            boundary=boundary,
+            triangulation=triangulate_polygon(boundary.vertices, graded_size(boundary.vertices)),
+            log_scale=np.zeros(len(boundary.vertices)) if log_scale is None else log_scale,
+        )
+
+    @cached_property
+    def perimeter(self) -> float:
+        """Length of the polygon of the boundary's vertices."""
+        v = self.boundary.vertices
+        return float(np.abs(np.roll(v, -1) - v).sum())
+
+    @cached_property
+    def diameter(self) -> float:
+        """Diagonal of the bounding box."""
+        v = self.boundary.vertices
+        return float(np.hypot(np.ptp(v.real), np.ptp(v.imag)))
+
+    def contains(self, z: Complex[np.ndarray, "*pts"]) -> Bool[np.ndarray, "*pts"]:
+        """Whether points lie inside the polygon of the boundary's vertices (winding number)."""
+        z = np.asarray(z, dtype=np.complex128)
+        a = self.boundary.vertices
+        inside = np.empty(z.size, dtype=bool)
+        # blocks bound the memory of the points × vertices table
+        for start in range(0, z.size, 4096):
+            d = a - z.reshape(-1, 1)[start : start + 4096]
+            turn = np.angle(np.roll(d, -1, axis=1) * np.conj(d)).sum(axis=1)
+            inside[start : start + 4096] = turn > np.pi
+        return inside.reshape(z.shape)
+
+    @cached_property
+    def paths(self) -> PathTree:
+        """Breadth-first tree over the triangulation's edges, from the vertex nearest to the centroid of the interior."""
+        points, faces = self.triangulation.points, self.triangulation.faces
+        n, m = len(points), self.triangulation.boundary_size
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
+        candidates = np.arange(m, n) if n > m else np.arange(n)
+        root = int(candidates[np.argmin(np.abs(points[candidates] - points[candidates].mean()))])
+        order, parent = breadth_first_order(graph + graph.T, root, directed=False)
+        parent = parent.astype(np.int64)
+        parent[root] = root
+        return PathTree(root=root, parent=parent, levels=_levels(order.astype(np.int64), parent))
+
+
+def _levels(order: Int[np.ndarray, " n"], parent: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, "_"], ...]:
+    """Splits a breadth-first order into its levels."""
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    before = rank[parent[order]]  # non-decreasing: where in the order each vertex's parent stands
+    levels: list[Int[np.ndarray, "_"]] = []
+    start = 1
+    while start < len(order):
+        end = int(np.searchsorted(before, start, side="left"))
+        levels.append(order[start:end])
+        start = end
+    return tuple(levels)

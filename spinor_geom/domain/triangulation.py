@@ -1,0 +1,284 @@
+"""Triangulation of a simple plane polygon whose boundary stays as it is, vertex by vertex."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+from scipy.spatial import cKDTree
+
+from spinor_geom.domain.delaunay import (
+    circumcircles,
+    constrained_delaunay,
+    edge_codes,
+    plane_coordinates,
+    reachable,
+    unique_edges,
+)
+from spinor_geom.domain.smoothing import polish, smooth
+from spinor_geom.errors import DomainError, OptionError
+
+SizeFunction = Callable[[Complex[np.ndarray, " k"]], Float[np.ndarray, " k"]]
+
+# a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
+_LARGEST_RADIUS = 0.75
+# new points of one batch keep this share of the smaller of their circumradii between them
+_BATCH_SPACING = 0.8
+# a batch adds points in proportion to those there are, so the number of batches grows like a logarithm
+_BATCHES = 60
+# no new point sees a boundary edge under more than 110°; a right angle leaves short edges beside long ones no room
+_WIDEST_VIEW = np.cos(np.radians(180 - 110))
+# an inner edge between two boundary vertices is split from this many wanted edge lengths on, sooner at a corner
+_LONGEST_BRIDGE = 1.45
+_LONGEST_EAR = 1.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlaneTriangulation:
+    """A triangulated simple polygon.
+
+    Attributes:
+        points: Vertices x + iy; the boundary comes first, counter-clockwise, equal to the input bit for bit.
+        faces: Counter-clockwise triangles, indices into `points`.
+        boundary_size: Number of boundary vertices.
+    """
+
+    points: Complex[np.ndarray, " n"]
+    faces: Int[np.ndarray, "t 3"]
+    boundary_size: int
+
+    @cached_property
+    def angles(self) -> Float[np.ndarray, "t 3"]:
+        """Inner angles in degrees, column k at the face's vertex k."""
+        p = self.points[self.faces]
+        ahead, back = p[:, [1, 2, 0]] - p, p[:, [2, 0, 1]] - p
+        return np.asarray(np.degrees(np.angle(back * np.conj(ahead))))
+
+    @cached_property
+    def edges(self) -> Int[np.ndarray, "e 2"]:
+        """Every edge once, smaller index first, sorted."""
+        return unique_edges(self.faces, len(self.points))
+
+
+def graded_size(boundary: Complex[np.ndarray, " m"], *, growth: float = 0.35, cap: float | None = None) -> SizeFunction:
+    """Edge length that is the local one at the boundary and grows with the distance from it.
+
+    h(z) = min_j (e_j + growth·|z − b_j|) over the boundary vertices b_j nearest to z; e_j is the mean of the two
+    boundary edges at b_j, lowered where a neighbour's e_i + growth·|b_i − b_j| is smaller.
+
+    Args:
+        boundary: Closed polygon, in units of Ω.
+        growth: Increase of h per unit of distance.
+        cap: Upper bound of h, in units of Ω.
+
+    Returns:
+        A function from points (k,) to edge lengths (k,).
+    """
+    edge = np.abs(np.roll(boundary, -1) - boundary)
+    local = 0.5 * (edge + np.roll(edge, 1))
+    tree = cKDTree(plane_coordinates(boundary))
+    distance, index = tree.query(plane_coordinates(boundary), k=min(8, len(boundary)))
+    for _ in range(4):
+        local = (local[index] + growth * distance).min(axis=1)
+    neighbours = min(3, len(boundary))
+
+    def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        distance, index = tree.query(plane_coordinates(z), k=neighbours)
+        h: Float[np.ndarray, " k"] = (local[index] + growth * distance).min(axis=1)
+        return h if cap is None else np.asarray(np.minimum(h, cap))
+
+    return size
+
+
+def triangulate_polygon(
+    boundary: Complex[np.ndarray, " m"], size: SizeFunction, *, min_angle: float = 25.0, max_points: int = 200_000
+) -> PlaneTriangulation:
+    """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
+
+    Delaunay refinement: circumcentres of triangles that are too large for the size function or have an angle below
+    `min_angle` are inserted in batches of mutually distant ones, never close to a boundary edge, so no boundary edge is
+    ever split. Then edges that bridge the polygon between two boundary vertices get a point where there is room (where
+    the polygon is one triangle wide they stay), the inner points are smoothed, and those of triangles that are still
+    poor are moved one by one. Small angles that the boundary itself forces stay.
+
+    Args:
+        boundary: Vertices of the polygon, counter-clockwise, without repetition of the first.
+        size: Wanted edge length at points (k,), in units of the polygon.
+        min_angle: Angle in degrees below which a triangle is refined; above 30 the number of points grows quickly.
+        max_points: No further points are inserted when there are so many in all.
+
+    Raises:
+        DomainError: The polygon is clockwise, has fewer than three vertices or a vertex that is not finite, or touches
+            or crosses itself.
+        OptionError: `size` gives a value that is not positive and finite.
+
+    Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
+    """
+    boundary = np.array(boundary, dtype=np.complex128)
+    m = len(boundary)
+    if m < 3 or not np.isfinite(boundary).all():
+        raise DomainError(f"a polygon needs at least 3 finite vertices, got {m}", vertices=m)
+    if 0.5 * (np.conj(boundary) * np.roll(boundary, -1)).imag.sum() <= 0:
+        raise DomainError("the polygon runs clockwise or has no area; give it counter-clockwise", vertices=m)
+    if m == 3:
+        return PlaneTriangulation(points=boundary, faces=np.array([[0, 1, 2]]), boundary_size=3)
+    # at unit size about the origin a polygon is the same wherever and however large it is given
+    centre, scale = boundary.mean(), np.abs(boundary - boundary.mean()).max()
+    polygon = (boundary - centre) / scale
+
+    def wanted(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        h = size(z * scale + centre)
+        wrong = ~((h > 0) & np.isfinite(h))
+        if wrong.any():
+            raise OptionError(f"the size function must give positive, finite lengths, got {h[wrong][0]}")
+        return np.asarray(h / scale)
+
+    points = polygon
+    faces, neighbours = constrained_delaunay(points, m)
+    if len(faces) != m - 2 or len(unique_edges(faces, m)) != 2 * m - 3 or (neighbours < 0).sum() != m:
+        raise DomainError("the polygon is not simple: one of its vertices lies on another of its edges", vertices=m)
+    guard = _Guard(polygon)
+    points, faces = _refine(points, faces, neighbours, guard, wanted, min_angle, max_points)
+    for _ in range(3):
+        middle = _long_bridges(points, faces, m, wanted, guard)
+        if len(middle) == 0:
+            break
+        points = np.append(points, middle)
+        faces, _ = constrained_delaunay(points, m)
+    points, faces = smooth(points, faces, m)
+    points, faces = polish(points, faces, m, min_angle)
+    result = points * scale + centre
+    result[:m] = boundary
+    return PlaneTriangulation(points=result, faces=faces, boundary_size=m)
+
+
+class _Guard:
+    """Tells which points lie so near a boundary edge that they see it under too large an angle."""
+
+    def __init__(self, boundary: Complex[np.ndarray, " m"]) -> None:
+        middle, half = 0.5 * (np.roll(boundary, -1) + boundary), 0.5 * (np.roll(boundary, -1) - boundary)
+        # edges of about one length share a tree, so that a few nearest ones are enough
+        group = np.floor(np.log2(np.abs(half))).astype(int)
+        self._groups = [
+            (cKDTree(plane_coordinates(middle[group == g])), middle[group == g], half[group == g])
+            for g in np.unique(group)
+        ]
+
+    def too_near(self, z: Complex[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+        """Whether each point sees some boundary edge under too large an angle."""
+        inside = np.zeros(len(z), dtype=bool)
+        if len(z) == 0:
+            return inside
+        for tree, middle, half in self._groups:
+            reach = np.abs(half).max()
+            nearest = np.arange(1, min(4, len(half)) + 1)
+            distance, index = tree.query(plane_coordinates(z), k=nearest, distance_upper_bound=reach)
+            point, near = np.nonzero(distance < reach)
+            edge = np.asarray(index)[point, near]
+            offset = z[point] - middle[edge]
+            seen = (offset + half[edge]) * np.conj(offset - half[edge])
+            inside[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
+        return inside
+
+
+def _refine(
+    points: Complex[np.ndarray, " n"],
+    faces: Int[np.ndarray, "t 3"],
+    neighbours: Int[np.ndarray, "t 3"],
+    guard: _Guard,
+    size: SizeFunction,
+    min_angle: float,
+    max_points: int,
+) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, "s 3"]]:
+    """Inserts batches of circumcentres until no triangle wants and can have one."""
+    m, sine = len(points), np.sin(np.radians(min_angle))
+    at_points, at_centres = size(points), False
+    for _ in range(_BATCHES):
+        p = points[faces]
+        # sizes at the vertices, each asked for once, are enough until the triangles are nearly small enough
+        wanted = size(p.mean(axis=1)) if at_centres else at_points[faces].mean(axis=1)
+        centre, radius, shortest = circumcircles(p)
+        excess = radius / (_LARGEST_RADIUS * wanted)
+        poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * sine))
+        poor = poor[~guard.too_near(centre[poor])]
+        poor = poor[reachable(p, neighbours, poor, centre[poor])]
+        new = centre[poor][_independent(centre[poor], _BATCH_SPACING * radius[poor], excess[poor])]
+        new = new[: max(0, max_points - len(points))]
+        if len(new) == 0:
+            if at_centres:
+                break
+            at_centres = True
+            continue
+        points, at_points = np.append(points, new), np.append(at_points, size(new))
+        faces, neighbours = constrained_delaunay(points, m)
+    return points, faces
+
+
+def _independent(
+    z: Complex[np.ndarray, " k"], spacing: Float[np.ndarray, " k"], priority: Float[np.ndarray, " k"]
+) -> Int[np.ndarray, " s"]:
+    """Indices of points no two of which are nearer than the smaller of their spacings, high priority preferred."""
+    if len(z) < 2:
+        return np.arange(len(z))
+    first = _first_in_cell(z, spacing, priority)
+    if len(first) == 1:
+        return first
+    z, spacing, priority = z[first], spacing[first], priority[first]
+    rank = np.empty(len(z), dtype=np.int64)
+    rank[np.argsort(-priority, kind="stable")] = np.arange(len(z))
+    distance, index = cKDTree(plane_coordinates(z)).query(plane_coordinates(z), k=np.arange(1, min(9, len(z)) + 1))
+    other = np.asarray(index)[:, 1:].ravel()
+    own = np.repeat(np.arange(len(z)), len(other) // len(z))
+    conflict = np.asarray(distance)[:, 1:].ravel() < np.minimum(spacing[own], spacing[other])
+    own, other = np.append(own[conflict], other[conflict]), np.append(other[conflict], own[conflict])
+    state = np.zeros(len(z), dtype=np.int8)  # 0 open, 1 taken, 2 dropped
+    for _ in range(8):
+        best = np.full(len(z), len(z))
+        np.minimum.at(best, own, rank[other])
+        state[(state == 0) & (rank < best)] = 1
+        state[own[state[other] == 1]] = 2
+        keep = (state[own] == 0) & (state[other] == 0)
+        own, other = own[keep], other[keep]
+        if not (state == 0).any():
+            break
+    return np.asarray(first[state == 1])
+
+
+def _first_in_cell(
+    z: Complex[np.ndarray, " k"], spacing: Float[np.ndarray, " k"], priority: Float[np.ndarray, " k"]
+) -> Int[np.ndarray, " s"]:
+    """Index of the point of highest priority in each occupied square cell, a quarter to half a spacing wide."""
+    level = np.floor(np.log2(spacing))
+    cell = np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None])
+    order = np.lexsort((-priority, level, cell[:, 1], cell[:, 0]))
+    key = np.column_stack([cell, level])[order]
+    new = np.append(True, (key[1:] != key[:-1]).any(axis=1))
+    return np.asarray(order[new])
+
+
+def _long_bridges(
+    points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], m: int, size: SizeFunction, guard: _Guard
+) -> Complex[np.ndarray, " k"]:
+    """Points that split inner edges between boundary vertices, where the polygon has room for one."""
+    edges = unique_edges(faces, len(points))
+    gap = edges[:, 1] - edges[:, 0]
+    edges = edges[(edges[:, 1] < m) & (gap != 1) & (gap != m - 1)]
+    if len(edges) == 0:
+        return points[:0]
+    start, end = edges.T
+    place, length, gap = 0.5 * (points[start] + points[end]), np.abs(points[end] - points[start]), end - start
+    # a bridge that hides one convex vertex from an inner point goes sooner, and its point lies farther in
+    blocked = faces[(faces < m).all(axis=1)]
+    code, count = np.unique(edge_codes(blocked, m), return_counts=True)
+    one_sided = np.isin(start * m + end, code[count == 1])
+    ear = ((gap == 2) | (gap == m - 2)) & one_sided
+    tip = points[np.where(gap == 2, start + 1, (end + 1) % m)]
+    long = length > np.where(ear, _LONGEST_EAR, _LONGEST_BRIDGE) * size(place)
+    place = np.where(ear, tip + 1.1 * (place - tip), place)[long]
+    distance, _ = cKDTree(plane_coordinates(points)).query(plane_coordinates(place))
+    free = (distance > 0.4 * length[long]) & ~guard.too_near(place)
+    place, length = place[free], length[long][free]
+    return np.asarray(place[_independent(place, 0.5 * length, length)])

@@ -1,0 +1,263 @@
+"""Every exception of the package: each says what is wrong, where, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+
+class SpinorGeomError(Exception):
+    """Base of all errors raised on purpose; the ids it speaks of are attributes."""
+
+    def __init__(self, message: str, **fields: Any) -> None:
+        super().__init__(message)
+        self.fields = fields
+        for name, value in fields.items():
+            setattr(self, name, value)
+
+
+# --- meshes -----------------------------------------------------------------------------------------------------------
+
+
+class MeshError(SpinorGeomError, ValueError):
+    """The input mesh cannot be used as it is."""
+
+
+class MeshShapeError(MeshError):
+    """An array has the wrong shape or dtype."""
+
+
+class VertexIndexError(MeshError):
+    """A face names a vertex that does not exist."""
+
+    def __init__(self, *, face: int, index: int, vertices: int) -> None:
+        super().__init__(
+            f"face {face} names vertex {index}, but the mesh has vertices 0 to {vertices - 1}; correct the face's indices",
+            face=face,
+            index=index,
+            vertices=vertices,
+        )
+
+
+class NonFiniteVertexError(MeshError):
+    """A coordinate is NaN or infinite."""
+
+    def __init__(self, *, vertex: int) -> None:
+        super().__init__(f"vertex {vertex} has a NaN or infinite coordinate; remove or correct it", vertex=vertex)
+
+
+class DegenerateFaceError(MeshError):
+    """A face uses one vertex more than once."""
+
+    def __init__(self, *, face: int, vertices: Sequence[int]) -> None:
+        super().__init__(
+            f"face {face} uses a vertex twice {tuple(vertices)}; remove the face", face=face, vertices=tuple(vertices)
+        )
+
+
+class DuplicateFaceError(MeshError):
+    """Two faces have the same three vertices."""
+
+    def __init__(self, *, faces: Sequence[int], vertices: Sequence[int]) -> None:
+        super().__init__(
+            f"faces {tuple(faces)} have the same vertices {tuple(vertices)}; keep one of them",
+            faces=tuple(faces),
+            vertices=tuple(vertices),
+        )
+
+
+class NonManifoldEdgeError(MeshError):
+    """An edge has three or more faces where a boundary loop passes."""
+
+    def __init__(self, *, edge: Sequence[int], faces: Sequence[int]) -> None:
+        super().__init__(
+            f"edge {tuple(edge)} has {len(faces)} faces {tuple(faces)}, at most 2 are allowed beside a boundary loop; "
+            "remove or split the extra faces",
+            edge=tuple(edge),
+            faces=tuple(faces),
+        )
+
+
+class InconsistentOrientationError(MeshError):
+    """Two neighbouring faces run through their common edge the same way."""
+
+    def __init__(self, *, edge: Sequence[int], faces: Sequence[int]) -> None:
+        super().__init__(
+            f"faces {tuple(faces)} run through edge {tuple(edge)} in the same direction; orient the faces consistently",
+            edge=tuple(edge),
+            faces=tuple(faces),
+        )
+
+
+class DuplicateVertexError(MeshError):
+    """The faces do not share vertices: a soup, as STL files hold."""
+
+    def __init__(self, *, vertices: Sequence[int], count: int) -> None:
+        super().__init__(
+            f"{count} boundary edges lie on one another, first at vertices {tuple(vertices)}: the faces do not share their "
+            "vertices; merge vertices of equal position first (TriangleMesh.merged(), or --merge on the command line)",
+            vertices=tuple(vertices),
+            count=count,
+        )
+
+
+# --- boundary loops ---------------------------------------------------------------------------------------------------
+
+
+class LoopError(SpinorGeomError, ValueError):
+    """A boundary loop cannot be used."""
+
+
+class LoopTooShortError(LoopError):
+    """Fewer than three points."""
+
+    def __init__(self, *, points: int) -> None:
+        super().__init__(f"a loop needs at least 3 points, got {points}; give a closed curve", points=points)
+
+
+class RepeatedPointError(LoopError):
+    """Two neighbouring points of a loop are equal."""
+
+    def __init__(self, *, index: int) -> None:
+        super().__init__(f"points {index} and its successor on the loop are equal; remove one of them", index=index)
+
+
+class ZeroWidthSlitError(LoopError):
+    """Both sides of the loop lie on each other."""
+
+    def __init__(self, *, fraction: float, vertices: Sequence[int]) -> None:
+        super().__init__(
+            f"{fraction:.0%} of the loop is a zero-width slit (its two sides have the same positions, first at vertices "
+            f"{tuple(vertices)}); merge the vertices of equal position instead of filling it",
+            fraction=fraction,
+            vertices=tuple(vertices),
+        )
+
+
+class SeamError(LoopError):
+    """Edges of the loop lie on edges of another loop."""
+
+    def __init__(self, *, edge: Sequence[int], count: int) -> None:
+        super().__init__(
+            f"{count} edges of the loop lie on edges of another loop, first {tuple(edge)}: a seam between pieces that do "
+            "not share their vertices, not only a hole; merge the vertices of equal position first",
+            edge=tuple(edge),
+            count=count,
+        )
+
+
+class LoopIndexError(LoopError):
+    """A loop was asked for that the mesh does not have."""
+
+    def __init__(self, *, index: int, loops: int) -> None:
+        super().__init__(
+            f"loop {index} does not exist, the mesh has {loops} (numbered 0 to {loops - 1}, longest first)"
+            if loops
+            else f"loop {index} does not exist, the mesh has no boundary loops",
+            index=index,
+            loops=loops,
+        )
+
+
+class ForeignLoopError(LoopError):
+    """A loop object is not one of the mesh's boundary loops."""
+
+    def __init__(self, *, vertices: int) -> None:
+        super().__init__(
+            f"the loop of {vertices} vertices is not a boundary loop of this mesh (its vertex ids, positions and "
+            "direction must be those of a loop in boundary_loops(mesh)); to span a bare curve use solve_plateau",
+            vertices=vertices,
+        )
+
+
+class NoAreaError(LoopError):
+    """The loop encloses nothing: its points lie on a line, or its sides on each other."""
+
+    def __init__(self, *, width: float, mean_edge: float) -> None:
+        super().__init__(
+            f"the loop encloses no area (mean width {width:.1e}, mean edge {mean_edge:.3g}), a patch would be slivers; "
+            "merge or remove vertices along it instead",
+            width=width,
+            mean_edge=mean_edge,
+        )
+
+
+class LoneFaceError(LoopError):
+    """The loop is the outline of one face that hangs on nothing."""
+
+    def __init__(self, *, face: int, vertices: Sequence[int]) -> None:
+        super().__init__(
+            f"the loop is the outline of face {face} {tuple(vertices)}, which has no neighbours; a patch would lie on "
+            "that face; remove the face",
+            face=face,
+            vertices=tuple(vertices),
+        )
+
+
+# --- surfaces and solvers ---------------------------------------------------------------------------------------------
+
+
+class DomainError(SpinorGeomError, ValueError):
+    """No simple plane domain, or a plane polygon that is not simple."""
+
+
+class FirstFillError(SpinorGeomError):
+    """No discrete disk over the loop was found."""
+
+
+class SurfaceError(SpinorGeomError):
+    """A surface has no finite value where one is needed."""
+
+
+class DtypeError(SpinorGeomError, TypeError):
+    """A tensor has the wrong dtype."""
+
+
+class OptionError(SpinorGeomError, ValueError):
+    """An option has a value that is not allowed."""
+
+
+class StorageError(SpinorGeomError):
+    """A saved surface cannot be read."""
+
+
+class ZeroOnContourError(SpinorGeomError):
+    """A holomorphic function has a zero on the path along which its zeros are counted."""
+
+    def __init__(self, *, z: complex) -> None:
+        super().__init__(
+            f"the function has a zero on the boundary, or too near to it, by z = {z:.6g}; its zeros cannot be counted: "
+            "use a slightly larger or smaller domain",
+            z=z,
+        )
+
+
+# --- adapters and files -----------------------------------------------------------------------------------------------
+
+
+class UnknownMeshTypeError(SpinorGeomError, TypeError):
+    """No adapter knows this type."""
+
+    def __init__(self, *, found: str, known: Sequence[str]) -> None:
+        super().__init__(
+            f"{found} is not a mesh type known here; give one of: {', '.join(known)}", found=found, known=tuple(known)
+        )
+
+
+class MeshFileError(SpinorGeomError, ValueError):
+    """A mesh file is missing, malformed, or of an unknown format."""
+
+
+class MissingPackageError(SpinorGeomError, ImportError):
+    """An optional package is not installed."""
+
+    def __init__(self, *, package: str, extra: str) -> None:
+        super().__init__(
+            f"{package} is not installed; install it with: pip install 'spinor-geom[{extra}]'",
+            package=package,
+            extra=extra,
+        )
+
+
+class RenderError(SpinorGeomError, RuntimeError):
+    """No picture could be drawn."""

@@ -1,0 +1,57 @@
+"""Files that are either completely written or not touched at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary path to write to, which becomes `path` only when the block ends without an error.
+
+    The temporary file lies in the same folder and has the same suffix. At the end of the block it is flushed to the
+    disk (fsync) and renamed over `path` in one step; a file that was there keeps its access rights. After any error, an
+    interrupt included, the old file is as it was and the temporary file is gone. A symbolic link stays a link: the file
+    it names is replaced. Devices and pipes (`/dev/stdout`) hold nothing to protect and are written to directly.
+
+    Args:
+        path: the file to write; its folder must exist.
+
+    Yields:
+        The path to write to; the file exists and is empty.
+
+    Raises:
+        OSError: the folder does not exist or may not be written to, the disk is full, or `path` is a folder.
+    """
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
+        raise IsADirectoryError(f"{os.fspath(path)} is a folder; name a file in it")
+    if target.exists() and not target.is_file():
+        yield target
+        return
+    temporary = target.with_name(f".{target.stem[:32]}.{secrets.token_hex(8)}{target.suffix}")
+    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    try:
+        yield temporary
+        _flush(temporary)
+        if target.exists():
+            temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+        os.replace(temporary, target)
+        if os.name != "nt":  # Windows cannot open folders, and a rename there is durable by itself
+            _flush(target.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _flush(path: Path) -> None:
+    """Wait until a file, or a folder's list of names, is on the disk."""
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,1 @@
+"""Fills holes: chooses loops, solves each, meshes the surfaces, joins them to the mesh, reports."""

@@ -1,0 +1,153 @@
+"""Fills one boundary loop: refuses what is no hole, solves, meshes, interpolates the attributes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from spinor_geom.errors import (
+    LoneFaceError,
+    NoAreaError,
+    OptionError,
+    SeamError,
+    SpinorGeomError,
+    SurfaceError,
+    ZeroWidthSlitError,
+)
+from spinor_geom.fill.attributes import patch_attributes
+from spinor_geom.fill.clock import Clock
+from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.solve import Cauchy, solve_plateau
+
+MAX_SLIT_FRACTION = 0.5
+MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FillOptions:
+    """What every loop of one call is filled with.
+
+    Attributes:
+        target_edge_length: of the patches, in mesh units, or "auto" for each loop's mean edge length.
+        model: the holomorphic model, as `solve_plateau` takes it.
+        tolerance: RMS boundary residual per mean loop edge.
+
+    Raises:
+        OptionError: a length or the tolerance is not a positive number, or the model is unknown.
+    """
+
+    target_edge_length: float | Literal["auto"]
+    model: Literal["cauchy"] | Cauchy
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        # here once, so that what goes wrong later is one loop's own
+        if self.model != "cauchy" and not isinstance(self.model, Cauchy):
+            raise OptionError(f"unknown model {self.model!r}; choose 'cauchy' or Cauchy(...)")
+        require_positive("tolerance", self.tolerance)
+        if isinstance(self.target_edge_length, str):
+            if self.target_edge_length != "auto":
+                raise OptionError(
+                    f"target_edge_length must be 'auto' or a positive number, not {self.target_edge_length!r}"
+                )
+        else:
+            require_positive("target_edge_length", self.target_edge_length)
+
+
+def require_positive(name: str, value: float) -> None:
+    """Checks an option.
+
+    Raises:
+        OptionError: the value is not a positive finite number.
+    """
+    if not 0 < value < np.inf:
+        raise OptionError(f"{name} must be a positive number, not {value!r}")
+
+
+def fill_loop(
+    mesh: TriangleMesh, place: int, loop: BoundaryLoop, taken: RimEdges, options: FillOptions
+) -> tuple[LoopOutcome, LoopPatch | None]:
+    """The patch of one loop, or the reason why it has none."""
+    clock = Clock()
+    solution: PlateauSolution | None = None
+    try:
+        refuse_what_is_no_hole(loop, taken)
+        solution = solve_plateau(loop, model=options.model, tolerance=options.tolerance)
+        refuse_empty(loop, 2 * solution.area / loop.perimeter)
+        clock.lap("solve")
+        surface = solution.surface
+
+        def position(points: Complex[np.ndarray, " c"]) -> Float[np.ndarray, "c 3"]:
+            return np.asarray(surface.position(points), dtype=np.float64)
+
+        patch, split = fit_to_rim(loop, mesh_patch(solution, options.target_edge_length), taken, position)
+        if not np.isfinite(patch.vertices).all():
+            raise SurfaceError("the surface that was found is not finite everywhere; no patch was made")
+        clock.lap("mesh")
+        attributes = patch_attributes(mesh.vertex_attributes, loop, patch, surface)
+        clock.lap("attributes")
+    except SpinorGeomError as error:
+        outcome = LoopOutcome(
+            index=place,
+            loop=loop,
+            requested=True,
+            filled=False,
+            reason=str(error),
+            solution=solution,
+            timings=clock.laps(),
+        )
+        return outcome, None
+    outcome = LoopOutcome(
+        index=place,
+        loop=loop,
+        requested=True,
+        filled=True,
+        reason="" if solution.converged else solution.reason,
+        solution=solution,
+        vertices_added=len(patch.vertices) - patch.boundary_size,
+        faces_added=len(patch.faces),
+        edges_split=split,
+        timings=clock.laps(),
+    )
+    return outcome, LoopPatch(place=place, loop=loop, patch=patch, attributes=attributes)
+
+
+def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
+    """Checks that a loop bounds a hole, before anything is solved.
+
+    Raises:
+        ZeroWidthSlitError: over half of its length lies on the loop's own other side.
+        SeamError: edges of it lie on edges of another loop.
+        LoneFaceError: it is the outline of a single face.
+        NoAreaError: its points lie on a line.
+    """
+    if loop.slit_fraction > MAX_SLIT_FRACTION:
+        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=[int(v) for v in loop.vertex_ids[:2]])
+    if len(loop.seam_edges):
+        raise SeamError(edge=[int(v) for v in loop.seam_edges[0]], count=len(loop.seam_edges))
+    face = taken.face_on(loop)
+    if face is not None:
+        raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
+    refuse_empty(loop, loop.diagonal / loop.elongation)
+
+
+def refuse_empty(loop: BoundaryLoop, width: float) -> None:
+    """Checks that a loop is wider than nothing.
+
+    Args:
+        loop: the loop.
+        width: of its hole, in mesh units.
+
+    Raises:
+        NoAreaError: the width is below 1e-6 of the loop's mean edge.
+    """
+    if width <= MIN_WIDTH_PER_EDGE * loop.mean_edge_length:
+        raise NoAreaError(width=width, mean_edge=loop.mean_edge_length)

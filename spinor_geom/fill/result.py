@@ -1,0 +1,122 @@
+"""What `fill_hole` did: one outcome for every boundary loop, and the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.plateau.solution import PlateauSolution
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopOutcome:
+    """What became of one boundary loop.
+
+    Attributes:
+        index: its place in `boundary_loops(mesh)`, longest perimeter first.
+        loop: the loop itself.
+        requested: False where the caller asked to leave it open.
+        filled: whether the result has a patch on it.
+        reason: why it was left open, or why its fill is not within the tolerance; empty for a fill that is.
+        solution: the minimal surface, where one was found.
+        vertices_added: new vertices of its patch.
+        faces_added: new faces of its patch.
+        edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead.
+        timings: seconds by stage ("solve", "mesh", "attributes").
+    """
+
+    index: int
+    loop: BoundaryLoop
+    requested: bool
+    filled: bool
+    reason: str
+    solution: PlateauSolution | None = None
+    vertices_added: int = 0
+    faces_added: int = 0
+    edges_split: int = 0
+    timings: Mapping[str, float]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the loop is filled and its boundary residual is within the tolerance."""
+        return self.filled and self.solution is not None and bool(self.solution.converged)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The outcome in JSON's types; figures of a surface that was not found are None."""
+        solution = self.solution
+        residual = None if solution is None else solution.boundary_residual
+        stability = None if solution is None else solution.stability
+        return {
+            "index": self.index,
+            "vertices": len(self.loop),
+            "perimeter": float(self.loop.perimeter),
+            "requested": self.requested,
+            "filled": self.filled,
+            "converged": self.converged,
+            "reason": self.reason,
+            "residual_rms_per_edge": None if residual is None else float(residual.rms_per_edge),
+            "residual_max_per_edge": None if residual is None else float(residual.max_per_edge),
+            "area": None if solution is None else float(solution.area),
+            "stability": None
+            if stability is None
+            else {
+                "verdict": stability.verdict,
+                "eigenvalue": None if stability.eigenvalue is None else float(stability.eigenvalue),
+                "index": None if stability.index is None else int(stability.index),
+            },
+            "vertices_added": self.vertices_added,
+            "faces_added": self.faces_added,
+            "edges_split": self.edges_split,
+            "timings": {
+                **{name: float(seconds) for name, seconds in self.timings.items()},
+                **(
+                    {}
+                    if solution is None
+                    else {f"solve.{name}": float(seconds) for name, seconds in solution.timings.items()}
+                ),
+            },
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FillResult:
+    """A filled mesh with its evidence.
+
+    Attributes:
+        mesh: the filled mesh, of the same type as the input (a `MeshFile` for a path).
+        original: the input as triangles.
+        extension: the new vertices and faces.
+        loops: one outcome for every boundary loop of the input, longest perimeter first.
+        watertight: whether every edge of the filled mesh has exactly two faces that run through it in opposite
+            directions; computed from the faces, not concluded from the outcomes.
+        timings: seconds by stage ("read", "loops", "fill", "stitch", "total").
+    """
+
+    mesh: Any
+    original: TriangleMesh
+    extension: MeshExtension
+    loops: tuple[LoopOutcome, ...]
+    watertight: bool
+    timings: Mapping[str, float]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every loop that was asked for is filled within the tolerance (true where none was)."""
+        return all(outcome.converged for outcome in self.loops if outcome.requested)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report in JSON's types, without the mesh itself."""
+        return {
+            "complete": self.complete,
+            "watertight": self.watertight,
+            "vertices": len(self.original.vertices),
+            "faces": len(self.original.faces),
+            "vertices_added": len(self.extension.vertices),
+            "faces_added": len(self.extension.faces),
+            "loops": [outcome.to_dict() for outcome in self.loops],
+            "timings": {name: float(seconds) for name, seconds in self.timings.items()},
+        }

@@ -1,0 +1,238 @@
+"""Closed curves in exact formulas, with the areas of the minimal disks they are known to bound."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+from scipy.special import ellipk
+
+from spinor_geom.errors import OptionError
+from spinor_geom.gallery.known import CurveFunction, KnownCurve, KnownDisk
+
+# complete elliptic integrals of modulus 1/2 and √3/2 (scipy's argument is the modulus squared)
+_K = float(ellipk(0.25))
+_K_PRIME = float(ellipk(0.75))
+
+_TENNIS_SEAM_DISKS = {
+    0.8: (KnownDisk(area=4.36461878664500, stable=True, relative_error=1e-14),),
+    0.76: (
+        KnownDisk(area=4.6084369275, stable=True, relative_error=1e-10),
+        KnownDisk(area=4.6085984535, stable=False, relative_error=1e-10),
+    ),
+    0.75: (
+        KnownDisk(area=4.66497038914645, stable=True, relative_error=1e-14),
+        KnownDisk(area=4.66975749646780, stable=False, relative_error=1e-14),
+    ),
+    0.6: (
+        KnownDisk(area=4.9899, stable=True, relative_error=2e-5),
+        KnownDisk(area=5.5971234813, stable=False, relative_error=1e-10),
+    ),
+}
+_SCHERK_AREAS = {1.0: 1.08724596383763888, 2.0: 5.69751221158705744, 2.5: 11.4951537487130629, 3.0: 29.2319867716447538}
+_SCHWARZ = "Schwarz (1865); areas by complete elliptic integrals of modulus 1/2 and √3/2"
+
+
+def twisted_circle(radius: float = 1.0, k: int = 3, amplitude: float = 0.2) -> KnownCurve:
+    """The sinusoidally perturbed circle (R cos t, R sin t, α sin kt).
+
+    Args:
+        radius: R.
+        k: number of waves.
+        amplitude: α.
+    """
+    known = (radius, k, amplitude) == (1.0, 3, 0.2)
+    return _fourier(
+        name=f"twisted circle R={radius:g} k={k} α={amplitude:g}",
+        cosine={1: (radius, 0.0, 0.0)},
+        sine={1: (0.0, radius, 0.0), k: (0.0, 0.0, amplitude)},
+        disks=(KnownDisk(area=3.32087142904707, relative_error=1e-13),) if known else (),
+        source="Sun & Chern (2026), comparison of Plateau solvers; area by a converged Fourier solve",
+    )
+
+
+def tennis_seam(a: float = 0.8) -> KnownCurve:
+    """The seam of a tennis ball on the unit sphere: (a cos t + b cos 3t, a sin t − b sin 3t, 2√(ab) sin 2t), b = 1 − a.
+
+    Between a = 0.78 and 0.76 the symmetric disk stops being stable; below, two mirror images of lower area are.
+
+    Args:
+        a: in (0, 1).
+
+    Raises:
+        OptionError: a is not in (0, 1).
+    """
+    if not 0 < a < 1:
+        raise OptionError(f"a tennis seam needs a in (0, 1), got {a}")
+    b = 1 - a
+    return _fourier(
+        name=f"tennis seam a={a:g}",
+        cosine={1: (a, 0.0, 0.0), 3: (b, 0.0, 0.0)},
+        sine={1: (0.0, a, 0.0), 3: (0.0, -b, 0.0), 2: (0.0, 0.0, 2 * np.sqrt(a * b))},
+        disks=_TENNIS_SEAM_DISKS.get(a, ()),
+        source="the curve of a tennis ball; areas by converged Fourier solves of Douglas's problem",
+    )
+
+
+def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
+    """The ellipse (a cos t, sin t) with z = height·sin 2t: planar for height 0, else a saddle.
+
+    Args:
+        a: ratio of the axes.
+        height: amplitude of z.
+    """
+    return _fourier(
+        name=f"ellipse {a:g}:1 height {height:g}",
+        cosine={1: (a, 0.0, 0.0)},
+        sine={1: (0.0, 1.0, 0.0), 2: (0.0, 0.0, height)},
+        disks=(KnownDisk(area=np.pi * a, stable=True),) if height == 0 else (),
+        source="area πab of the plane ellipse",
+    )
+
+
+def schwarz_d_quadrilateral() -> KnownCurve:
+    """Four edges of the regular tetrahedron with edge 1 (corners of 60°), around a piece of Schwarz's D surface."""
+    vertices = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(8)
+    area = KnownDisk(area=_K_PRIME / (2 * _K), stable=True)
+    return polygon(vertices, name="Schwarz D quadrilateral", disks=(area,), source=_SCHWARZ)
+
+
+def schwarz_d_hexagon() -> KnownCurve:
+    """The Petrie hexagon of the unit cube (corners of 90°)."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1], [0, 0, 1]])
+    area = KnownDisk(area=3 * _K_PRIME / (2 * _K), stable=True)
+    return polygon(vertices, name="Schwarz D hexagon", disks=(area,), source=_SCHWARZ)
+
+
+def schwarz_p_hexagon() -> KnownCurve:
+    """The Petrie hexagon of the octahedron with vertices ±e_i (edges √2, corners of 60°)."""
+    vertices = np.concatenate([np.eye(3), -np.eye(3)])
+    area = KnownDisk(area=3 * _K / _K_PRIME, stable=True)
+    return polygon(vertices, name="Schwarz P hexagon", disks=(area,), source=_SCHWARZ)
+
+
+def schwarz_p_quadrilateral() -> KnownCurve:
+    """A sixth of the P hexagon: its centre, a mid-edge, a vertex, a mid-edge (corners of 60°, 90°, 60°, 90°)."""
+    vertices = np.array([[0, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5]])
+    area = KnownDisk(area=_K / (2 * _K_PRIME), stable=True)
+    return polygon(vertices, name="Schwarz P quadrilateral", disks=(area,), source=_SCHWARZ)
+
+
+def scherk(side: float = 2.0) -> KnownCurve:
+    """Boundary of Scherk's graph z = log(cos y/cos x) over the square of a given side about 0.
+
+    Args:
+        side: below π, where the graph becomes infinite.
+
+    Raises:
+        OptionError: side is not in (0, π).
+    """
+    if not 0 < side < np.pi:
+        raise OptionError(f"Scherk's graph needs a side in (0, π), got {side}")
+    square = _Polyline(np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * side / 2)
+
+    def point(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        x, y, _ = np.moveaxis(square.point(t), -1, 0)
+        return np.stack([x, y, np.log(np.cos(y) / np.cos(x))], axis=-1)
+
+    def derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        (x, y, _), (dx, dy, _) = np.moveaxis(square.point(t), -1, 0), np.moveaxis(square.derivative(t), -1, 0)
+        return np.stack([dx, dy, np.tan(x) * dx - np.tan(y) * dy], axis=-1)
+
+    def second_derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        (x, y, _), (dx, dy, _) = np.moveaxis(square.point(t), -1, 0), np.moveaxis(square.derivative(t), -1, 0)
+        bend = (dx / np.cos(x)) ** 2 - (dy / np.cos(y)) ** 2
+        return np.stack([np.zeros_like(bend), np.zeros_like(bend), bend], axis=-1)
+
+    area = _SCHERK_AREAS.get(side)
+    return KnownCurve(
+        name=f"Scherk side {side:g}",
+        point=point,
+        derivative=derivative,
+        second_derivative=second_derivative,
+        corners=square.corners,
+        disks=() if area is None else (KnownDisk(area=area, stable=True),),
+        source="Scherk (1834), the graph is the only minimal disk over its convex square; areas by quadrature",
+    )
+
+
+def polygon(
+    vertices: ArrayLike, *, name: str = "polygon", disks: tuple[KnownDisk, ...] = (), source: str = "its vertices"
+) -> KnownCurve:
+    """The closed polygon through given vertices, with a corner at each, parametrised by arc length.
+
+    Args:
+        vertices: (k, 3), without repetition of the first.
+        name: see `KnownCurve`.
+        disks: see `KnownCurve`.
+        source: see `KnownCurve`.
+
+    Raises:
+        OptionError: fewer than three vertices, or not (k, 3).
+    """
+    corners = np.asarray(vertices, dtype=np.float64)
+    if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 3:
+        raise OptionError(f"a polygon needs vertices of shape (k, 3) with k at least 3, got {corners.shape}")
+    line = _Polyline(corners)
+    return KnownCurve(
+        name=name,
+        point=line.point,
+        derivative=line.derivative,
+        second_derivative=lambda t: np.zeros((*np.shape(t), 3)),
+        corners=line.corners,
+        disks=disks,
+        source=source,
+    )
+
+
+class _Polyline:
+    """A closed polygon by arc length, t in [0, 1)."""
+
+    def __init__(self, vertices: Float[np.ndarray, "k 3"]) -> None:
+        self._vertices = np.asarray(vertices, dtype=np.float64)
+        self._edges = np.roll(self._vertices, -1, axis=0) - self._vertices
+        length = np.linalg.norm(self._edges, axis=1)
+        self._share = length / length.sum()
+        self._start = np.append(0.0, np.cumsum(self._share)[:-1])
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        return tuple(self._start.tolist())
+
+    def _side(self, t: Float[np.ndarray, "*pts"]) -> Int[np.ndarray, "*pts"]:
+        return np.asarray(np.searchsorted(self._start, np.mod(t, 1.0), side="right") - 1)
+
+    def point(self, t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        side = self._side(t)
+        fraction = (np.mod(t, 1.0) - self._start[side]) / self._share[side]
+        return np.asarray(self._vertices[side] + fraction[..., None] * self._edges[side])
+
+    def derivative(self, t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        side = self._side(t)
+        return np.asarray(self._edges[side] / self._share[side][..., None])
+
+
+def _fourier(
+    *,
+    name: str,
+    cosine: dict[int, tuple[float, float, float]],
+    sine: dict[int, tuple[float, float, float]],
+    disks: tuple[KnownDisk, ...],
+    source: str,
+) -> KnownCurve:
+    """The curve Σ a_k cos 2πkt + b_k sin 2πkt."""
+    modes = [(2 * np.pi * k, np.array(a), 0.0) for k, a in cosine.items()]
+    modes += [(2 * np.pi * k, np.array(b), -np.pi / 2) for k, b in sine.items()]
+
+    def order(n: int) -> CurveFunction:
+        def value(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+            angle = np.asarray(t)[..., None]
+            # differentiating a cosine turns it by a quarter
+            terms = [w**n * v * np.cos(w * angle + start + n * np.pi / 2) for w, v, start in modes]
+            return np.asarray(sum(terms))
+
+        return value
+
+    return KnownCurve(
+        name=name, point=order(0), derivative=order(1), second_derivative=order(2), disks=disks, source=source
+    )

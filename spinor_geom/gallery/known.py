@@ -1,0 +1,139 @@
+"""What a known answer is: a surface or a closed curve with exact figures and their source."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+
+from spinor_geom.errors import OptionError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.surface import SpinorSurface
+
+CurveFunction = Callable[[Float[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
+SurfaceFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownDisk:
+    """A minimal disk that a curve is known to bound.
+
+    Attributes:
+        area: its area.
+        stable: whether it is a local minimum of the area; None where that is not known.
+        relative_error: how far off `area` may be, relative to it.
+    """
+
+    area: float
+    stable: bool | None = None
+    relative_error: float = 1e-15
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownCurve:
+    """A closed curve Γ(t), t in [0, 1), in exact formulas.
+
+    Attributes:
+        name: for tables and messages.
+        point: Γ.
+        derivative: Γ′.
+        second_derivative: Γ″.
+        corners: parameters of its corners, increasing; Γ′ jumps there, from the left-hand to the right-hand side.
+        disks: the minimal disks it is known to bound, smallest area first.
+        source: where curve and areas come from.
+    """
+
+    name: str
+    point: CurveFunction
+    derivative: CurveFunction
+    second_derivative: CurveFunction
+    corners: tuple[float, ...] = ()
+    disks: tuple[KnownDisk, ...] = ()
+    source: str
+
+    def sample(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
+        """A loop of n points of the curve, its corners among them.
+
+        Args:
+            n: number of points.
+            grading: 1 spaces the points of each side equally in t; larger values move them towards its corners.
+
+        Raises:
+            OptionError: n is below 3 or below the number of corners, or the grading is not positive.
+        """
+        t, corners = sample_parameters(n, self.corners, grading=grading)
+        return BoundaryLoop.from_points(self.point(t), corners=corners.tolist())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownSurface:
+    """A minimal surface in exact formulas.
+
+    Attributes:
+        name: for tables and messages.
+        surface: the same as a `SpinorSurface`.
+        position: closed formula of r(z).
+        area: exact area.
+        source: where surface and area come from.
+    """
+
+    name: str
+    surface: SpinorSurface
+    position: SurfaceFunction
+    area: float
+    source: str
+
+    def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
+        """A loop of n points of its boundary r(∂Ω), the corners of Ω among them, from the closed formula.
+
+        Args:
+            n: number of points.
+            grading: see `KnownCurve.sample`.
+
+        Raises:
+            OptionError: see `KnownCurve.sample`.
+        """
+        boundary = self.surface.domain.boundary
+        at_corners = boundary.parameters[:-1][boundary.corners]
+        t, corners = sample_parameters(n, at_corners.tolist(), grading=grading)
+        return BoundaryLoop.from_points(self.position(boundary.point(t)), corners=corners.tolist())
+
+
+def sample_parameters(
+    n: int, corners: Sequence[float], *, grading: float = 1.0
+) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " c"]]:
+    """Parameters of n points on a closed curve that has corners.
+
+    Each side between two corners gets points in proportion to its share of [0, 1), and at least its first corner.
+
+    Args:
+        n: number of points.
+        corners: parameters of the corners, increasing, in [0, 1).
+        grading: g > 0; the fraction u of a side becomes u^g/(u^g + (1 − u)^g).
+
+    Returns:
+        The parameters, from the first corner on (from 0 without corners), and the indices of the corners among them.
+
+    Raises:
+        OptionError: n is below 3 or below the number of corners, or the grading is not positive.
+    """
+    if n < max(3, len(corners)) or not grading > 0:
+        raise OptionError(
+            f"a closed curve with {len(corners)} corners needs at least {max(3, len(corners))} points and a positive "
+            f"grading, got {n} and {grading}"
+        )
+    if not corners:
+        return np.arange(n) / n, np.empty(0, dtype=np.int64)
+    start = np.asarray(corners, dtype=np.float64)
+    share = np.diff(np.append(start, start[0] + 1))
+    # one point each for the corners, the rest by the largest remainder
+    wanted = share * (n - len(start))
+    count = np.floor(wanted).astype(np.int64)
+    count[np.argsort(count - wanted, kind="stable")[: n - len(start) - count.sum()]] += 1
+    count += 1
+    first = np.append(0, np.cumsum(count)[:-1])
+    u = (np.arange(n) - np.repeat(first, count)) / np.repeat(count, count)
+    graded = u**grading / (u**grading + (1 - u) ** grading)
+    return np.mod(np.repeat(start, count) + graded * np.repeat(share, count), 1.0), first

@@ -1,0 +1,207 @@
+"""Minimal surfaces in exact formulas, as `SpinorSurface`s with exact areas."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from numpy.polynomial import polynomial as poly
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.errors import OptionError
+from spinor_geom.gallery.known import KnownSurface, SurfaceFunction
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.surface import SpinorSurface
+
+# terms of a power series are kept down to this share of the largest
+_NEGLIGIBLE = 1e-19
+# vertices on the longer side of a rectangle in Ω
+_SIDE_VERTICES = 32
+
+
+def enneper(radius: float = 1.0) -> KnownSurface:
+    """Enneper's surface p = 1, q = z over |z| < R, area πR²(1 + R² + R⁴/3).
+
+    Its disk is stable for R < 1, and its boundary crosses itself from R = √3 on.
+
+    Args:
+        radius: R.
+
+    Raises:
+        OptionError: the radius is not positive.
+    """
+    known = polynomial([1], [0, 1], radius=radius)
+    area = math.pi * radius**2 * (1 + radius**2 + radius**4 / 3)
+    return KnownSurface(
+        name=f"Enneper R={radius:g}",
+        surface=known.surface,
+        position=known.position,
+        area=area,
+        source="Enneper (1864); area by integrating (1 + |z|²)²",
+    )
+
+
+def plane_disk(radius: float = 1.0) -> KnownSurface:
+    """The plane disk |r| < R, p = 1 and q = 0.
+
+    Args:
+        radius: R.
+
+    Raises:
+        OptionError: the radius is not positive.
+    """
+    known = polynomial([1], [0], radius=radius)
+    return KnownSurface(
+        name=f"plane disk R={radius:g}",
+        surface=known.surface,
+        position=known.position,
+        area=math.pi * radius**2,
+        source="area πR²",
+    )
+
+
+def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurface:
+    """The surface of polynomial spinors over |z| < R, with r(0) = 0.
+
+    Its area is π Σ_k R^{2k+2}(|[p²]_k|² + |[q²]_k|² + 2|[pq]_k|²)/(k + 1), because powers are orthogonal on the disk.
+
+    Args:
+        p: coefficients of p, lowest first.
+        q: coefficients of q, lowest first.
+        radius: R.
+
+    Raises:
+        OptionError: the radius is not positive.
+    """
+    a, b = np.atleast_1d(np.asarray(p, dtype=np.complex128)), np.atleast_1d(np.asarray(q, dtype=np.complex128))
+    p2, q2, pq = poly.polymul(a, a), poly.polymul(b, b), poly.polymul(a, b)
+    null = (poly.polysub(p2, q2), -1j * poly.polyadd(p2, q2), 2 * pq)
+    integrals = [poly.polyint(c) for c in null]
+
+    def position(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        return np.stack([poly.polyval(z, c).real for c in integrals], axis=-1)
+
+    def mass(c: Complex[np.ndarray, " k"]) -> float:
+        k = np.arange(1, len(c) + 1)
+        return float((np.abs(c) ** 2 * radius ** (2 * k) / k).sum())
+
+    terms = np.zeros((max(len(a), len(b)), 2), dtype=np.complex128)
+    terms[: len(a), 0], terms[: len(b), 1] = a, b
+    surface = _surface(PowerSeries(torch.from_numpy(terms)), PlaneDomain.disk(radius), position)
+    return KnownSurface(
+        name=f"polynomial of degree {len(terms) - 1}",
+        surface=surface,
+        position=position,
+        area=math.pi * (mass(p2) + mass(q2) + 2 * mass(pq)),
+        source="orthogonality of the powers on the disk",
+    )
+
+
+def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
+    """The stable catenoid between the unit circles z = ±h, cut open: a disk-shaped strip of a given turn.
+
+    Its neck c solves c·cosh(h/c) = 1; its area is turn·c²(U + sinh U cosh U) with U = h/c.
+
+    Args:
+        height: h, at most h* = 0.66274…
+        turn: angle about the axis, in radians; 2π closes the strip on itself.
+
+    Raises:
+        OptionError: there is no catenoid (h > h*), or h or the turn is not positive.
+    """
+    # at the neck c = h/x* with x* tanh x* = 1 the stable and the unstable catenoid meet
+    critical = brentq(lambda x: x * math.tanh(x) - 1, 1.0, 2.0, xtol=1e-15)
+    if not 0 < height <= 1 / math.sinh(critical) or not turn > 0:
+        raise OptionError(
+            f"a catenoid between unit circles at ±h needs 0 < h <= {1 / math.sinh(critical):.6f} and a positive turn, "
+            f"got {height} and {turn}"
+        )
+    reach = brentq(lambda u: height * math.cosh(u) - u, 0.0, critical, xtol=1e-15)
+    neck = height / reach
+    return _catenoid_associate(
+        name=f"catenoid h={height:g}",
+        angle=0.0,
+        scale=neck,
+        box=(-reach, reach, 0.0, turn),
+        area=turn * neck**2 * (reach + math.sinh(reach) * math.cosh(reach)),
+        source="Euler (1744)",
+    )
+
+
+def helicoid(
+    radius: float = 1.0, pitch: float = 1.0, *, turn: float = 2 * math.pi, both_sides: bool = False
+) -> KnownSurface:
+    """The helicoid (ρ cos θ, ρ sin θ, −cθ) up to a turn about its axis, from the axis to ρ = R, pitch 2πc.
+
+    Its area is turn·½(R√(R² + c²) + c² asinh(R/c)), twice that with both sides.
+
+    Args:
+        radius: R.
+        pitch: c, the rise in a radian.
+        turn: angle about the axis, in radians.
+        both_sides: from −R to R instead of from the axis.
+
+    Raises:
+        OptionError: radius, pitch or turn is not positive.
+    """
+    if not (radius > 0 and pitch > 0 and turn > 0):
+        raise OptionError(f"a helicoid needs a positive radius, pitch and turn, got {radius}, {pitch}, {turn}")
+    reach = math.asinh(radius / pitch)
+    side = turn * (radius * math.hypot(radius, pitch) + pitch**2 * reach) / 2
+    return _catenoid_associate(
+        name=f"helicoid R={radius:g} c={pitch:g}",
+        angle=math.pi / 2,
+        scale=pitch,
+        box=(-reach if both_sides else 0.0, reach, 0.0, turn),
+        area=side * (2 if both_sides else 1),
+        source="Meusnier (1776)",
+    )
+
+
+def _catenoid_associate(
+    *, name: str, angle: float, scale: float, box: tuple[float, float, float, float], area: float, source: str
+) -> KnownSurface:
+    """The associate r = c·Re e^{iα}(cosh z, −i sinh z, z) of the catenoid over a rectangle x₀, x₁, y₀, y₁."""
+
+    def position(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        null = np.stack([np.cosh(z), -1j * np.sinh(z), z], axis=-1)
+        return np.asarray(scale * (np.exp(1j * angle) * null).real)
+
+    # p² = e^z/2 and q² = e^{−z}/2 give φ = (sinh z, −i cosh z, 1)
+    factor = math.sqrt(scale / 2) * np.exp(0.5j * angle)
+    centre, radius = complex(box[0] + box[1], box[2] + box[3]) / 2, abs(complex(box[1] - box[0], box[3] - box[2])) / 2
+    terms = factor * np.stack([_exponential(0.5, centre, radius), _exponential(-0.5, centre, radius)], axis=1)
+    model = PowerSeries(torch.from_numpy(terms), center=centre, radius=radius)
+    return KnownSurface(
+        name=name, surface=_surface(model, _rectangle(box), position), position=position, area=area, source=source
+    )
+
+
+def _exponential(rate: float, centre: complex, radius: float) -> Complex[np.ndarray, " k"]:
+    """Coefficients of e^{rate·z} in powers of (z − centre)/radius, to round-off for |z − centre| ≤ radius."""
+    step = abs(rate) * radius
+    count = 1 + next(k for k in range(int(step), 1000) if step**k < _NEGLIGIBLE * math.factorial(k))
+    k = np.arange(1, count)
+    return np.asarray(np.exp(rate * centre) * np.append(1.0, np.cumprod(rate * radius / k)))
+
+
+def _rectangle(box: tuple[float, float, float, float]) -> PlaneDomain:
+    x0, x1, y0, y1 = box
+    corners = np.array([complex(x0, y0), complex(x1, y0), complex(x1, y1), complex(x0, y1)])
+    sides = np.roll(corners, -1) - corners
+    count = np.maximum(np.ceil(_SIDE_VERTICES * np.abs(sides) / np.abs(sides).max()), 2).astype(int)
+    first = np.append(0, np.cumsum(count)[:-1])
+    fraction = (np.arange(count.sum()) - np.repeat(first, count)) / np.repeat(count, count)
+    flags = np.zeros(count.sum(), dtype=bool)
+    flags[first] = True
+    return PlaneDomain.from_boundary(np.repeat(corners, count) + fraction * np.repeat(sides, count), flags)
+
+
+def _surface(model: PowerSeries, domain: PlaneDomain, position: SurfaceFunction) -> SpinorSurface:
+    """The surface that agrees with the closed formula at its root, and so everywhere."""
+    root = domain.triangulation.points[domain.paths.root]
+    return SpinorSurface(model, domain, position(np.asarray(root)))

@@ -1,0 +1,7 @@
+"""Holomorphic models: p and q as functions on Ω."""
+
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, rebuild
+from spinor_geom.holomorphic.series import PowerSeries
+
+__all__ = ["MODELS", "CauchyNetwork", "HolomorphicModel", "PowerSeries", "rebuild"]

@@ -1,0 +1,55 @@
+"""Polynomials orthogonal on a set of nodes, by Arnoldi's recurrence.
+
+Source: Brubeck, Nakatsukasa & Trefethen, "Vandermonde with Arnoldi", SIAM Review 63 (2021).
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+
+def arnoldi_hessenberg(z: Complex[Tensor, " n"], weight: Float[Tensor, " n"], degree: int) -> Complex[Tensor, "d1 d"]:
+    """Coefficients of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials.
+
+    Args:
+        z: nodes.
+        weight: positive weights that sum to 1; ⟨f, g⟩ = Σ weight·conj(f)·g.
+        degree: highest degree; it must be below the number of nodes.
+
+    Returns:
+        H, shape (degree + 1, degree), upper Hessenberg, with a real positive subdiagonal.
+    """
+    basis = torch.ones(len(z), degree + 1, dtype=z.dtype, device=z.device)
+    hessenberg = torch.zeros(degree + 1, degree, dtype=z.dtype, device=z.device)
+    for k in range(degree):
+        v = z * basis[:, k]
+        for _ in range(2):  # twice is enough for orthogonality to round-off
+            h = basis[:, : k + 1].conj().T @ (weight * v)
+            v = v - basis[:, : k + 1] @ h
+            hessenberg[: k + 1, k] += h
+        norm = (weight * v.abs().square()).sum().sqrt()
+        hessenberg[k + 1, k] = norm
+        basis[:, k + 1] = v / norm
+    return hessenberg
+
+
+def arnoldi_polynomials(z: Complex[Tensor, "*pts"], hessenberg: Complex[Tensor, "d1 d"]) -> Complex[Tensor, "*pts d1"]:
+    """The polynomials Q_0 = 1, …, Q_d at any points."""
+    columns = [torch.ones_like(z)]
+    for k in range(hessenberg.shape[1]):
+        v = z * columns[k] - torch.stack(columns, dim=-1) @ hessenberg[: k + 1, k]
+        columns.append(v / hessenberg[k + 1, k])
+    return torch.stack(columns, dim=-1)
+
+
+def arnoldi_derivatives(
+    z: Complex[Tensor, "*pts"], values: Complex[Tensor, "*pts d1"], hessenberg: Complex[Tensor, "d1 d"]
+) -> Complex[Tensor, "*pts d1"]:
+    """Their derivatives, from the recurrence differentiated once."""
+    columns = [torch.zeros_like(z)]
+    for k in range(hessenberg.shape[1]):
+        v = values[..., k] + z * columns[k] - torch.stack(columns, dim=-1) @ hessenberg[: k + 1, k]
+        columns.append(v / hessenberg[k + 1, k])
+    return torch.stack(columns, dim=-1)

@@ -1,0 +1,132 @@
+"""The Cauchy network: one shared hidden layer of Cauchy units and polynomials, two complex linear read-outs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.errors import DtypeError
+from spinor_geom.holomorphic.arnoldi import arnoldi_derivatives, arnoldi_hessenberg, arnoldi_polynomials
+
+
+class CauchyNetwork(torch.nn.Module):
+    """p and q as linear read-outs of polynomials and Cauchy units d_k/(z − ζ_k) with poles ζ_k outside Ω.
+
+    A complex-valued network with one hidden layer and activation σ(u) = 1/u: holomorphic on Ω because no pole lies
+    in it. The features are mixed so that they are orthonormal on ∂Ω, which is what makes fits converge in few steps.
+
+    Shape:
+        hessenberg: (degree + 1, degree), recurrence of the polynomials.
+        poles: (K,), scales: (K,): ζ_k and d_k.
+        mixing: (degree + 1 + K, n), raw features to orthonormal ones.
+        readout: (n, 2), the trainable read-outs of p and q.
+    """
+
+    kind: ClassVar[str] = "cauchy"
+    hessenberg: Tensor
+    poles: Tensor
+    scales: Tensor
+    mixing: Tensor
+
+    def __init__(
+        self,
+        *,
+        hessenberg: Complex[Tensor, "d1 d"],
+        poles: Complex[Tensor, " k"],
+        scales: Float[Tensor, " k"],
+        mixing: Complex[Tensor, "r n"],
+        readout: Complex[Tensor, "n 2"] | None = None,
+    ) -> None:
+        """Raises DtypeError where poles, mixing or read-out are not complex."""
+        super().__init__()
+        if readout is None:
+            readout = torch.zeros(mixing.shape[1], 2, dtype=mixing.dtype, device=mixing.device)
+        for name, tensor in (("poles", poles), ("mixing", mixing), ("readout", readout)):
+            if not tensor.is_complex():
+                raise DtypeError(f"{name} must be complex, got {tensor.dtype}")
+        self.register_buffer("hessenberg", hessenberg)
+        self.register_buffer("poles", poles)
+        self.register_buffer("scales", scales)
+        self.register_buffer("mixing", mixing)
+        self.readout = torch.nn.Parameter(readout.clone())
+
+    @classmethod
+    def orthonormal_on(
+        cls,
+        z: Complex[Tensor, " n"],
+        weight: Float[Tensor, " n"],
+        *,
+        poles: Complex[Tensor, " k"],
+        scales: Float[Tensor, " k"],
+        degree: int,
+        cutoff: float = 1e-12,
+    ) -> CauchyNetwork:
+        """A network whose features are orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g, read-outs zero.
+
+        Args:
+            z: nodes, usually on ∂Ω.
+            weight: positive weights; they are normalised to sum 1.
+            poles: ζ_k.
+            scales: d_k, usually the distance of ζ_k from ∂Ω.
+            degree: highest degree of the polynomials.
+            cutoff: directions with singular value below cutoff times the largest are dropped.
+        """
+        weight = weight / weight.sum()
+        hessenberg = arnoldi_hessenberg(z, weight, degree)
+        raw = _raw_features(z, hessenberg, poles, scales)
+        root = weight.sqrt()[:, None]
+        # QR first: the SVD then works on a small square matrix
+        _, r = torch.linalg.qr(raw * root)
+        _, s, vh = torch.linalg.svd(r, full_matrices=False)
+        keep = s > cutoff * s[0]
+        mixing = vh.mH[:, keep] / s[keep]
+        return cls(hessenberg=hessenberg, poles=poles, scales=scales, mixing=mixing)
+
+    def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
+        """The shared hidden layer at z, orthonormal on the nodes it was made for."""
+        return _raw_features(z, self.hessenberg, self.poles, self.scales) @ self.mixing
+
+    def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        """(p(z), q(z))."""
+        # mixing @ readout first: a product with 2 columns instead of one with n
+        return _raw_features(z, self.hessenberg, self.poles, self.scales) @ (self.mixing @ self.readout)
+
+    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        """(p'(z), q'(z))."""
+        polynomials = arnoldi_polynomials(z, self.hessenberg)
+        slopes = arnoldi_derivatives(z, polynomials, self.hessenberg)
+        units = -self.scales / (z[..., None] - self.poles).square()
+        return torch.cat([slopes, units], dim=-1) @ (self.mixing @ self.readout)
+
+    def config(self) -> dict[str, Any]:
+        """Degree, number of poles and number of mixed features."""
+        return {
+            "degree": self.hessenberg.shape[1],
+            "poles": len(self.poles),
+            "features": self.mixing.shape[1],
+        }
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any]) -> CauchyNetwork:
+        """A network of zeros with the given sizes."""
+        degree, poles, features = int(config["degree"]), int(config["poles"]), int(config["features"])
+        return cls(
+            hessenberg=torch.zeros(degree + 1, degree, dtype=torch.complex128),
+            poles=torch.zeros(poles, dtype=torch.complex128),
+            scales=torch.zeros(poles, dtype=torch.float64),
+            mixing=torch.zeros(degree + 1 + poles, features, dtype=torch.complex128),
+        )
+
+
+def _raw_features(
+    z: Complex[Tensor, "*pts"],
+    hessenberg: Complex[Tensor, "d1 d"],
+    poles: Complex[Tensor, " k"],
+    scales: Float[Tensor, " k"],
+) -> Complex[Tensor, "*pts r"]:
+    units = scales / (z[..., None] - poles)
+    return torch.cat([arnoldi_polynomials(z, hessenberg), units], dim=-1)

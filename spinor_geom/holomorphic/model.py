@@ -1,0 +1,62 @@
+"""What every holomorphic model offers, and the table of models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import torch
+from jaxtyping import Complex
+from torch import Tensor
+
+from spinor_geom.errors import StorageError
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.series import PowerSeries
+
+
+@runtime_checkable
+class HolomorphicModel(Protocol):
+    """Two holomorphic functions p, q of one complex variable, linear in shared features.
+
+    Every model is a `torch.nn.Module`.
+    """
+
+    kind: ClassVar[str]
+
+    def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
+        """The shared hidden layer at z."""
+        ...
+
+    def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        """(p(z), q(z))."""
+        ...
+
+    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        """(p'(z), q'(z))."""
+        ...
+
+    def config(self) -> dict[str, Any]:
+        """Sizes from which `from_config` rebuilds an empty model of the same shape; JSON-ready."""
+        ...
+
+
+MODELS: dict[str, type[CauchyNetwork] | type[PowerSeries]] = {
+    CauchyNetwork.kind: CauchyNetwork,
+    PowerSeries.kind: PowerSeries,
+}
+
+
+def rebuild(kind: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -> torch.nn.Module:
+    """The model of a given kind with its sizes and state, as they were saved.
+
+    Raises:
+        StorageError: unknown kind, or a state that does not fit the sizes.
+    """
+    if kind not in MODELS:
+        raise StorageError(f"unknown holomorphic model {kind!r}; known: {', '.join(sorted(MODELS))}")
+    try:
+        model = MODELS[kind].from_config(config)
+        model.load_state_dict(dict(state))
+    except (KeyError, TypeError, RuntimeError) as error:
+        raise StorageError(f"the saved {kind!r} model does not fit its description: {error}") from error
+    return model

@@ -1,0 +1,113 @@
+"""Where the poles of a Cauchy network go: outside Ω, an edge away from each boundary vertex, clustered at corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.spatial import cKDTree
+
+from spinor_geom.domain.plane_domain import PlaneDomain
+
+# A pole in a narrow gap outside Ω moves back until no part of ∂Ω is nearer than this share of its offset.
+_FREE_SHARE = 0.6
+_HALVINGS = 5
+_CORNER_POLES = 16
+# Decay of the distances to a corner, L·exp(−σ(√n − √k)): root-exponential convergence at corner singularities.
+_CORNER_DECAY = 4.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Poles:
+    """Poles ζ_k outside Ω and the scales d_k of their units d_k/(z − ζ_k)."""
+
+    positions: Complex[np.ndarray, " k"]
+    scales: Float[np.ndarray, " k"]
+
+    def __add__(self, other: Poles) -> Poles:
+        """Both sets."""
+        return Poles(
+            positions=np.concatenate([self.positions, other.positions]),
+            scales=np.concatenate([self.scales, other.scales]),
+        )
+
+
+def place_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
+    """One pole beside each boundary vertex, and a cluster on the outer bisector of each corner.
+
+    Args:
+        domain: Ω.
+        offset: distance of a pole from its vertex along the outward normal, in local edge lengths of ∂Ω.
+
+    Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
+    Numer. Anal. 57 (2019), for the clusters.
+    """
+    w = domain.boundary.vertices
+    ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
+    local = (np.abs(ahead) + np.abs(back)) / 2
+    tangent = ahead / np.abs(ahead) + back / np.abs(back)
+    outward = -1j * tangent / np.maximum(np.abs(tangent), 1e-12)
+    plain = ~domain.boundary.corners
+    position, distance = _cleared(domain, w[plain], outward[plain], offset * local[plain])
+    if domain.boundary.corners.any():
+        return Poles(positions=position, scales=distance) + _corner_clusters(domain, outward)
+    return Poles(positions=position, scales=distance)
+
+
+def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Poles:
+    """Poles that resolve given panels of ∂Ω: half a panel length outside its middle, a third outside its ends.
+
+    Args:
+        domain: Ω.
+        panels: their ends as parameters of ∂Ω; the middle is taken forwards from the first to the second.
+    """
+    start, end = panels.T
+    length = np.abs(domain.boundary.point(end) - domain.boundary.point(start))
+    ends, owner = np.unique(np.mod(np.concatenate([start, end]), 1.0), return_inverse=True)
+    end_length = np.full(len(ends), np.inf)
+    np.minimum.at(end_length, owner, np.concatenate([length, length]))
+    t = np.concatenate([(start + end) / 2, ends])
+    tangent = domain.boundary.derivative(t)
+    position, distance = _cleared(
+        domain,
+        domain.boundary.point(t),
+        -1j * tangent / np.abs(tangent),
+        np.concatenate([length / 2, end_length / 3]),
+    )
+    return Poles(positions=position, scales=distance)
+
+
+def _cleared(
+    domain: PlaneDomain,
+    foot: Complex[np.ndarray, " k"],
+    direction: Complex[np.ndarray, " k"],
+    distance: Float[np.ndarray, " k"],
+) -> tuple[Complex[np.ndarray, " j"], Float[np.ndarray, " j"]]:
+    """Poles at most `distance` out that keep clear of the rest of ∂Ω; those with no room are dropped."""
+    t = domain.boundary.parameters
+    samples = domain.boundary.point((t[:-1, None] + np.diff(t)[:, None] * np.arange(4) / 4).ravel())
+    tree = cKDTree(np.column_stack([samples.real, samples.imag]))
+    distance = distance.copy()
+    good = np.zeros(len(foot), dtype=bool)
+    for _ in range(_HALVINGS + 1):
+        open_ = np.flatnonzero(~good)
+        position = foot[open_] + direction[open_] * distance[open_]
+        gap, _ = tree.query(np.column_stack([position.real, position.imag]))
+        good[open_] = (gap >= _FREE_SHARE * distance[open_]) & ~domain.contains(position)
+        if good.all():
+            break
+        distance[~good] /= 2
+    return (foot + direction * distance)[good], distance[good]
+
+
+def _corner_clusters(domain: PlaneDomain, outward: Complex[np.ndarray, " m"]) -> Poles:
+    w, corners = domain.boundary.vertices, np.flatnonzero(domain.boundary.corners)
+    along = np.concatenate([[0.0], np.cumsum(np.abs(np.roll(w, -1) - w))])
+    side = np.diff(np.append(along[corners], along[-1] + along[corners[0]]))
+    reach = np.minimum(side, np.roll(side, 1)) / 2
+    root = np.sqrt(np.arange(1, _CORNER_POLES + 1))
+    distance = (reach[:, None] * np.exp(-_CORNER_DECAY * (root[-1] - root))).ravel()
+    foot, direction = np.repeat(w[corners], _CORNER_POLES), np.repeat(outward[corners], _CORNER_POLES)
+    position, distance = _cleared(domain, foot, direction, distance)
+    return Poles(positions=position, scales=distance)

@@ -1,0 +1,261 @@
+"""A closed boundary polygon in space with its measures and corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from spinor_geom.errors import LoopTooShortError, MeshShapeError, OptionError, RepeatedPointError
+from spinor_geom.mesh.arrays import freeze_flags, freeze_integers, freeze_pairs, freeze_points
+
+MIN_CORNER_TURN = np.radians(35.0)
+MAX_NEIGHBOUR_TURN_RATIO = 0.25
+CORNER_NEIGHBOURS = 2
+MIN_LOOP_WITH_CORNERS = 8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plane:
+    """A plane through a set of points.
+
+    Attributes:
+        centroid: (3,) float64, a point of the plane, in mesh units.
+        normal: (3,) float64 unit normal.
+        rms_distance: root of the mean squared distance of the points from the plane, in mesh units.
+    """
+
+    centroid: Float[np.ndarray, " 3"]
+    normal: Float[np.ndarray, " 3"]
+    rms_distance: float
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class BoundaryLoop:
+    """A closed polygon of M ≥ 3 points: a hole of a mesh, or a bare curve.
+
+    The loop runs the way the boundary of a patch over it runs, so against the half-edges of the faces beside the hole:
+    a patch whose boundary follows the loop is oriented like the mesh. For a bare curve the patch's normal follows the
+    right-hand rule about the order of the points.
+
+    Attributes:
+        points: (M, 3) float64, in mesh units.
+        vertex_ids: (M,) int64 indices of the points in the mesh; 0 to M − 1 for a bare curve.
+        corners: (M,) bool, where the curve through the points has a kink.
+        slit_fraction: share of the perimeter whose edges coincide with another edge of the same loop run in the other
+            direction, 0 to 1; 1 is a slit of zero width.
+        seam_edges: (k, 2) int64 vertex ids, from and to, of the edges that coincide with an edge of another loop.
+
+    Raises:
+        MeshShapeError: an array has the wrong shape or dtype.
+        NonFiniteVertexError: a point is NaN or infinite.
+        LoopTooShortError: fewer than three points.
+    """
+
+    points: Float[np.ndarray, "m 3"]
+    vertex_ids: Int[np.ndarray, " m"]
+    corners: Bool[np.ndarray, " m"]
+    slit_fraction: float
+    seam_edges: Int[np.ndarray, "k 2"]
+
+    def __init__(
+        self,
+        *,
+        points: ArrayLike,
+        vertex_ids: ArrayLike,
+        corners: ArrayLike,
+        slit_fraction: float = 0.0,
+        seam_edges: ArrayLike | None = None,
+    ) -> None:
+        coordinates = freeze_points(points, name="points")
+        count = len(coordinates)
+        if count < 3:
+            raise LoopTooShortError(points=count)
+        object.__setattr__(self, "points", coordinates)
+        object.__setattr__(self, "vertex_ids", freeze_integers(vertex_ids, name="vertex_ids", length=count))
+        object.__setattr__(self, "corners", freeze_flags(corners, name="corners", length=count))
+        object.__setattr__(self, "slit_fraction", slit_fraction)
+        object.__setattr__(
+            self, "seam_edges", freeze_pairs([] if seam_edges is None else seam_edges, name="seam_edges")
+        )
+
+    @classmethod
+    def from_points(cls, points: ArrayLike, *, corners: Literal["auto"] | ArrayLike = "auto") -> BoundaryLoop:
+        """A bare closed curve from its points in order; a last point equal to the first is dropped.
+
+        Args:
+            points: (M, 3) real numbers, in mesh units.
+            corners: "auto" for the rule of `detect_corners`, or the indices of the points that are corners.
+
+        Raises:
+            MeshShapeError: `points` are not (M, 3) real numbers.
+            NonFiniteVertexError: a point is NaN or infinite.
+            LoopTooShortError: fewer than three points.
+            RepeatedPointError: two neighbouring points are equal.
+            OptionError: `corners` is neither "auto" nor indices of points.
+        """
+        given = freeze_points(points, name="points")
+        if len(given) > 1 and (given[0] == given[-1]).all():
+            given = given[:-1]
+        if len(given) < 3:
+            raise LoopTooShortError(points=len(given))
+        require_distinct_neighbours(given)
+        # an array of indices compares elementwise, so ask for text first
+        automatic = isinstance(corners, str) and corners == "auto"
+        return cls(
+            points=given,
+            vertex_ids=np.arange(len(given)),
+            corners=detect_corners(given) if automatic else _corner_flags(corners, points=len(given)),
+        )
+
+    def __len__(self) -> int:
+        """The number M of points."""
+        return len(self.points)
+
+    def reversed(self) -> BoundaryLoop:
+        """The same loop run the other way, from the same first point."""
+        back = np.concatenate([[0], np.arange(len(self) - 1, 0, -1)])
+        return BoundaryLoop(
+            points=self.points[back],
+            vertex_ids=self.vertex_ids[back],
+            corners=self.corners[back],
+            slit_fraction=self.slit_fraction,
+            seam_edges=self.seam_edges[:, ::-1],
+        )
+
+    @cached_property
+    def edge_lengths(self) -> Float[np.ndarray, " m"]:
+        """(M,) lengths in mesh units; edge i runs from point i to point i + 1 (mod M)."""
+        lengths: Float[np.ndarray, " m"] = np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1)
+        return lengths
+
+    @cached_property
+    def perimeter(self) -> float:
+        """Sum of the edge lengths, in mesh units."""
+        return float(self.edge_lengths.sum())
+
+    @property
+    def mean_edge_length(self) -> float:
+        """Perimeter over number of edges, in mesh units."""
+        return self.perimeter / len(self)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Diagonal of the axis-parallel bounding box of the points, in mesh units."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+    @cached_property
+    def centroid(self) -> Float[np.ndarray, " 3"]:
+        """(3,) centre of mass of the polygon's edges, in mesh units; it does not move when an edge is subdivided."""
+        # relative to point 0: a loop far from the origin loses no digits
+        centre: Float[np.ndarray, " 3"] = self.points[0] + self._point_weights @ (self.points - self.points[0])
+        return centre
+
+    @cached_property
+    def area_vector(self) -> Float[np.ndarray, " 3"]:
+        """(3,) ½ Σ P_i × P_{i+1}: the vector area of any surface the loop bounds, in squared mesh units."""
+        centred = self.points - self.centroid
+        area: Float[np.ndarray, " 3"] = 0.5 * np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
+        return area
+
+    @cached_property
+    def plane(self) -> Plane:
+        """The plane of least squared distance to the points, each weighted by half the length of its two edges.
+
+        The normal is on the side of `area_vector`; a loop on a line has any plane through that line.
+        """
+        spread = self._principal_spread
+        normal = spread.axes[2]
+        if normal @ self.area_vector < 0:
+            normal = -normal
+        return Plane(centroid=self.centroid, normal=normal, rms_distance=spread.deviations[2])
+
+    @cached_property
+    def elongation(self) -> float:
+        """Longest side over second longest side of the points' box along their principal axes, ≥ 1; ∞ on a line."""
+        sides = np.sort(np.ptp((self.points - self.centroid) @ self._principal_spread.axes.T, axis=0))
+        return float(sides[2] / sides[1]) if sides[1] > 0 else float("inf")
+
+    @cached_property
+    def _point_weights(self) -> Float[np.ndarray, " m"]:
+        """(M,) half the length of a point's two edges over the perimeter; sum 1."""
+        if self.perimeter == 0:
+            return np.full(len(self), 1 / len(self))
+        weights: Float[np.ndarray, " m"] = (self.edge_lengths + np.roll(self.edge_lengths, 1)) / (2 * self.perimeter)
+        return weights
+
+    @cached_property
+    def _principal_spread(self) -> _PrincipalSpread:
+        centred = (self.points - self.centroid) * np.sqrt(self._point_weights)[:, None]
+        _, deviations, axes = np.linalg.svd(centred, full_matrices=False)
+        return _PrincipalSpread(axes=axes, deviations=tuple(float(deviation) for deviation in deviations))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _PrincipalSpread:
+    """Principal axes as rows, widest first, and the root mean squared deviation along each."""
+
+    axes: Float[np.ndarray, "3 3"]
+    deviations: tuple[float, ...]
+
+
+def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
+    """Which points of a closed polygon are corners of the curve it samples, (M,) bool.
+
+    Point i is a corner if the polygon turns there by θ_i ≥ 35° and by at most θ_i/4 at each of the two points before
+    and the two points after it: a corner stands alone on a smooth curve, while on a noisy rim large turns stand side by
+    side. Polygons of fewer than 8 points are too coarse to tell and have none; so has a point beside an edge of
+    length 0.
+    """
+    if len(points) < MIN_LOOP_WITH_CORNERS:
+        return np.zeros(len(points), dtype=bool)
+    turn = turning_angles(points)
+    limit = turn * MAX_NEIGHBOUR_TURN_RATIO
+    corners: Bool[np.ndarray, " m"] = turn >= MIN_CORNER_TURN
+    for step in range(1, CORNER_NEIGHBOURS + 1):
+        corners &= (np.roll(turn, step) <= limit) & (np.roll(turn, -step) <= limit)
+    return corners
+
+
+def turning_angles(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
+    """Angle between the edge that ends at each point of a closed polygon and the one that starts there, (M,) radians.
+
+    0 goes straight on, π turns back; NaN beside an edge of length 0.
+    """
+    edges = np.roll(points, -1, axis=0) - points
+    lengths = np.linalg.norm(edges, axis=1, keepdims=True)
+    directions = np.divide(edges, lengths, out=np.full_like(edges, np.nan), where=lengths > 0)
+    before = np.roll(directions, 1, axis=0)
+    # not arccos of the scalar product: that loses half the digits at small angles
+    angles: Float[np.ndarray, " m"] = 2 * np.arctan2(
+        np.linalg.norm(directions - before, axis=1), np.linalg.norm(directions + before, axis=1)
+    )
+    return angles
+
+
+def require_distinct_neighbours(points: Float[np.ndarray, "m 3"]) -> None:
+    """Checks that no edge of a closed polygon has length 0.
+
+    Raises:
+        RepeatedPointError: two neighbouring points are equal.
+    """
+    equal = (points == np.roll(points, -1, axis=0)).all(axis=1)
+    if equal.any():
+        raise RepeatedPointError(index=int(np.argmax(equal)))
+
+
+def _corner_flags(corners: ArrayLike, *, points: int) -> Bool[np.ndarray, " {points}"]:
+    try:
+        indices = freeze_integers(corners, name="corners", length=np.size(corners))
+    except MeshShapeError as error:
+        raise OptionError(f"corners must be 'auto' or a row of point indices, got {corners!r}") from error
+    outside = (indices < 0) | (indices >= points)
+    if outside.any():
+        raise OptionError(f"corners names point {int(indices[outside][0])}, but the loop has points 0 to {points - 1}")
+    flags = np.zeros(points, dtype=bool)
+    flags[indices] = True
+    return flags

@@ -1,0 +1,138 @@
+"""How faces hang together: half-edges and their twins, boundary, components, coincident vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HalfEdges:
+    """The 3F directed sides of F triangles, grouped by the edges they run along.
+
+    Half-edge 3f + k runs from corner k of face f to corner k + 1 (mod 3), so the next half-edge of the same face and
+    the face itself follow by arithmetic.
+
+    Attributes:
+        origin: (3F,) int64, the vertex a half-edge starts at.
+        target: (3F,) int64, the vertex it ends at.
+        order: (3F,) int64, the half-edges sorted so that those along one edge are neighbours, lowest index first.
+        starts: (E + 1,) int64: edge e has the half-edges order[starts[e]:starts[e + 1]].
+    """
+
+    origin: Int[np.ndarray, " h"]
+    target: Int[np.ndarray, " h"]
+    order: Int[np.ndarray, " h"]
+    starts: Int[np.ndarray, " e"]
+
+    @classmethod
+    def of(cls, faces: Int[np.ndarray, "f 3"]) -> HalfEdges:
+        """The half-edges of faces given by non-negative vertex indices."""
+        origin = np.ascontiguousarray(faces, dtype=np.int64).reshape(-1)
+        target = np.roll(faces, -1, axis=1).astype(np.int64, copy=False).reshape(-1)
+        low = np.minimum(origin, target)
+        high = np.maximum(origin, target)
+        # One key an edge; 64 bits hold it for every mesh below 3e9 vertices.
+        key = low * (int(high.max(initial=0)) + 1) + high
+        order = np.argsort(key, kind="stable")
+        sorted_key = key[order]
+        first = np.ones(len(key), dtype=bool)
+        first[1:] = sorted_key[1:] != sorted_key[:-1]
+        starts = np.append(np.flatnonzero(first), len(key))
+        return cls(origin=origin, target=target, order=order, starts=starts)
+
+    @cached_property
+    def counts(self) -> Int[np.ndarray, " edges"]:
+        """How many faces each edge has, (E,) int64."""
+        return np.diff(self.starts)
+
+    @cached_property
+    def boundary(self) -> Int[np.ndarray, " b"]:
+        """The half-edges whose edge has no other face, ascending, (b,) int64."""
+        return np.sort(self.order[self.starts[:-1][self.counts == 1]])
+
+    @cached_property
+    def pairs(self) -> Int[np.ndarray, "p 2"]:
+        """The two half-edges of every edge that has exactly two faces, (p, 2) int64."""
+        first = self.starts[:-1][self.counts == 2]
+        return np.stack([self.order[first], self.order[first + 1]], axis=1)
+
+    @cached_property
+    def twin(self) -> Int[np.ndarray, " h"]:
+        """The other half-edge of an edge with exactly two faces, else −1, (3F,) int64."""
+        twin = np.full(len(self.origin), -1, dtype=np.int64)
+        a, b = self.pairs.T
+        twin[a], twin[b] = b, a
+        return twin
+
+    @cached_property
+    def opposite(self) -> Int[np.ndarray, " h"]:
+        """The corner of its face that a half-edge does not touch, (3F,) int64."""
+        return np.roll(self.origin.reshape(-1, 3), -2, axis=1).reshape(-1)
+
+
+def next_in_face(half_edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """The half-edge that follows each given one around its face, (n,) int64."""
+    return half_edges + np.where(half_edges % 3 == 2, -2, 1)
+
+
+def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
+    """The edges that exactly one face uses, each as (from, to) in the direction of that face, (b, 2) int64."""
+    half_edges = HalfEdges.of(faces)
+    return np.stack([half_edges.origin[half_edges.boundary], half_edges.target[half_edges.boundary]], axis=1)
+
+
+def is_watertight(faces: Int[np.ndarray, "f 3"]) -> bool:
+    """Whether every edge has exactly two faces, which run through it in opposite directions.
+
+    No faces at all enclose nothing: False.
+    """
+    half_edges = HalfEdges.of(faces)
+    if len(faces) == 0 or (half_edges.counts != 2).any():
+        return False
+    a, b = half_edges.pairs.T
+    return bool((half_edges.origin[a] == half_edges.target[b]).all())
+
+
+def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
+    """The connected piece each face belongs to, numbered from 0; faces are connected through common edges, (f,) int64.
+
+    Pieces that touch in single vertices only are different pieces.
+    """
+    half_edges = HalfEdges.of(faces)
+    face = half_edges.order // 3
+    edge = np.repeat(np.arange(len(half_edges.counts)), half_edges.counts)
+    same_edge = edge[1:] == edge[:-1]
+    links = coo_array(
+        (np.ones(int(same_edge.sum()), dtype=bool), (face[:-1][same_edge], face[1:][same_edge])),
+        shape=(len(faces), len(faces)),
+    )
+    _, labels = connected_components(links, directed=False)
+    return np.asarray(labels, dtype=np.int64)
+
+
+def referenced_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> Bool[np.ndarray, " {vertices}"]:
+    """Which of `vertices` vertices some face uses, (vertices,) bool."""
+    used = np.zeros(vertices, dtype=bool)
+    used[faces] = True
+    return used
+
+
+def coincident_vertices(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+    """For every point the lowest index among the points of exactly its position, (n,) int64.
+
+    Exactly means equal as numbers, so −0.0 is 0.0.
+    """
+    order = np.lexsort(points.T)
+    ordered = points[order]
+    new = np.ones(len(points), dtype=bool)
+    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    # lexsort is stable, so the first of a group is its lowest index
+    representative = np.empty(len(points), dtype=np.int64)
+    representative[order] = order[np.flatnonzero(new)][np.cumsum(new) - 1]
+    return representative

@@ -1,0 +1,75 @@
+"""The one mesh type of the package: vertices, triangles, vertex attributes; frozen and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from spinor_geom.errors import VertexIndexError
+from spinor_geom.mesh.arrays import freeze_attributes, freeze_faces, freeze_points
+from spinor_geom.mesh.topology import coincident_vertices
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class TriangleMesh:
+    """Triangles over vertices in space, with values at the vertices; every array becomes a read-only copy.
+
+    Faces run counter-clockwise seen from the side their normals point to. What a mesh holds is checked here as far as
+    every single face and vertex goes; `spinor_geom.mesh.validate` checks how the faces fit together. Vertices that no
+    face uses are allowed.
+
+    Attributes:
+        vertices: (V, 3) float64 positions, in mesh units.
+        faces: (F, 3) int64 vertex indices.
+        vertex_attributes: (V, k) float64 values by name ("color", "normal", ...), in the source's own scale.
+
+    Raises:
+        MeshShapeError: an array has the wrong shape or dtype.
+        NonFiniteVertexError: a coordinate is NaN or infinite.
+        VertexIndexError: a face names a vertex that does not exist.
+    """
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    vertex_attributes: Mapping[str, Float[np.ndarray, "v _"]]
+
+    def __init__(
+        self, vertices: ArrayLike, faces: ArrayLike, *, vertex_attributes: Mapping[str, ArrayLike] | None = None
+    ) -> None:
+        points = freeze_points(vertices, name="vertices")
+        corners = freeze_faces(faces)
+        _require_existing_vertices(corners, vertices=len(points))
+        object.__setattr__(self, "vertices", points)
+        object.__setattr__(self, "faces", corners)
+        object.__setattr__(self, "vertex_attributes", freeze_attributes(vertex_attributes or {}, vertices=len(points)))
+
+    def merged(self) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
+        """The same surface with vertices of exactly equal position made one.
+
+        Of each group the vertex of lowest index stays, with its attributes, and the order of those that stay is kept.
+        Faces are neither dropped nor reordered: one that had two corners at one place now names a vertex twice, which
+        `validate` reports.
+
+        Returns:
+            The merged mesh, and for every old vertex its index in the merged mesh, (V,) int64.
+        """
+        representative = coincident_vertices(self.vertices)
+        kept = representative == np.arange(len(representative))
+        new_index = (np.cumsum(kept) - 1)[representative]
+        mesh = TriangleMesh(
+            self.vertices[kept],
+            new_index[self.faces],
+            vertex_attributes={name: values[kept] for name, values in self.vertex_attributes.items()},
+        )
+        return mesh, new_index
+
+
+def _require_existing_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> None:
+    outside = (faces < 0) | (faces >= vertices)
+    if outside.any():
+        face, corner = divmod(int(np.flatnonzero(outside)[0]), 3)
+        raise VertexIndexError(face=face, index=int(faces[face, corner]), vertices=vertices)

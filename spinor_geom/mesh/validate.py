@@ -1,0 +1,117 @@
+"""Checks of how the faces of a mesh fit together; each failure is an error that names the element."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Int
+
+from spinor_geom.errors import (
+    DegenerateFaceError,
+    DuplicateFaceError,
+    InconsistentOrientationError,
+    NonManifoldEdgeError,
+)
+from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+
+def validate(mesh: TriangleMesh) -> None:
+    """Checks everything that `find_boundary_loops` relies on.
+
+    Allowed are vertices that no face uses, faces of area 0 with three different vertices, bow-tie vertices, and edges
+    with three or more faces away from the boundary loops.
+
+    Raises:
+        DegenerateFaceError: a face uses a vertex twice.
+        DuplicateFaceError: two faces have the same three vertices.
+        InconsistentOrientationError: the two faces of an edge run through it in the same direction.
+        NonManifoldEdgeError: an edge with three or more faces ends at a vertex of a boundary loop, where it is not
+            defined how the loop goes on.
+    """
+    checked_half_edges(mesh.faces)
+
+
+def checked_half_edges(faces: Int[np.ndarray, "f 3"]) -> HalfEdges:
+    """The half-edges of faces that pass all checks of `validate`.
+
+    Raises:
+        MeshError: as `validate`.
+    """
+    require_proper_faces(faces)
+    half_edges = HalfEdges.of(faces)
+    require_distinct_faces(faces, half_edges)
+    require_consistent_orientation(half_edges)
+    require_manifold_boundary(half_edges)
+    return half_edges
+
+
+def require_proper_faces(faces: Int[np.ndarray, "f 3"]) -> None:
+    """Checks that every face has three different vertices.
+
+    Raises:
+        DegenerateFaceError: a face uses a vertex twice.
+    """
+    a, b, c = faces.T
+    degenerate = (a == b) | (b == c) | (c == a)
+    if degenerate.any():
+        face = int(np.argmax(degenerate))
+        raise DegenerateFaceError(face=face, vertices=faces[face].tolist())
+
+
+def require_distinct_faces(faces: Int[np.ndarray, "f 3"], half_edges: HalfEdges) -> None:
+    """Checks that no two faces have the same three vertices, in whatever order.
+
+    Raises:
+        DuplicateFaceError: two faces do.
+    """
+    # two faces are the same exactly if they share an edge and the vertex opposite to it
+    a, b = half_edges.pairs.T
+    same = half_edges.opposite[a] == half_edges.opposite[b]
+    first, second = a[same], b[same]
+    crowded = np.repeat(half_edges.counts > 2, half_edges.counts)
+    if crowded.any():
+        edge = np.repeat(np.arange(len(half_edges.counts)), half_edges.counts)[crowded]
+        members = half_edges.order[crowded]
+        apex = half_edges.opposite[members]
+        by_apex = np.lexsort((apex, edge))
+        same = (np.diff(edge[by_apex]) == 0) & (np.diff(apex[by_apex]) == 0)
+        first = np.append(first, members[by_apex][:-1][same])
+        second = np.append(second, members[by_apex][1:][same])
+    if len(first):
+        pair = sorted((int(first[0]) // 3, int(second[0]) // 3))
+        raise DuplicateFaceError(faces=pair, vertices=faces[pair[0]].tolist())
+
+
+def require_consistent_orientation(half_edges: HalfEdges) -> None:
+    """Checks that the two faces of every edge that has two run through it in opposite directions.
+
+    Raises:
+        InconsistentOrientationError: two faces do not.
+    """
+    a, b = half_edges.pairs.T
+    wrong = half_edges.origin[a] == half_edges.origin[b]
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        edge = (int(half_edges.origin[a[at]]), int(half_edges.target[a[at]]))
+        raise InconsistentOrientationError(edge=edge, faces=(int(a[at]) // 3, int(b[at]) // 3))
+
+
+def require_manifold_boundary(half_edges: HalfEdges) -> None:
+    """Checks that no edge with three or more faces ends at a vertex of a boundary edge.
+
+    Raises:
+        NonManifoldEdgeError: one does.
+    """
+    crowded = np.flatnonzero(half_edges.counts > 2)
+    if not len(crowded):
+        return
+    on_boundary = np.zeros(int(half_edges.origin.max()) + 1, dtype=bool)
+    on_boundary[half_edges.origin[half_edges.boundary]] = True
+    on_boundary[half_edges.target[half_edges.boundary]] = True
+    first = half_edges.order[half_edges.starts[crowded]]
+    touching = on_boundary[half_edges.origin[first]] | on_boundary[half_edges.target[first]]
+    if touching.any():
+        edge = crowded[np.argmax(touching)]
+        members = half_edges.order[half_edges.starts[edge] : half_edges.starts[edge + 1]]
+        ends = (int(half_edges.origin[members[0]]), int(half_edges.target[members[0]]))
+        raise NonManifoldEdgeError(edge=ends, faces=(members // 3).tolist())

@@ -1,0 +1,69 @@
+"""How long the edges of a patch shall be in Ω."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.spatial import cKDTree
+
+from spinor_geom.domain.triangulation import SizeFunction, graded_size
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# change of the edge length per unit of distance from the boundary, upwards and downwards
+GROWTH = 0.35
+DECAY = 0.5
+# λ below this share of its median counts as this: a branch point must not ask for endless triangles
+SMALLEST_STRETCH = 1e-3
+NEIGHBOURS = 4
+TINY = np.finfo(np.float64).tiny
+
+
+def patch_size_field(surface: SpinorSurface, boundary: Complex[np.ndarray, " m"], target: float) -> SizeFunction:
+    """Edge length in Ω that gives about `target` in space, and the boundary's own edge lengths beside the boundary.
+
+    h(z) = target/λ(z), but within e ± growth·d at a distance d from a boundary vertex with edges of mean length e: it
+    grows by 0.35 and falls by 0.5 per unit of distance. log λ is taken at the vertices of the domain's triangulation
+    and averaged over the four nearest ones, weighted by the inverse squared distance.
+
+    Args:
+        surface: Gives λ.
+        boundary: The patch's boundary vertices in Ω, counter-clockwise.
+        target: In the surface's units of length.
+
+    Returns:
+        A function from points (k,) of Ω to lengths (k,) in units of Ω.
+    """
+    longest = graded_size(boundary, growth=GROWTH)
+    edge = np.abs(np.roll(boundary, -1) - boundary)
+    local = 0.5 * (edge + np.roll(edge, 1))
+    tree = cKDTree(_plane(boundary))
+    stretch = _interpolated_stretch(surface)
+
+    def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        distance, index = tree.query(_plane(z))
+        shortest = local[index] - DECAY * distance
+        return np.asarray(np.minimum(np.maximum(target / stretch(z), shortest), longest(z)))
+
+    return size
+
+
+def _interpolated_stretch(surface: SpinorSurface) -> SizeFunction:
+    """λ as a cheap function, from its values at the vertices of the domain's triangulation."""
+    samples = surface.domain.triangulation.points
+    factor = np.asarray(surface.conformal_factor(samples))
+    finite = np.isfinite(factor)
+    usual = np.median(factor[finite]) if finite.any() else 1.0
+    log_factor = np.log(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY)))
+    tree = cKDTree(_plane(samples))
+    neighbours = min(NEIGHBOURS, len(samples))
+
+    def stretch(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        distance, index = tree.query(_plane(z), k=neighbours)
+        weight = 1 / np.maximum(distance, TINY**0.25) ** 2
+        return np.asarray(np.exp((weight * log_factor[index]).sum(axis=1) / weight.sum(axis=1)))
+
+    return stretch
+
+
+def _plane(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
+    return np.stack([z.real, z.imag], axis=1)

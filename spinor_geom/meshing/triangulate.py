@@ -1,0 +1,37 @@
+"""The triangulation of a patch in Ω."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Complex
+
+from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
+from spinor_geom.meshing.size_field import patch_size_field
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# points allowed per boundary vertex, and per equilateral triangle of the target size that fits on the patch's area:
+# several times what a sound size field asks for, so that a wild λ cannot ask for millions
+POINTS_PER_VERTEX = 12
+POINTS_PER_TRIANGLE = 2
+
+
+def triangulate_patch(
+    surface: SpinorSurface, boundary: Complex[np.ndarray, " m"], target: float, area: float
+) -> PlaneTriangulation:
+    """Triangulates the part of Ω inside a patch's boundary; angles in space are those in Ω, the surface is conformal.
+
+    Args:
+        surface: Gives λ.
+        boundary: The patch's boundary vertices in Ω, counter-clockwise; they are the triangulation's boundary.
+        target: Edge length in space.
+        area: The patch's area in space.
+
+    Raises:
+        DomainError: The boundary is not a simple polygon.
+    """
+    triangles = 4 * area / (np.sqrt(3) * target**2)
+    return triangulate_polygon(
+        boundary,
+        patch_size_field(surface, boundary, target),
+        max_points=int(POINTS_PER_VERTEX * len(boundary) + POINTS_PER_TRIANGLE * triangles),
+    )

@@ -1,0 +1,6 @@
+"""Plateau's problem for one loop: solver, solution and its evidence."""
+
+from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution, Stability
+from spinor_geom.plateau.solve import Cauchy, solve_plateau
+
+__all__ = ["BoundaryResidual", "Cauchy", "Iteration", "PlateauSolution", "Stability", "solve_plateau"]

@@ -1,0 +1,197 @@
+"""Gauss-Newton on the boundary residual, with the slide along Γ eliminated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.slide import nearest_increasing
+from spinor_geom.plateau.solution import Iteration
+
+_MAX_TRIALS = 14
+# A linearisation serves for further steps while each brings the squared residual below this share: it costs many times
+# what a step costs.
+_KEEP = 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """State of a fit.
+
+    Attributes:
+        readout: (n, 2), read-outs of p and q.
+        constant: (3,), added to the positions that start at 0 at the first panel's start.
+        slide: (nodes,), curve parameters of the nodes.
+        residual: RMS distance of r from Γ(slide) at the nodes, by arc length of ∂Ω.
+        history: a record of each iteration.
+    """
+
+    readout: Complex[Tensor, "n 2"]
+    constant: Float[Tensor, "3"]
+    slide: Float[Tensor, " nodes"]
+    residual: float
+    history: tuple[Iteration, ...]
+
+
+def gauss_newton(
+    problem: PlateauProblem,
+    readout: Complex[Tensor, "n 2"],
+    slide: Float[Tensor, " nodes"],
+    *,
+    goal: float,
+    max_iterations: int,
+    stall: float,
+    first_index: int = 1,
+    on_iteration: Callable[[Iteration], None] | None = None,
+) -> Fit:
+    """Minimises ∮ |r − Γ(s)|² |dz| over read-outs, constant and slide by Levenberg-Marquardt.
+
+    The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s then
+    moves along the tangent and back onto the increasing sequences.
+
+    Args:
+        problem: nodes, features, Γ.
+        readout: start.
+        slide: start, increasing around the circle.
+        goal: RMS residual at which to stop.
+        max_iterations: limit.
+        stall: a step with a new linearisation that lowers the squared residual by less than this share is the last.
+        first_index: number of the first step in the records.
+        on_iteration: called after each accepted step.
+    """
+    root = problem.arc_weights.sqrt()[:, None]
+    state = _State.at(problem, readout, None, slide, root)
+    damping, history = 1e-2, []
+    linear, fresh = _Linear.at(problem, state, root), True
+    index = first_index
+    while index < first_index + max_iterations and state.energy > goal**2:
+        before = state.energy
+        state, damping = _damped_step(problem, state, root, linear, damping)
+        if state.energy < before:
+            history.append(Iteration(index=index, residual=state.energy**0.5, damping=damping))
+            index += 1
+            if on_iteration is not None:
+                on_iteration(history[-1])
+        if state.energy > _KEEP * before:
+            # a step with an old linearisation that gains little asks for a new one; one with a new one is the last
+            if fresh and state.energy > (1 - stall) * before:
+                break
+            linear, fresh = _Linear.at(problem, state, root), True
+        else:
+            fresh = False
+        damping = max(damping / 8, 1e-22)
+    return Fit(
+        readout=state.readout,
+        constant=state.constant,
+        slide=state.slide,
+        residual=state.energy**0.5,
+        history=tuple(history),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _State:
+    readout: Tensor
+    constant: Tensor
+    slide: Tensor
+    error: Tensor  # r + c − Γ(s), (nodes, 3)
+    tangent: Tensor  # Γ'(s), (nodes, 3)
+    energy: float
+
+    @classmethod
+    def at(
+        cls, problem: PlateauProblem, readout: Tensor, constant: Tensor | None, slide: Tensor, root: Tensor
+    ) -> _State:
+        point, tangent = problem.curve.point_and_derivative(slide)
+        error = problem.positions(readout) - point
+        if constant is None:
+            constant = -(root.square() * error).sum(0)
+        error = error + constant
+        energy = float((root * error).square().sum())
+        return cls(readout=readout, constant=constant, slide=slide, error=error, tangent=tangent, energy=energy)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Linear:
+    """The residual projected on the normals of Γ, linearised.
+
+    Unknowns: real parts of the changes of both read-outs, their imaginary parts, the change of the constant.
+    """
+
+    rows: Tensor  # (2·nodes, k)
+    normal_matrix: Tensor  # (k, k)
+
+    @classmethod
+    def at(cls, problem: PlateauProblem, state: _State, root: Float[Tensor, "nodes 1"]) -> _Linear:
+        features = problem.features
+        pq = features @ state.readout
+        by_p = problem.integrate((2 * pq[:, :1] * problem.dz[:, None]) * features)
+        by_q = problem.integrate((2 * pq[:, 1:] * problem.dz[:, None]) * features)
+        blocks = []
+        for normal in _normals(state.tangent):
+            e = root * normal
+            # e · Re ∫ δφ dz with δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) is the real part of these times δp, δq
+            along = torch.complex(e[:, 0], -e[:, 1])[:, None]
+            upright = e[:, 2:]
+            row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
+            blocks.append(torch.cat([row.real, -row.imag, e], dim=1))
+        rows = torch.cat(blocks)
+        return cls(rows=rows, normal_matrix=rows.T @ rows)
+
+    def gradient(self, state: _State, root: Float[Tensor, "nodes 1"]) -> Float[Tensor, " k"]:
+        residual = [(root * normal * state.error).sum(1) for normal in _normals(state.tangent)]
+        return self.rows.T @ torch.cat(residual)
+
+
+def _displacement(
+    problem: PlateauProblem, state: _State, change: Complex[Tensor, "n 2"], shift: Float[Tensor, "3"]
+) -> Float[Tensor, "nodes 3"]:
+    """First-order change of the positions."""
+    p, q = (problem.features @ state.readout).unbind(-1)
+    dp, dq = (problem.features @ change).unbind(-1)
+    first, second = p * dp, q * dq
+    dphi = 2 * torch.stack([first - second, -1j * (first + second), q * dp + p * dq], dim=-1)
+    return problem.integrate(dphi * problem.dz[:, None]).real + shift
+
+
+def _normals(tangent: Float[Tensor, "nodes 3"]) -> tuple[Float[Tensor, "nodes 3"], Float[Tensor, "nodes 3"]]:
+    """Two unit vectors normal to each tangent and to each other."""
+    unit = torch.nn.functional.normalize(tangent, dim=1)
+    axis = torch.nn.functional.one_hot(unit.abs().argmin(1), 3).to(unit.dtype)
+    first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=1)
+    return first, torch.linalg.cross(unit, first)
+
+
+def _damped_step(
+    problem: PlateauProblem,
+    state: _State,
+    root: Float[Tensor, "nodes 1"],
+    linear: _Linear,
+    damping: float,
+) -> tuple[_State, float]:
+    """The first step that lowers the residual, at rising damping; the old state if none does."""
+    n = problem.features.shape[1]
+    gradient = linear.gradient(state, root)
+    scale = linear.normal_matrix.diagonal().mean()
+    speed2 = state.tangent.square().sum(1)
+    for _ in range(_MAX_TRIALS):
+        shifted = linear.normal_matrix.clone()
+        shifted.diagonal().add_(scale * (damping + 1e-14))
+        factor, info = torch.linalg.cholesky_ex(shifted)
+        if int(info) == 0:
+            step = -torch.cholesky_solve(gradient[:, None], factor)[:, 0]
+            change = torch.complex(step[: 2 * n], step[2 * n : 4 * n]).reshape(2, n).T
+            moved = state.error + _displacement(problem, state, change, step[4 * n :])
+            # damped like the rest: where Γ turns sharply the full move along its tangent can lead away from it
+            slide = state.slide + (state.tangent * moved).sum(1) / (speed2 * (1 + damping))
+            slide = torch.as_tensor(nearest_increasing(slide.cpu().numpy(), speed2.cpu().numpy()), device=slide.device)
+            trial = _State.at(problem, state.readout + change, state.constant + step[4 * n :], slide, root)
+            if trial.energy < state.energy:
+                return trial, damping
+        damping = max(5 * damping, 1e-16)
+    return state, damping

@@ -1,0 +1,166 @@
+"""The network and the nodes of one round of a fit, and their refinement where the residual is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.poles import Poles, place_poles, refining_poles
+from spinor_geom.plateau.gauss_newton import Fit
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
+
+# Equations per unknown. With 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and the
+# iteration wanders off; from 4 on both agree. On smooth loops 2 is enough.
+_EQUATIONS_ROUGH = 4.0
+_EQUATIONS_SMOOTH = 2.0
+# A refined network starts from a good fit and does not wander off.
+_EQUATIONS_REFINED = 2.5
+_SMOOTH_TURN = np.radians(12.0)
+_FEWEST_NODES_PER_PANEL = 4
+# Levels of panels that halve towards a corner.
+_CORNER_LEVELS = 16
+_MAX_FEATURES = 420
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Discretisation:
+    """Poles, panels and the network made from them.
+
+    Attributes:
+        domain: Ω.
+        poles: poles outside Ω.
+        degree: of the polynomials.
+        equations: equations per unknown.
+        panels: nodes on ∂Ω.
+        network: features orthonormal on the nodes.
+        problem: the same as tensors, with Γ.
+    """
+
+    domain: PlaneDomain
+    poles: Poles
+    degree: int
+    equations: float
+    panels: Panels
+    network: CauchyNetwork
+    problem: PlateauProblem
+
+    @classmethod
+    def first(
+        cls, domain: PlaneDomain, curve: CurveTensors, *, degree: int, offset: float, turning: float
+    ) -> Discretisation:
+        """One pole a boundary vertex, panels between the vertices and halving towards corners.
+
+        Args:
+            domain: Ω.
+            curve: Γ.
+            degree: highest degree of the polynomials.
+            offset: of the poles, in local edges.
+            turning: turning angle that nine in ten of the loop's points do not exceed: its roughness.
+        """
+        edges = len(domain.boundary.vertices)
+        smooth = turning < _SMOOTH_TURN and edges >= 64
+        return cls._of(
+            domain,
+            curve,
+            poles=place_poles(domain, offset=offset),
+            breaks=_breaks(domain),
+            degree=min(degree, max(8, 2 * edges)),
+            equations=_EQUATIONS_SMOOTH if smooth else _EQUATIONS_ROUGH,
+        )
+
+    @classmethod
+    def _of(
+        cls,
+        domain: PlaneDomain,
+        curve: CurveTensors,
+        *,
+        poles: Poles,
+        breaks: Float[np.ndarray, " b"],
+        degree: int,
+        equations: float,
+    ) -> Discretisation:
+        device = curve.breaks.device
+        unknowns = 4 * (degree + 1 + len(poles.positions))
+        order = int(np.ceil(equations * unknowns / (2 * (len(breaks) - 1))))
+        panels = Panels.on(domain.boundary, breaks, max(_FEWEST_NODES_PER_PANEL, order))
+        network = CauchyNetwork.orthonormal_on(
+            torch.as_tensor(panels.z, device=device),
+            torch.as_tensor(panels.arc_weights, device=device),
+            poles=torch.as_tensor(poles.positions, device=device),
+            scales=torch.as_tensor(poles.scales, device=device),
+            degree=degree,
+        )
+        return cls(
+            domain=domain,
+            poles=poles,
+            degree=degree,
+            equations=equations,
+            panels=panels,
+            network=network,
+            problem=PlateauProblem.on_panels(panels, network, curve),
+        )
+
+    def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
+        """More poles and shorter panels where the residual is; None where nothing more may be added.
+
+        Args:
+            energy: integral of the squared residual over each panel, as a share of the whole boundary.
+            goal: panels matter until those left out have less than half of goal² together.
+        """
+        order = np.argsort(energy)
+        matter = np.empty(len(energy), dtype=bool)
+        matter[order] = np.cumsum(energy[order]) > 0.5 * goal**2
+        room = (_MAX_FEATURES - self.degree - len(self.poles.positions)) // 2
+        if room <= 0 or not matter.any():
+            return None
+        matter[order[: max(0, len(energy) - room)]] = False
+        breaks = self.panels.breaks
+        chosen = np.stack([breaks[:-1][matter], breaks[1:][matter]], axis=1)
+        return self._of(
+            self.domain,
+            self.problem.curve,
+            poles=self.poles + refining_poles(self.domain, chosen),
+            breaks=np.sort(np.concatenate([breaks, chosen.mean(axis=1)])),
+            degree=self.degree,
+            equations=_EQUATIONS_REFINED,
+        )
+
+    def readout_of(self, spinors: Complex[Tensor, "nodes 2"]) -> Complex[Tensor, "n 2"]:
+        """Least-squares read-outs of values of p and q at the nodes."""
+        return self.problem.features.mH @ (self.problem.arc_weights[:, None] * spinors)
+
+    def matching(self, fit: Fit) -> Float[np.ndarray, "n 2"]:
+        """Pairs (t, s) of a fit, increasing."""
+        return np.column_stack([self.panels.t, fit.slide.detach().cpu().numpy()])
+
+    def transferred(self, other: Discretisation, fit: Fit) -> tuple[Complex[Tensor, "n 2"], Float[Tensor, " nodes"]]:
+        """Read-outs and slide here of a fit made with another discretisation of the same Ω."""
+        z = torch.as_tensor(self.panels.z, device=fit.readout.device)
+        with torch.no_grad():
+            spinors = other.network.features(z) @ fit.readout
+        slide = interpolate_matching(other.matching(fit), self.panels.t)
+        return self.readout_of(spinors), torch.as_tensor(slide, device=z.device)
+
+
+def interpolate_matching(matching: Float[np.ndarray, "n 2"], t: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """S at parameters t of ∂Ω, linear between the pairs and continued around the circle."""
+    around = np.concatenate([matching[-1:] - 1, matching, matching[:1] + 1])
+    return np.asarray(np.interp(t, around[:, 0], around[:, 1]))
+
+
+def _breaks(domain: PlaneDomain) -> Float[np.ndarray, " b"]:
+    """Panel ends: the boundary's vertices, and points that halve the way to each corner again and again."""
+    t, corners = domain.boundary.parameters, np.flatnonzero(domain.boundary.corners)
+    halving = 0.5 ** np.arange(1, _CORNER_LEVELS + 1)
+    width = np.diff(t)
+    after = t[corners, None] + width[corners, None] * halving
+    end = np.where(corners == 0, 1.0, t[corners])
+    before = end[:, None] - width[corners - 1][:, None] * halving
+    return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))

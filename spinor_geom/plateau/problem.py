@@ -1,0 +1,96 @@
+"""Plateau's problem as tensors: the border between numpy geometry and torch functions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.domain.panels import Panels
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.surface.formulas import phi
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CurveTensors:
+    """Γ as tensors: breaks (M + 1,) and coefficients (4, M, 3), highest power first."""
+
+    breaks: Float[Tensor, " m1"]
+    coefficients: Float[Tensor, "4 m 3"]
+
+    @classmethod
+    def of(cls, curve: BoundaryCurve, device: torch.device) -> CurveTensors:
+        """The curve on a device."""
+        return cls(
+            breaks=torch.tensor(curve.breaks, device=device),
+            coefficients=torch.tensor(curve.coefficients, device=device),
+        )
+
+    def point_and_derivative(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+        """Γ(s) and Γ'(s); s is taken modulo 1."""
+        s = torch.remainder(s, 1.0)
+        piece = (torch.searchsorted(self.breaks, s, right=True) - 1).clamp(0, len(self.breaks) - 2)
+        a, b, c, d = self.coefficients[:, piece]
+        h = (s - self.breaks[piece])[:, None]
+        return ((a * h + b) * h + c) * h + d, (3 * a * h + 2 * b) * h + c
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlateauProblem:
+    """Γ, the nodes on ∂Ω, and the features of the model there.
+
+    Attributes:
+        curve: Γ.
+        features: (nodes, n), the model's hidden layer at the nodes.
+        dz: (nodes,), dz/dt.
+        weights: (nodes,), quadrature weights in t.
+        widths: (panels,), lengths of the panels in t.
+        cumulative: (order, order), integration matrix of a panel of length 1.
+    """
+
+    curve: CurveTensors
+    features: Complex[Tensor, "nodes n"]
+    dz: Complex[Tensor, " nodes"]
+    weights: Float[Tensor, " nodes"]
+    widths: Float[Tensor, " panels"]
+    cumulative: Float[Tensor, "order order"]
+
+    @classmethod
+    def on_panels(cls, panels: Panels, network: CauchyNetwork, curve: CurveTensors) -> PlateauProblem:
+        """The problem with the nodes of given panels."""
+        device = network.poles.device
+        z = torch.tensor(panels.z, device=device)
+        with torch.no_grad():
+            features = network.features(z)
+        return cls(
+            curve=curve,
+            features=features,
+            dz=torch.tensor(panels.dz, device=device),
+            weights=torch.tensor(panels.weights, device=device),
+            widths=torch.tensor(np.diff(panels.breaks), device=device),
+            cumulative=torch.tensor(panels.cumulative, device=device),
+        )
+
+    @property
+    def arc_weights(self) -> Float[Tensor, " nodes"]:
+        """Weights of the mean by arc length of ∂Ω; their sum is 1."""
+        weights = self.weights * self.dz.abs()
+        return weights / weights.sum()
+
+    def integrate(self, f: Complex[Tensor, "nodes k"]) -> Complex[Tensor, "nodes k"]:
+        """∫ f dt from the start of the first panel to each node."""
+        panels, order = len(self.widths), len(self.cumulative)
+        by_panel = f.reshape(panels, order, -1)
+        local = (self.cumulative.to(f.dtype) @ by_panel) * self.widths[:, None, None]
+        total = (self.weights.reshape(panels, 1, order).to(f.dtype) @ by_panel)[:, 0].cumsum(0)
+        start = torch.cat([torch.zeros_like(total[:1]), total[:-1]])
+        return (local + start[:, None]).reshape(f.shape)
+
+    def positions(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3"]:
+        """R at the nodes, up to a constant: the real part of ∫ φ dz along ∂Ω."""
+        p, q = (self.features @ readout).unbind(-1)
+        return self.integrate(phi(p, q) * self.dz[:, None]).real

@@ -1,0 +1,267 @@
+"""Plateau's problem for one loop, from the first fill to the verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from spinor_geom.discrete.minimal_surface import first_disk
+from spinor_geom.domain.flattening import flatten
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.errors import OptionError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.residual import Residual, independent_residual
+from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution
+from spinor_geom.plateau.stability import assess_stability
+from spinor_geom.plateau.start import lifted_spinors
+from spinor_geom.plateau.threads import one_thread
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
+_LONGEST_RIM = 240
+_MAX_ROUNDS = 3
+# A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
+_STALL, _STALL_LAST = 0.2, 0.05
+# The fit goes on to this share of the tolerance: its last steps cost little and the interior gains.
+_BELOW_TOLERANCE = 1e-2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cauchy:
+    """Options of the Cauchy network.
+
+    Attributes:
+        degree: highest degree of the polynomials; loops of fewer than 20 points take less.
+        pole_offset: distance of the poles from ∂Ω, in local edge lengths.
+    """
+
+    degree: int = 40
+    pole_offset: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Checks the options.
+
+        Raises:
+            OptionError: a negative degree or an offset that is not positive.
+        """
+        if self.degree < 1 or not self.pole_offset > 0:
+            raise OptionError(f"a Cauchy network needs degree ≥ 1 and pole_offset > 0, got {self}")
+
+
+def solve_plateau(
+    loop: BoundaryLoop,
+    *,
+    model: Literal["cauchy"] | Cauchy = "cauchy",
+    tolerance: float = 1e-3,
+    max_iterations: int = 60,
+    device: str | torch.device = "cpu",
+    on_iteration: Callable[[Iteration], None] | None = None,
+) -> PlateauSolution:
+    """A minimal disk over a closed curve: exactly minimal, its boundary on Γ as nearly as the model allows.
+
+    A discrete disk over the loop is flattened with its boundary lengths kept, which gives Ω; p and q start from the disk's
+    frames along ∂Ω and are fitted by Gauss-Newton with the slide along Γ eliminated. Γ is the cubic spline through all of
+    the loop's points, with its corners kept.
+
+    Args:
+        loop: the curve, from a mesh or `BoundaryLoop.from_points`.
+        model: "cauchy" for `Cauchy()`, or its options.
+        tolerance: RMS distance of the surface's boundary from Γ in mean loop edges at which the result counts as converged.
+        max_iterations: limit on Gauss-Newton steps.
+        device: where the linear algebra runs; the surface is returned there.
+        on_iteration: called after each step.
+
+    Raises:
+        OptionError: an unknown model or a value out of range.
+        FirstFillError: no discrete disk over the loop was found.
+        DomainError: no simple plane domain was found.
+
+    Source: Sun & Chern (2026) for the representation.
+    """
+    options = Cauchy() if model == "cauchy" else model
+    if not isinstance(options, Cauchy):
+        raise OptionError(f"unknown model {model!r}; choose 'cauchy' or Cauchy(...)")
+    if not tolerance > 0 or max_iterations < 1:
+        raise OptionError(f"tolerance and max_iterations must be positive, got {tolerance} and {max_iterations}")
+    place = torch.device(device)
+    with one_thread():
+        return _solve(loop, options, tolerance, max_iterations, place, on_iteration)
+
+
+def _solve(
+    loop: BoundaryLoop,
+    options: Cauchy,
+    tolerance: float,
+    max_iterations: int,
+    device: torch.device,
+    on_iteration: Callable[[Iteration], None] | None,
+) -> PlateauSolution:
+    clock = _Clock()
+    unit = _at_unit_size(loop)
+    rim = _rim(unit)
+    curve = BoundaryCurve.from_loop(unit)
+    with clock.stage("first fill"):
+        disk = first_disk(unit.points[rim])
+    with clock.stage("flattening"):
+        flat = flatten(disk.vertices, disk.faces, len(rim))
+        domain = PlaneDomain.from_boundary(flat.boundary, unit.corners[rim], flat.log_scale)
+    with clock.stage("features"):
+        tensors = CurveTensors.of(curve, device)
+        turning = float(np.quantile(turning_angles(unit.points), 0.9))
+        stage = Discretisation.first(
+            domain, tensors, degree=options.degree, offset=options.pole_offset, turning=turning
+        )
+    with clock.stage("fit"):
+        spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, device)
+        edge = np.searchsorted(domain.boundary.parameters, stage.panels.t, side="right") - 1
+        readout = stage.readout_of(spinors[torch.as_tensor(edge, device=device)])
+        knots = np.append(curve.breaks[rim], curve.breaks[rim[0]] + 1)
+        slide = torch.as_tensor(np.interp(stage.panels.t, domain.boundary.parameters, knots), device=device)
+        fitted = _fit_and_refine(stage, readout, slide, unit, tolerance, max_iterations, on_iteration)
+    with clock.stage("surface"):
+        surface = _surface(fitted, loop)
+        area = surface.area()
+    with clock.stage("stability"):
+        stability = assess_stability(surface)
+    residual = BoundaryResidual(
+        rms=fitted.residual.rms * loop.diagonal,
+        max=fitted.residual.max * loop.diagonal,
+        mean_edge=loop.mean_edge_length,
+        diagonal=loop.diagonal,
+    )
+    converged = residual.rms_per_edge <= tolerance
+    return PlateauSolution(
+        surface=surface,
+        loop=loop,
+        curve=BoundaryCurve.from_loop(loop),
+        domain=domain,
+        matching=fitted.stage.matching(fitted.fit),
+        boundary_residual=residual,
+        area=area,
+        history=fitted.history,
+        timings=clock.seconds,
+        tolerance=tolerance,
+        converged=converged,
+        reason=_reason(residual, tolerance, fitted, max_iterations),
+        stability=stability,
+    )
+
+
+class _Clock:
+    """Wall time of named stages."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - start
+
+
+def _at_unit_size(loop: BoundaryLoop) -> BoundaryLoop:
+    """The loop with its centroid at 0 and diagonal 1, where every tolerance is a ratio."""
+    return BoundaryLoop(
+        points=(loop.points - loop.centroid) / loop.diagonal, vertex_ids=loop.vertex_ids, corners=loop.corners
+    )
+
+
+def _rim(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
+    """Indices of the points that stand for the loop in the first fill, in Ω and for the poles; corners stay."""
+    if len(loop) <= _LONGEST_RIM:
+        return np.arange(len(loop))
+    along = np.concatenate([[0.0], np.cumsum(loop.edge_lengths)[:-1]])
+    wanted = np.searchsorted(along, np.arange(_LONGEST_RIM) * (loop.perimeter / _LONGEST_RIM))
+    return np.unique(np.concatenate([[0], wanted.clip(0, len(loop) - 1), np.flatnonzero(loop.corners)]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fitted:
+    """The best round of a fit: its discretisation, its state, its residual at unit size, and the steps of all rounds."""
+
+    stage: Discretisation
+    fit: Fit
+    residual: Residual
+    history: tuple[Iteration, ...]
+
+
+def _fit_and_refine(
+    stage: Discretisation,
+    readout: Complex[Tensor, "n 2"],
+    slide: Float[Tensor, " nodes"],
+    loop: BoundaryLoop,
+    tolerance: float,
+    max_iterations: int,
+    on_iteration: Callable[[Iteration], None] | None,
+) -> _Fitted:
+    """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
+    allowed = tolerance * loop.mean_edge_length
+    best: _Fitted | None = None
+    for remaining in reversed(range(_MAX_ROUNDS)):
+        history = best.history if best else ()
+        fit = gauss_newton(
+            stage.problem,
+            readout,
+            slide,
+            goal=_BELOW_TOLERANCE * allowed,
+            max_iterations=max_iterations - len(history),
+            stall=_STALL_LAST if remaining == 0 else _STALL,
+            first_index=len(history) + 1,
+            on_iteration=on_iteration,
+        )
+        residual = independent_residual(stage, fit, points=len(loop))
+        history += fit.history
+        if best is not None and residual.rms >= best.residual.rms:
+            return replace(best, history=history)
+        best = _Fitted(stage=stage, fit=fit, residual=residual, history=history)
+        if residual.rms <= allowed or len(history) >= max_iterations:
+            break
+        finer = stage.refined(residual.energy, allowed)
+        if finer is None:
+            break
+        readout, slide = finer.transferred(stage, fit)
+        stage = finer
+    assert best is not None
+    return best
+
+
+def _surface(fitted: _Fitted, loop: BoundaryLoop) -> SpinorSurface:
+    """The fitted surface in the loop's coordinates."""
+    stage, fit = fitted.stage, fitted.fit
+    network, device = stage.network, fit.readout.device
+    with torch.no_grad():
+        network.readout.copy_(fit.readout * loop.diagonal**0.5)
+    surface = SpinorSurface(network, stage.domain).to(device)
+    # the fit counts positions from the boundary, the surface from its root: compare them at a few boundary points
+    some = torch.arange(0, len(stage.panels.t), max(1, len(stage.panels.t) // 8), device=device)
+    fitted_points = (stage.problem.positions(fit.readout) + fit.constant)[some] * loop.diagonal
+    with torch.no_grad():
+        offset = (fitted_points - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])).mean(0)
+        surface.constant.copy_(offset + torch.as_tensor(loop.centroid, device=device))
+    return surface
+
+
+def _reason(residual: BoundaryResidual, tolerance: float, fitted: _Fitted, max_iterations: int) -> str:
+    steps = f"after {len(fitted.history)} Gauss-Newton steps"
+    if residual.rms_per_edge <= tolerance:
+        return f"residual {residual.rms_per_edge:.1e} of the mean edge {steps}"
+    cause = (
+        "the limit on steps was reached"
+        if len(fitted.history) >= max_iterations
+        else f"a network of {fitted.stage.network.mixing.shape[1]} features follows the boundary no better"
+    )
+    return (
+        f"residual {residual.rms_per_edge:.1e} of the mean edge {steps}, above the tolerance {tolerance:.1e}: {cause}"
+    )

@@ -1,0 +1,69 @@
+"""The process that draws a scene: `python -m spinor_geom.render.draw SCENE.npz PICTURE.png WIDTH HEIGHT`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MESH_COLOUR, INSIDE_COLOUR, PATCH_COLOUR, RIM_COLOUR = "#c9ced6", "#8d7f73", "#f28e2b", "#1f3b73"
+RIM_WIDTH, LABEL_SIZE = 4, 14
+# two windows side by side share the width; a margin keeps the mesh off the frame
+MARGIN = 1.12
+
+
+def draw(arrays: Path, picture: Path, width: int, height: int) -> None:
+    """Draws the open mesh on the left and the filled one on the right.
+
+    Args:
+        arrays: an npz file with the arrays of a `FillScene`; "camera" holds focus, direction and up as rows.
+        picture: the PNG to write.
+        width: of the picture, in pixels.
+        height: of the picture, in pixels.
+    """
+    import pyvista
+
+    scene = dict(np.load(arrays))
+    mesh = pyvista.PolyData.from_regular_faces(scene["vertices"], scene["faces"])
+    rims = pyvista.PolyData(scene["vertices"], lines=_cells(scene["rim_edges"])) if len(scene["rim_edges"]) else None
+    plotter: Any = pyvista.Plotter(off_screen=True, shape=(1, 2), window_size=[width, height], border=False)
+    for column, title in enumerate(("open", "filled")):
+        plotter.subplot(0, column)
+        plotter.set_background("white")
+        plotter.add_mesh(
+            mesh,
+            color=MESH_COLOUR,
+            backface_params={"color": INSIDE_COLOUR, "ambient": 0.1},
+            ambient=0.15,
+            specular=0.1,
+        )
+        if column == 1 and len(scene["patch_faces"]):
+            patch = pyvista.PolyData.from_regular_faces(scene["vertices"], scene["patch_faces"])
+            plotter.add_mesh(patch, color=PATCH_COLOUR, show_edges=True, edge_opacity=0.35)
+        if rims is not None:
+            plotter.add_mesh(rims, color=RIM_COLOUR, line_width=RIM_WIDTH, render_lines_as_tubes=True)
+        plotter.add_text(title, font_size=LABEL_SIZE, color="black")
+        _look(plotter, scene["camera"], float(scene["radius"]), aspect=width / 2 / height)
+    plotter.screenshot(str(picture))
+    plotter.close()
+
+
+def _cells(rows: Any) -> Any:
+    """Index rows in VTK's flat form: each preceded by its length."""
+    return np.column_stack([np.full(len(rows), rows.shape[1]), rows]).ravel()
+
+
+def _look(plotter: Any, camera: Any, radius: float, aspect: float) -> None:
+    focus, direction, up = camera
+    plotter.enable_parallel_projection()
+    plotter.camera.focal_point = focus
+    plotter.camera.position = focus + 10 * radius * direction
+    plotter.camera.up = up
+    plotter.camera.parallel_scale = MARGIN * radius / min(aspect, 1.0)
+    plotter.reset_camera_clipping_range()
+
+
+if __name__ == "__main__":
+    draw(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))

@@ -1,0 +1,78 @@
+"""Writes a scene as a PNG, without a display."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from spinor_geom.errors import RenderError
+from spinor_geom.files import atomic_path
+from spinor_geom.optional import require
+from spinor_geom.render.scene import FillScene
+
+WIDTH, HEIGHT = 1600, 800
+TIME_LIMIT = 300.0  # seconds; software rendering of a million triangles takes a few
+
+
+def write_png(scene: FillScene, path: str | os.PathLike[str]) -> None:
+    """Draws a scene off-screen: the open mesh on the left, the filled one on the right, patches in another colour.
+
+    The drawing runs in a process of its own: where the system has no OpenGL library the drawing package ends its
+    process instead of raising.
+
+    Args:
+        scene: what to draw.
+        path: the PNG, replaced as a whole.
+
+    Raises:
+        MissingPackageError: pyvista is not installed.
+        RenderError: the drawing failed.
+    """
+    require("pyvista", extra="render")
+    with tempfile.TemporaryDirectory() as folder, atomic_path(path) as target:
+        arrays = Path(folder) / "scene.npz"
+        picture = Path(folder) / "picture.png"
+        camera = scene.camera
+        np.savez(
+            arrays,
+            vertices=scene.vertices,
+            faces=scene.faces,
+            patch_faces=scene.patch_faces,
+            rim_edges=scene.rim_edges,
+            camera=np.stack([camera.focus, camera.direction, camera.up]),
+            radius=np.array(camera.radius),
+        )
+        _draw(arrays, picture)
+        Path(target).write_bytes(picture.read_bytes())
+
+
+def _draw(arrays: Path, picture: Path) -> None:
+    environment = dict(os.environ)
+    package_root = str(Path(__file__).parents[2])
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [package_root, environment.get("PYTHONPATH", "")]))
+    if sys.platform.startswith("linux") and not environment.get("DISPLAY"):
+        environment.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    command = [sys.executable, "-m", "spinor_geom.render.draw", str(arrays), str(picture), str(WIDTH), str(HEIGHT)]
+    try:
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, errors="replace", timeout=TIME_LIMIT, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise RenderError(f"no picture was drawn: the drawing took longer than {TIME_LIMIT:.0f} s") from error
+    if done.returncode != 0 or not picture.is_file():
+        raise RenderError(_explanation(done.returncode, done.stderr))
+
+
+def _explanation(status: int, said: str) -> str:
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    if status < 0 or any(name in said for name in ("libGL", "EGL", "OpenGL", "OSMesa")):
+        return (
+            "no picture was drawn: no usable OpenGL library was found; install one "
+            "(Debian, Ubuntu: apt-get install libgl1 libegl1 libgl1-mesa-dri)"
+        )
+    return f"no picture was drawn: {lines[-1] if lines else f'the drawing process ended with status {status}'}"

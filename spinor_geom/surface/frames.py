@@ -1,0 +1,141 @@
+"""The lift of frames to spinors: SO(3) → SU(2) by square roots with a sign that is continuous along a boundary.
+
+Along a curve in Ω with unit direction τ, a surface with unit tangent T = dr/|dr|, unit normal N, conormal ν = N × T and
+stretch λ (length in space per length in Ω) has
+
+    φ = λ (T − iν) τ̄,    since Re(φ τ) = λT and Re(φ iτ) = λν.
+
+p and q are square roots of combinations of φ, so (p, q) is known up to one sign at each sample; continuity along the
+sequence fixes all of them but one. Around a closed curve the sign either closes up or not: a ℤ₂ invariant. It closes
+up for every curve that bounds an immersed disk over Ω.
+
+Source: Sun & Chern (2026); the SU(2) lift is classical (see Kusner & Schmitt, "The spinor representation of surfaces
+in space", 1996).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.errors import DtypeError, OptionError
+from spinor_geom.surface import formulas
+
+# how far R·Rᵀ may be from the identity: matrices typed with 9 digits pass
+_ORTHOGONAL = 1e-8
+
+
+def phi_from_frames(
+    tangent: Float[Tensor, "*batch n 3"],
+    normal: Float[Tensor, "*batch n 3"],
+    direction_in_omega: Complex[Tensor, "*batch n"],
+    scale: Float[Tensor, "*batch n"],
+) -> Complex[Tensor, "*batch n 3"]:
+    """φ = scale·(T − iν)·conj(τ) with ν = N × T, at each sample of a curve.
+
+    Args:
+        tangent: dr along the curve; only its direction is used, it must not be 0.
+        normal: surface normal; only its part orthogonal to the tangent is used, it must not be 0.
+        direction_in_omega: dz along the curve; only its direction is used, it must not be 0.
+        scale: length in space per length in Ω, λ.
+
+    Returns:
+        φ with φ·φ = 0 and |φ|² = 2·scale².
+
+    Raises:
+        DtypeError: direction_in_omega is not complex.
+    """
+    if not direction_in_omega.is_complex():
+        raise DtypeError(f"direction_in_omega must be complex, got {direction_in_omega.dtype}")
+    unit = torch.nn.functional.normalize(tangent, dim=-1)
+    across = normal - (normal * unit).sum(-1, keepdim=True) * unit
+    conormal = torch.linalg.cross(torch.nn.functional.normalize(across, dim=-1), unit)
+    factor = scale * direction_in_omega.conj() / direction_in_omega.abs()
+    return factor[..., None] * torch.complex(unit, -conormal)
+
+
+def spinors_from_phi(
+    phi: Complex[Tensor, "*batch n 3"],
+) -> tuple[Complex[Tensor, "*batch n"], Complex[Tensor, "*batch n"]]:
+    """Spinors p, q at the samples of a curve, with the sign that makes them continuous along the sequence.
+
+    p² = (φ₁ + iφ₂)/2 and q² = −(φ₁ − iφ₂)/2; the root of the larger is taken and the other follows from φ₃ = 2pq, so
+    that no sample divides by a small number. The sign at the first sample is that of the principal root.
+
+    Args:
+        phi: φ ≠ 0 at each sample, null (φ·φ = 0); the frames of neighbours must differ by
+            less than a turn of 180°, or the sign between them is a guess.
+
+    Returns:
+        p, q.
+
+    Raises:
+        DtypeError: phi is not complex.
+    """
+    if not phi.is_complex():
+        raise DtypeError(f"phi must be complex, got {phi.dtype}")
+    p_squared = (phi[..., 0] + 1j * phi[..., 1]) / 2
+    q_squared = -(phi[..., 0] - 1j * phi[..., 1]) / 2
+    use_p = p_squared.abs() >= q_squared.abs()
+    root = torch.where(use_p, p_squared, q_squared).sqrt()
+    other = phi[..., 2] / (2 * root)
+    p, q = torch.where(use_p, root, other), torch.where(use_p, other, root)
+    first = torch.ones_like(p.real[..., :1])
+    sign = torch.cat([first, _signs(p, q)[..., 1:].cumprod(dim=-1)], dim=-1)
+    return p * sign, q * sign
+
+
+def spin_invariant(
+    p: Complex[Tensor, " n"],
+    q: Complex[Tensor, " n"],
+) -> Literal[1, -1]:
+    """Whether the spinors of a closed sequence come back to themselves: +1, or to their negative: −1.
+
+    The invariant belongs to the frames: it does not depend on the signs of the samples.
+
+    Args:
+        p: p at the samples of a closed curve, in order (the last is followed by the first).
+        q: q at the same samples.
+    """
+    return 1 if bool(_signs(p, q).prod() > 0) else -1
+
+
+def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
+    """Entry k: −1 where (p, q) at k points away from (p, q) at k − 1 (at 0: from the last), else +1."""
+    overlap = p * p.roll(1, dims=-1).conj() + q * q.roll(1, dims=-1).conj()
+    return torch.where(overlap.real < 0, -1.0, 1.0).to(p.real.dtype)
+
+
+def rotation_from_su2(unitary: Complex[Tensor, "2 2"]) -> Float[Tensor, "3 3"]:
+    """Rotation R(U) of space that (p, q) → U(p, q) causes: φ(U(p, q)) = R(U) φ(p, q).
+
+    Args:
+        unitary: U in SU(2); R(U) = R(−U).
+    """
+    turned = formulas.phi(unitary[0, 0], unitary[1, 0])  # p = 1, q = 0 has φ = e₁ − i e₂
+    first, second = turned.real, -turned.imag
+    return torch.stack([first, second, torch.linalg.cross(first, second)], dim=-1)
+
+
+def su2_from_rotation(rotation: Float[Tensor, "3 3"]) -> Complex[Tensor, "2 2"]:
+    """One of the two U in SU(2) with R(U) equal to the rotation.
+
+    Raises:
+        OptionError: the matrix is not a rotation: not orthogonal to 1e-8, or with determinant −1.
+    """
+    identity = torch.eye(3, dtype=rotation.dtype, device=rotation.device)
+    error = float((rotation @ rotation.mT - identity).abs().max())
+    if not error <= _ORTHOGONAL:
+        raise OptionError(f"a rotation matrix must be orthogonal, R·Rᵀ differs from the identity by {error:.3g}")
+    if not float(torch.linalg.det(rotation)) > 0:
+        raise OptionError(
+            "the matrix has determinant −1: it reflects; a reflected minimal surface is minimal, but not by a rotation "
+            "of its spinors, so reverse one axis of the domain instead"
+        )
+    p, q = spinors_from_phi(torch.complex(rotation[:, 0], -rotation[:, 1])[None])
+    column = torch.cat([p, q])
+    column = column / torch.linalg.vector_norm(column)
+    return torch.stack([column, torch.stack([-column[1].conj(), column[0].conj()])], dim=-1)

@@ -1,0 +1,348 @@
+"""An exact minimal surface from two holomorphic functions on a plane domain."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar, cast
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
+
+from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.quadrature import RuleName, rule
+from spinor_geom.errors import DtypeError, OptionError
+from spinor_geom.holomorphic.model import HolomorphicModel
+from spinor_geom.surface import branch, curvature, formulas, frames, storage
+from spinor_geom.surface.anchors import Anchors
+
+# points given as a tensor are answered with tensors, points given as an array with arrays
+Points = TypeVar("Points", NDArray[Any], Tensor)
+# three numbers
+Vector = Sequence[float] | NDArray[Any] | Tensor
+
+# evaluations of p and q at once: bounds the memory of a model's hidden layer
+_BLOCK = 1 << 14
+
+
+class SpinorSurface(torch.nn.Module):
+    """The minimal surface r(z) = c + Re ∫ φ dz, φ = (p² − q², −i(p² + q²), 2pq), of two holomorphic functions p, q.
+
+    The integral starts at `root`, where r = c. p and q are a model's outputs, mixed by a constant matrix: rotations,
+    scales and associates act there and leave the model as it is. The parameters (the model's, and c) can be trained by
+    any torch optimiser.
+
+    Every method that takes points takes complex numbers of any shape (*pts) inside Ω, as an array or as a tensor, and
+    answers in kind: a tensor's answer is differentiable by the parameters and by z, an array's carries no gradients.
+    x and y are the coordinates of Ω, z = x + iy; lengths are those of space.
+
+    Attributes:
+        model: z ↦ (p, q) before `spinor_map`; see `HolomorphicModel`.
+        domain: Ω.
+        constant: c, shape (3,), the position of `root`.
+        spinor_map: (2, 2) complex; (p, q) = spinor_map · model.value(z).
+        quadrature: name of the rule on each straight piece of a path.
+        order: its nodes ("gauss") or intervals ("trapezoid", "simpson").
+
+    Source: Sun & Chern (2026); the sign conventions are those of `formulas`.
+    """
+
+    constant: Tensor
+    spinor_map: Tensor
+
+    def __init__(
+        self,
+        model: torch.nn.Module,
+        domain: PlaneDomain,
+        constant: Vector = (0.0, 0.0, 0.0),
+        *,
+        spinor_map: Complex[Tensor, "2 2"] | None = None,
+        quadrature: RuleName = "gauss",
+        order: int = 16,
+    ) -> None:
+        """Raises OptionError for an unknown rule, an order it does not have, or a constant that is not one point."""
+        super().__init__()
+        rule(quadrature, order)
+        position = torch.as_tensor(constant, dtype=torch.float64).detach().clone()
+        if position.shape != (3,):
+            raise OptionError(f"constant must be one point, shape (3,), got shape {tuple(position.shape)}")
+        self.model = model
+        self.domain = domain
+        self.constant = torch.nn.Parameter(position)
+        identity = torch.eye(2, dtype=torch.complex128, device=position.device)
+        self.register_buffer("spinor_map", identity if spinor_map is None else spinor_map.detach().clone())
+        self.quadrature: RuleName = quadrature
+        self.order = order
+        self._anchors = Anchors(domain)
+
+    @property
+    def root(self) -> complex:
+        """The point of Ω where r = constant: a vertex of the domain's triangulation near its middle."""
+        return complex(self.domain.triangulation.points[self.domain.paths.root])
+
+    # --- p and q ------------------------------------------------------------------------------------------------------
+
+    def spinors(self, z: Points) -> Points:
+        """(p, q), shape (*pts, 2)."""
+        return self._answer(self._spinors, z)
+
+    def spinor_derivatives(self, z: Points) -> Points:
+        """(p′, q′), shape (*pts, 2)."""
+        return self._answer(self._spinor_derivatives, z)
+
+    def weierstrass_data(self, z: Points) -> tuple[Points, Points]:
+        """Weierstrass-Enneper data f = φ₁ − iφ₂ = −2q² and g = −p/q (infinite where q = 0), (*pts) each."""
+        data = self._answer(lambda w: torch.stack(formulas.weierstrass_data(*self._pair(w)), dim=-1), z)
+        return data[..., 0], data[..., 1]
+
+    def gauss_map(self, z: Points) -> Points:
+        """The normal projected stereographically from +e₃, g = (n₁ + i n₂)/(1 − n₃) = −p/q, shape (*pts)."""
+        return self._answer(lambda w: formulas.gauss_map(*self._pair(w)), z)
+
+    # --- points and normals -------------------------------------------------------------------------------------------
+
+    def position(self, z: Points) -> Points:
+        """Positions r(z), shape (*pts, 3).
+
+        φ is integrated along edges of the domain's triangulation to a vertex near z, and from there straight to z.
+        """
+        return self._answer(self._position, z)
+
+    def integrate(self, start: Points, end: Points) -> Points:
+        """Displacements r(end) − r(start) by quadrature along straight segments, shape (*pts, 3).
+
+        Args:
+            start: points of Ω.
+            end: points of Ω, same shape; each segment must lie in Ω.
+        """
+        return self._answer(self._integrate, start, end)
+
+    def normal(self, z: Points) -> Points:
+        """Unit normals n = (r_x × r_y)/λ², shape (*pts, 3); NaN at branch points."""
+        return self._answer(lambda w: formulas.normal(*self._pair(w)), z)
+
+    # --- metric and curvature -----------------------------------------------------------------------------------------
+
+    def conformal_factor(self, z: Points) -> Points:
+        """λ = |p|² + |q|²: length in space per length in Ω, shape (*pts)."""
+        return self._answer(lambda w: formulas.conformal_factor(*self._pair(w)), z)
+
+    def first_fundamental_form(self, z: Points) -> Points:
+        """λ²·identity in the coordinates x, y, shape (*pts, 2, 2)."""
+        return self._answer(lambda w: formulas.first_fundamental_form(*self._pair(w)), z)
+
+    def second_fundamental_form(self, z: Points) -> Points:
+        """Normal parts of r_xx, r_xy and r_yy from p, q, p′, q′, shape (*pts, 2, 2)."""
+        return self._answer(
+            lambda w: formulas.second_fundamental_form(*self._pair(w), *self._spinor_derivatives(w).unbind(-1)), z
+        )
+
+    def gauss_curvature(self, z: Points) -> Points:
+        """K = −4|p′q − pq′|²/λ⁴ in 1/length², shape (*pts); NaN at branch points."""
+        return self._answer(
+            lambda w: formulas.gauss_curvature(*self._pair(w), *self._spinor_derivatives(w).unbind(-1)), z
+        )
+
+    def mean_curvature(self, z: Points) -> Points:
+        """H in 1/length, shape (*pts), measured: by automatic differentiation of the position, twice by x and y.
+
+        Nothing is assumed of p and q. For a holomorphic model it shows the error of the quadrature and of rounding; a
+        model that is not holomorphic shows the curvature it really has. Positive where the surface bends towards n; NaN
+        at branch points.
+        """
+        return self._answer(self._mean_curvature, z)
+
+    def area(self) -> float:
+        """Area of the whole surface by an integral over ∂Ω alone, A = ½ ∮ (r − c) · Im(φ dz)."""
+        boundary = self.domain.boundary
+        panels = Panels.on(boundary, boundary.parameters, self.order)
+        z, dz, weight = (torch.from_numpy(a).to(self.spinor_map.device) for a in (panels.z, panels.dz, panels.weights))
+        with torch.no_grad():
+            integrand = self._in_blocks(self._phi, z) * dz[:, None]
+        width = torch.from_numpy(np.diff(panels.breaks)).to(weight)
+        inner = torch.from_numpy(panels.cumulative).to(weight)
+        step = integrand.real.reshape(len(width), -1, 3)
+        total = (step * weight.reshape(len(width), -1, 1)).sum(dim=1)
+        before = torch.cumsum(total, dim=0) - total
+        # r needs no constant here: ∮ Im(φ dz) = 0
+        r = before[:, None] + width[:, None, None] * (inner @ step)
+        return 0.5 * float((r.reshape(-1, 3) * integrand.imag * weight[:, None]).sum())
+
+    def branch_points(self) -> tuple[branch.BranchPoint, ...]:
+        """Common zeros of p and q in Ω, where the surface is not an immersion; empty for a regular surface.
+
+        Raises:
+            ZeroOnContourError: a zero of a combination of p and q lies on ∂Ω or too near to it.
+        """
+        return branch.branch_points(lambda z: self._spinors(z.to(self.spinor_map.device)).cpu(), self.domain)
+
+    # --- surfaces from this one ---------------------------------------------------------------------------------------
+
+    def associate(self, angle: float) -> SpinorSurface:
+        """The associate surface with φ turned into e^{i·angle}φ, on a copy of the model; isometric to this one.
+
+        It keeps `root` and the normals; the angle π/2 gives the conjugate surface (the catenoid's is a helicoid).
+
+        Args:
+            angle: in radians.
+        """
+        half = torch.polar(torch.ones((), dtype=torch.float64), torch.tensor(angle / 2, dtype=torch.float64))
+        return self._derived(half.to(self.spinor_map.device) * self.spinor_map, self.constant)
+
+    def transform(
+        self, rotation: ArrayLike | Tensor | None = None, scale: float = 1.0, translation: Vector = (0.0, 0.0, 0.0)
+    ) -> SpinorSurface:
+        """The surface scale·R·r + translation, on a copy of the model.
+
+        Args:
+            rotation: R, a (3, 3) rotation matrix; none for the identity.
+            scale: a positive factor.
+            translation: (3,), in the units of the result.
+
+        Raises:
+            OptionError: the matrix is not a rotation (a reflection is none), or the scale is not positive.
+        """
+        if not 0 < scale < float("inf"):
+            raise OptionError(f"scale must be positive and finite, got {scale}")
+        matrix = torch.as_tensor(np.eye(3) if rotation is None else rotation, dtype=torch.float64)
+        if matrix.shape != (3, 3):
+            raise OptionError(f"a rotation matrix has shape (3, 3), got {tuple(matrix.shape)}")
+        shift = torch.as_tensor(translation, dtype=torch.float64)
+        if shift.shape != (3,):
+            raise OptionError(f"a translation has shape (3,), got {tuple(shift.shape)}")
+        matrix, shift = matrix.to(self.constant.device), shift.to(self.constant.device)
+        # without a rotation nothing but the scale may touch p and q, to the last bit
+        turned = self.spinor_map if rotation is None else frames.su2_from_rotation(matrix) @ self.spinor_map
+        return self._derived(scale**0.5 * turned, scale * (matrix @ self.constant) + shift)
+
+    # --- files --------------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the surface with its domain to one file (safetensors with a JSON description), replacing the file.
+
+        Raises:
+            StorageError: the model or the boundary is of a kind that cannot be loaded again.
+        """
+        parts = storage.SurfaceParts(
+            model=self.model,
+            domain=self.domain,
+            constant=self.constant.detach(),
+            spinor_map=self.spinor_map,
+            quadrature=self.quadrature,
+            order=self.order,
+        )
+        storage.write(parts, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> SpinorSurface:
+        """The surface that `save` wrote, equal bit for bit.
+
+        Raises:
+            StorageError: the file is missing, damaged, not a saved surface, or of an unknown version.
+        """
+        parts = storage.read(path)
+        return cls(
+            parts.model,
+            parts.domain,
+            parts.constant,
+            spinor_map=parts.spinor_map,
+            quadrature=parts.quadrature,
+            order=parts.order,
+        )
+
+    # --- on tensors ---------------------------------------------------------------------------------------------------
+
+    def _answer(self, function: Callable[..., Tensor], *points: Points) -> Points:
+        first = points[0]
+        if isinstance(first, Tensor):
+            for z in points:
+                if not z.is_complex():
+                    raise DtypeError(f"points of Ω must be complex, got {z.dtype}; use torch.complex(x, y)")
+            return function(*(z.to(torch.complex128) for z in points))
+        device = self.spinor_map.device
+        with torch.no_grad():
+            arrays = (torch.from_numpy(np.array(z, dtype=np.complex128)).to(device) for z in points)
+            return function(*arrays).cpu().resolve_conj().numpy()
+
+    def _spinors(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        value = cast(HolomorphicModel, self.model).value(z)
+        return value @ self.spinor_map.mT
+
+    def _spinor_derivatives(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        derivative = cast(HolomorphicModel, self.model).derivative(z)
+        return derivative @ self.spinor_map.mT
+
+    def _pair(self, z: Complex[Tensor, "*pts"]) -> tuple[Complex[Tensor, "*pts"], Complex[Tensor, "*pts"]]:
+        p, q = self._spinors(z).unbind(-1)
+        return p, q
+
+    def _phi(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+        return formulas.phi(*self._pair(z))
+
+    def _position(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+        index = self._anchors.nearest_tensor(z).reshape(-1)
+        vertices = torch.from_numpy(self.domain.triangulation.points).to(z.device)
+        # index_select and not indexing, which vmap cannot batch for a single point
+        start, anchored = vertices.index_select(0, index), self._anchor_positions().index_select(0, index)
+        return (anchored + self._integrate(start, z.reshape(-1))).reshape(*z.shape, 3)
+
+    def _anchor_positions(self) -> Float[Tensor, "n 3"]:
+        """Positions of the triangulation's vertices, summed along the tree of paths from the root."""
+        tree = self.domain.paths
+        device = self.spinor_map.device
+        vertices = torch.from_numpy(self.domain.triangulation.points).to(device)
+        before = torch.from_numpy(tree.parent).to(device)
+        total = self._integrate(vertices[before], vertices)
+        # each pass doubles the number of edges summed; the root is its own parent and adds nothing
+        for _ in range(len(tree.levels).bit_length()):
+            total, before = total + total[before], before[before]
+        return self.constant + total
+
+    def _integrate(self, start: Complex[Tensor, "*pts"], end: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+        chosen = rule(self.quadrature, self.order)
+        nodes = torch.from_numpy(chosen.nodes).to(start.device)
+        weights = torch.from_numpy(chosen.weights).to(start.device)
+
+        def segments(a: Complex[Tensor, " n"], b: Complex[Tensor, " n"]) -> Float[Tensor, "n 3"]:
+            step = b - a
+            phi = self._phi(a[:, None] + nodes * step[:, None])
+            return ((phi * weights[:, None]).sum(dim=-2) * step[:, None]).real
+
+        return self._in_blocks(segments, start.reshape(-1), end.reshape(-1), block=_BLOCK // len(nodes)).reshape(
+            *start.shape, 3
+        )
+
+    @staticmethod
+    def _in_blocks(function: Callable[..., Tensor], *points: Tensor, block: int = _BLOCK) -> Tensor:
+        block = max(block, 1)
+        return torch.cat([function(*some) for some in zip(*(torch.split(z, block) for z in points), strict=True)])
+
+    def _mean_curvature(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
+        vertices = torch.from_numpy(self.domain.triangulation.points).to(z.device)
+        anchor = vertices[self._anchors.nearest_tensor(z)]
+
+        def block(start: Complex[Tensor, " n"], end: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
+            # the position of the anchor is a constant of each point and drops out of the derivatives
+            def position(x: Float[Tensor, " n"], y: Float[Tensor, " n"]) -> Float[Tensor, "n 3"]:
+                return self._integrate(start, torch.complex(x, y))
+
+            return curvature.fundamental_forms(position, end.real, end.imag).mean
+
+        # half as many at once: forward mode twice carries four values for each
+        points = _BLOCK // (2 * self.order)
+        return self._in_blocks(block, anchor.reshape(-1), z.reshape(-1), block=points).reshape(z.shape)
+
+    def _derived(self, spinor_map: Complex[Tensor, "2 2"], constant: Float[Tensor, "3"]) -> SpinorSurface:
+        return SpinorSurface(
+            copy.deepcopy(self.model),
+            self.domain,
+            constant,
+            spinor_map=spinor_map,
+            quadrature=self.quadrature,
+            order=self.order,
+        )

@@ -1,0 +1,173 @@
+"""Surfaces in files: safetensors with a JSON description, versioned, without pickle.
+
+Complex arrays are stored as pairs of real numbers, because safetensors has no complex128. Reading restores every array,
+and so every later answer, bit for bit.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import safetensors
+import torch
+from jaxtyping import Complex, Float
+from safetensors.torch import save as to_bytes
+from torch import Tensor
+
+from spinor_geom.domain.plane_domain import Boundary, CircleBoundary, PlaneDomain, SplineBoundary
+from spinor_geom.domain.quadrature import RuleName, rule
+from spinor_geom.domain.triangulation import PlaneTriangulation
+from spinor_geom.errors import StorageError
+from spinor_geom.files import atomic_path
+from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, rebuild
+
+FORMAT = "spinor_geom.surface"
+VERSION = 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfaceParts:
+    """What a surface consists of, as it is written.
+
+    Attributes:
+        model: a holomorphic model of a kind in `MODELS`.
+        domain: Ω.
+        constant: c.
+        spinor_map: matrix on the model's (p, q).
+        quadrature: name of the rule.
+        order: its size.
+    """
+
+    model: torch.nn.Module
+    domain: PlaneDomain
+    constant: Float[Tensor, "3"]
+    spinor_map: Complex[Tensor, "2 2"]
+    quadrature: RuleName
+    order: int
+
+
+def write(parts: SurfaceParts, path: str | os.PathLike[str]) -> None:
+    """Writes a surface; the file appears whole or not at all.
+
+    Raises:
+        StorageError: the model or the boundary is of a kind that cannot be read again.
+    """
+    kind = getattr(parts.model, "kind", type(parts.model).__name__)
+    if kind not in MODELS or not isinstance(parts.model, MODELS[kind]):
+        raise StorageError(f"a model of kind {kind!r} cannot be saved; known: {', '.join(sorted(MODELS))}", kind=kind)
+    boundary, boundary_tensors = _describe_boundary(parts.domain.boundary)
+    mesh = parts.domain.triangulation
+    tensors = {
+        **{f"model/{name}": tensor for name, tensor in parts.model.state_dict().items()},
+        **boundary_tensors,
+        "constant": parts.constant,
+        "spinor_map": parts.spinor_map,
+        "domain/points": torch.tensor(mesh.points),
+        "domain/faces": torch.tensor(mesh.faces),
+        "domain/log_scale": torch.tensor(parts.domain.log_scale),
+    }
+    description = {
+        "model": {"kind": kind, "config": cast(HolomorphicModel, parts.model).config()},
+        "boundary": boundary,
+        "boundary_size": mesh.boundary_size,
+        "quadrature": parts.quadrature,
+        "order": parts.order,
+        "complex": sorted(name for name, tensor in tensors.items() if tensor.is_complex()),
+    }
+    metadata = {"format": FORMAT, "version": str(VERSION), "description": json.dumps(description)}
+    data = to_bytes({name: _plain(tensor) for name, tensor in tensors.items()}, metadata)
+    with atomic_path(Path(path)) as temporary:
+        temporary.write_bytes(data)
+
+
+def read(path: str | os.PathLike[str]) -> SurfaceParts:
+    """Reads what `write` wrote.
+
+    Raises:
+        StorageError: the file is missing, damaged, not a saved surface, or of an unknown version.
+    """
+    name = os.fspath(path)
+    try:
+        with safetensors.safe_open(name, framework="pt") as file:
+            metadata = file.metadata() or {}
+            # clones: the file's own memory goes with it, and is not aligned for complex numbers (torch crashes on it)
+            tensors = {key: file.get_tensor(key).clone() for key in file.keys()}  # noqa: SIM118 - not a mapping
+    except (OSError, safetensors.SafetensorError) as error:
+        raise StorageError(f"{name} cannot be read as a saved surface: {error}", path=name) from error
+    if metadata.get("format") != FORMAT:
+        raise StorageError(f"{name} is not a saved surface: its header does not say {FORMAT!r}", path=name)
+    if metadata.get("version") != str(VERSION):
+        raise StorageError(
+            f"{name} has format version {metadata.get('version')}, this program reads version {VERSION}; "
+            "read it with the version of spinor-geom that wrote it",
+            path=name,
+            version=metadata.get("version"),
+        )
+    try:
+        return _parts(json.loads(metadata["description"]), tensors)
+    except (KeyError, TypeError, ValueError, IndexError, RuntimeError, StorageError) as error:
+        raise StorageError(f"{name} is no whole saved surface: {error}", path=name) from error
+
+
+def _parts(description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> SurfaceParts:
+    data = {
+        name: torch.view_as_complex(tensor) if name in description["complex"] else tensor
+        for name, tensor in tensors.items()
+    }
+    rule(description["quadrature"], description["order"])
+    if data["constant"].shape != (3,) or data["spinor_map"].shape != (2, 2):
+        raise ValueError("its constant or its matrix has the wrong shape")
+    state = {name.removeprefix("model/"): tensor for name, tensor in data.items() if name.startswith("model/")}
+    return SurfaceParts(
+        model=rebuild(description["model"]["kind"], description["model"]["config"], state),
+        domain=_read_domain(description, data),
+        constant=data["constant"],
+        spinor_map=data["spinor_map"],
+        quadrature=description["quadrature"],
+        order=description["order"],
+    )
+
+
+def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> PlaneDomain:
+    boundary = _read_boundary(description["boundary"], data)
+    points, faces = data["domain/points"].numpy(), data["domain/faces"].numpy()
+    size = description["boundary_size"]
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= len(points):
+        raise ValueError("its triangulation names points that do not exist")
+    if size != len(boundary.vertices) or len(points) < size:
+        raise ValueError("its triangulation does not fit its boundary")
+    return PlaneDomain(
+        boundary=boundary,
+        triangulation=PlaneTriangulation(points=points, faces=faces, boundary_size=size),
+        log_scale=data["domain/log_scale"].numpy(),
+    )
+
+
+def _describe_boundary(boundary: Boundary) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    if isinstance(boundary, CircleBoundary):
+        return {"kind": "circle", "radius": boundary.radius, "count": boundary.count}, {}
+    if isinstance(boundary, SplineBoundary):
+        return {"kind": "spline"}, {
+            "boundary/vertices": torch.tensor(boundary.vertices),
+            "boundary/corners": torch.tensor(boundary.corners),
+        }
+    raise StorageError(f"a boundary of type {type(boundary).__name__} cannot be saved; known: circle, spline")
+
+
+def _read_boundary(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> Boundary:
+    if description["kind"] == "circle":
+        return CircleBoundary(radius=float(description["radius"]), count=int(description["count"]))
+    if description["kind"] == "spline":
+        return SplineBoundary(data["boundary/vertices"].numpy(), data["boundary/corners"].numpy())
+    raise ValueError(f"unknown boundary kind {description['kind']!r}")
+
+
+def _plain(tensor: Tensor) -> Tensor:
+    """What safetensors can store: contiguous, on the CPU, real."""
+    tensor = tensor.detach().cpu().resolve_conj()
+    return (torch.view_as_real(tensor) if tensor.is_complex() else tensor).contiguous()

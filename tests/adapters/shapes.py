@@ -1,0 +1,107 @@
+"""Meshes, extensions and files that the adapter tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from hypothesis import strategies as st
+
+from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+DATA = Path(__file__).parents[2] / "data"
+
+# a cube from (0, 0, 0) to (1, 1, 1) as quads, counter-clockwise seen from outside
+CUBE_POINTS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+CUBE_QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+
+
+def open_cube(dtype: type = np.float64) -> tuple[np.ndarray, np.ndarray]:
+    """The cube's triangles without its top z = 1; the hole is 1, 3, 7, 5 seen from above."""
+    quads = CUBE_QUADS[:-1]
+    return CUBE_POINTS.astype(dtype), np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def lid(**attributes: np.ndarray) -> MeshExtension:
+    """Four triangles around a new vertex that close the open cube."""
+    return MeshExtension(
+        vertices=np.array([[0.5, 0.5, 1.0 + 1 / 3]]),
+        faces=np.array([[1, 5, 8], [5, 7, 8], [7, 3, 8], [3, 1, 8]]),
+        face_loops=np.zeros(4, dtype=np.int64),
+        vertex_attributes=attributes,
+    )
+
+
+def lid_for(mesh: TriangleMesh) -> MeshExtension:
+    """The lid with the mean of every attribute of a mesh."""
+    return lid(**{name: values.mean(axis=0, keepdims=True) for name, values in mesh.vertex_attributes.items()})
+
+
+def nothing() -> MeshExtension:
+    return MeshExtension(
+        vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), dtype=np.int64), face_loops=np.zeros(0, dtype=np.int64)
+    )
+
+
+def is_closed(mesh: TriangleMesh) -> bool:
+    return is_watertight(mesh.faces)
+
+
+@st.composite
+def meshes(draw: st.DrawFn, max_vertices: int = 12) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices with any finite coordinates of moderate size and triangles over some of them, not all manifold."""
+    count = draw(st.integers(3, max_vertices))
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    vertices = random.normal(size=(count, 3)) * 10.0 ** draw(st.integers(-3, 3))
+    faces = np.stack([random.permutation(count)[:3] for _ in range(draw(st.integers(1, 2 * max_vertices)))])
+    return vertices, faces
+
+
+@st.composite
+def extensions(draw: st.DrawFn, mesh: TriangleMesh) -> MeshExtension:
+    """No or several new vertices, each in a face with two old ones, and no or several faces over old vertices only."""
+    # a stream of its own: a new vertex drawn like an old one would lie on it, and close up with it as a seam
+    random = np.random.default_rng([draw(st.integers(0, 2**32 - 1)), 1])
+    old = len(mesh.vertices)
+    new = draw(st.integers(0, 4))
+    faces = [np.array([old + k, *random.permutation(old)[:2]]) for k in range(new)]
+    faces += [random.permutation(old)[:3] for _ in range(draw(st.integers(0, 3)))]
+    return MeshExtension(
+        vertices=random.normal(size=(new, 3)),
+        faces=np.array(faces, dtype=np.int64).reshape(-1, 3),
+        face_loops=np.zeros(len(faces), dtype=np.int64),
+        vertex_attributes={
+            name: values[random.integers(0, old, size=new)] for name, values in mesh.vertex_attributes.items()
+        },
+    )
+
+
+def glb_file(primitives: list[dict[str, np.ndarray]], **tree: object) -> bytes:
+    """A GLB file with one mesh of the given primitives: accessors by name, "indices" among them, shown by one node."""
+    container = GlbContainer(tree={"asset": {"version": "2.0"}}, views=[], path=None)
+    entries = []
+    for primitive in primitives:
+        accessors = {
+            name: container.store(
+                rows,
+                instead_of=None,
+                target=ELEMENT_ARRAY_BUFFER if name == "indices" else ARRAY_BUFFER,
+                bounds=name == "POSITION",
+            )
+            for name, rows in primitive.items()
+        }
+        entry: dict[str, object] = {"attributes": {k: v for k, v in accessors.items() if k != "indices"}}
+        if "indices" in accessors:
+            entry["indices"] = accessors["indices"]
+        entries.append(entry)
+    container.tree |= {
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": entries}],
+    }
+    container.tree |= tree
+    return container.encoded()

@@ -1,0 +1,382 @@
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters.glb import read_glb
+from spinor_geom.errors import MeshFileError, NonFiniteVertexError
+from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.adapters.shapes import extensions, glb_file, is_closed, lid, open_cube
+
+VERTICES, FACES = open_cube(np.float32)
+INDICES = FACES.reshape(-1, 1).astype(np.uint16)
+CUBE = {"POSITION": VERTICES, "indices": INDICES}
+
+
+def parsed(data: bytes) -> MeshFile:
+    return MeshFile.of_contents(read_glb(data, Path("a.glb")), path=None)
+
+
+def again(file: MeshFile, folder: Path) -> MeshFile:
+    file.write(folder / "again.glb")
+    return read_mesh(folder / "again.glb")
+
+
+def tree_of(data: bytes) -> dict:
+    return json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
+
+
+def with_tree(data: bytes, change: object) -> bytes:
+    """A GLB file with its JSON changed in place by a function."""
+    length = struct.unpack_from("<I", data, 12)[0]
+    tree = tree_of(data)
+    change(tree)
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
+
+
+def unwelded() -> dict[str, np.ndarray]:
+    """The cube as renderers want it: own vertices and normals for each side."""
+    corners = VERTICES[FACES].reshape(-1, 3)
+    sides = np.cross(VERTICES[FACES[:, 1]] - VERTICES[FACES[:, 0]], VERTICES[FACES[:, 2]] - VERTICES[FACES[:, 0]])
+    return {"POSITION": corners, "NORMAL": np.repeat(sides, 3, axis=0).astype(np.float32)}
+
+
+def lid_over(mesh: TriangleMesh, lift: float = 1 / 3) -> object:
+    """A lid for the cube wherever its corners are numbered in a mesh: over its open edges."""
+    edges = boundary_edges(mesh.faces)
+    rim = mesh.vertices[edges[:, 0]]
+    up = rim.mean(axis=0) + lift * (rim.mean(axis=0) - mesh.vertices.mean(axis=0))
+    new = np.full((len(edges), 1), len(mesh.vertices))
+    return type(lid())(
+        vertices=up[None],
+        faces=np.hstack([edges[:, ::-1], new]),
+        face_loops=np.zeros(len(edges), dtype=np.int64),
+        vertex_attributes={name: values.mean(axis=0, keepdims=True) for name, values in mesh.vertex_attributes.items()},
+    )
+
+
+@given(
+    data=st.data(),
+    seed=st.integers(0, 2**32 - 1),
+    narrow=st.sampled_from([np.uint8, np.uint16, np.uint32]),
+    color=st.sampled_from([np.uint8, np.uint16, np.float32]),
+)
+def test_round_trip_keeps_every_attribute(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, seed: int, narrow: type, color: type
+) -> None:
+    random = np.random.default_rng(seed)
+    colors = random.uniform(size=(8, 4)) if color is np.float32 else random.integers(0, np.iinfo(color).max, (8, 4))
+    primitive = {
+        "POSITION": random.normal(size=(8, 3)).astype(np.float32),
+        "NORMAL": random.normal(size=(8, 3)).astype(np.float32),
+        "TEXCOORD_0": random.uniform(size=(8, 2)).astype(np.float32),
+        "COLOR_0": colors.astype(color),
+        "_HEAT": random.normal(size=(8, 1)).astype(np.float32),
+        "indices": INDICES.astype(narrow),
+    }
+    original = glb_file([primitive])
+    file = parsed(original)
+    assert set(file.mesh.vertex_attributes) == {"normal", "uv", "color", "_HEAT"}
+    assert file.mesh.vertices.tobytes() == primitive["POSITION"].astype(float).tobytes()
+    assert np.array_equal(file.mesh.vertex_attributes["color"], primitive["COLOR_0"])
+    assert np.array_equal(file.mesh.faces, FACES)
+    grown = file.extended(data.draw(extensions(file.mesh)))
+    folder = tmp_path_factory.mktemp("glb")
+    back = again(grown, folder)
+    assert back.mesh.vertices[:8].tobytes() == file.mesh.vertices.tobytes()
+    assert np.array_equal(back.mesh.vertices, grown.mesh.vertices.astype(np.float32))
+    assert np.array_equal(back.mesh.faces, grown.mesh.faces)
+    for name, values in grown.mesh.vertex_attributes.items():
+        assert np.array_equal(back.mesh.vertex_attributes[name][:8], values[:8]), name
+        assert np.allclose(back.mesh.vertex_attributes[name], values, atol=1e-6), name
+    raw = read_glb((folder / "again.glb").read_bytes(), None).source.pieces[0].rows
+    assert all(raw[name][:8].tobytes() == rows.tobytes() for name, rows in primitive.items() if name != "indices")
+
+
+def test_lid_closes_the_cube_in_trimesh_s_eyes_too(tmp_path: Path) -> None:
+    file = parsed(glb_file([CUBE]))
+    closed = again(file.extended(lid()), tmp_path)
+    assert is_closed(closed.mesh)
+    assert trimesh.load_mesh(tmp_path / "again.glb", process=False).is_watertight
+    accessor = tree_of((tmp_path / "again.glb").read_bytes())["accessors"][0]
+    assert accessor["min"] == [0, 0, 0]
+    assert accessor["max"] == [1, 1, pytest.approx(4 / 3)]
+
+
+def test_nothing_appended_gives_the_same_bytes(tmp_path: Path) -> None:
+    data = glb_file([CUBE])
+    parsed(data).write(tmp_path / "same.glb")
+    assert (tmp_path / "same.glb").read_bytes() == data
+
+
+def test_normal_seams_are_no_boundary(tmp_path: Path) -> None:
+    file = parsed(glb_file([unwelded()]))
+    assert len(file.mesh.vertices) == 30
+    assert len(boundary_edges(file.mesh.faces)) == 4
+    closed = again(file.extended(lid_over(file.mesh)), tmp_path)
+    assert is_closed(closed.mesh)
+    assert np.array_equal(closed.mesh.vertices[:30], file.mesh.vertices)
+
+
+def test_soup_without_attributes_is_left_alone() -> None:
+    soup = parsed(glb_file([{"POSITION": unwelded()["POSITION"]}]))
+    assert len(boundary_edges(soup.mesh.faces)) == 30
+    assert len(boundary_edges(soup.merged().mesh.faces)) == 4
+
+
+def test_patch_over_two_materials_goes_to_one_and_copies_the_rim(tmp_path: Path) -> None:
+    halves = [{**CUBE, "indices": FACES[part].reshape(-1, 1).astype(np.uint16)} for part in (slice(0, 3), slice(3, 10))]
+    data = glb_file(halves, materials=[{"name": "a"}, {"name": "b"}])
+    file = parsed(data)
+    assert len(file.mesh.vertices) == 16
+    assert len(boundary_edges(file.mesh.faces)) == 4
+    closed = again(file.extended(lid_over(file.mesh)), tmp_path)
+    assert is_closed(closed.mesh)
+    assert len(closed.mesh.faces) == 14
+    assert tree_of((tmp_path / "again.glb").read_bytes())["materials"] == [{"name": "a"}, {"name": "b"}]
+
+
+def test_shared_accessors_of_other_primitives_stay_as_they_are(tmp_path: Path) -> None:
+    data = glb_file([CUBE, CUBE])
+
+    def share(tree: dict) -> None:
+        first, second = tree["meshes"][0]["primitives"]
+        second["attributes"] = first["attributes"]
+        tree["meshes"] = [{"primitives": [first]}, {"primitives": [second]}]
+        tree["nodes"] = [{"mesh": 0}, {"mesh": 1, "translation": [5, 0, 0]}]
+        tree["scenes"] = [{"nodes": [0, 1]}]
+
+    file = parsed(with_tree(data, share))
+    back = again(file.extended(lid()), tmp_path)
+    assert len(back.mesh.vertices) == 17
+    assert np.array_equal(back.mesh.vertices[9:], VERTICES + np.array([5, 0, 0]))
+    assert len(boundary_edges(back.mesh.faces)) == 4
+
+
+def test_transformed_nodes_are_read_in_the_scene_and_written_in_their_own_place(tmp_path: Path) -> None:
+    angle = np.pi / 6
+    nodes = [
+        {"children": [1], "rotation": [0, 0, np.sin(angle), np.cos(angle)], "translation": [10, 0, 0]},
+        {"mesh": 0, "scale": [2, 2, 2]},
+    ]
+    file = parsed(glb_file([{**unwelded()}], nodes=nodes))
+    turn = np.array([[0.5, -np.sqrt(0.75), 0], [np.sqrt(0.75), 0.5, 0], [0, 0, 1]])
+    assert np.allclose(file.mesh.vertices, 2 * unwelded()["POSITION"] @ turn.T + [10, 0, 0], atol=1e-14)
+    assert np.allclose(file.mesh.vertex_attributes["normal"], unwelded()["NORMAL"] @ turn.T, atol=1e-14)
+    extension = lid_over(file.mesh)
+    closed = again(file.extended(extension), tmp_path)
+    assert is_closed(closed.mesh)
+    assert np.array_equal(closed.mesh.vertices[:30], file.mesh.vertices)
+    assert np.allclose(closed.mesh.vertices[30:], extension.vertices, atol=1e-6)
+    scene = trimesh.load_scene(tmp_path / "again.glb", process=False)
+    assert np.allclose(scene.to_mesh().bounds, [closed.mesh.vertices.min(axis=0), closed.mesh.vertices.max(axis=0)])
+
+
+def test_instances_are_read_once_each_and_only_the_filled_one_grows(tmp_path: Path) -> None:
+    column_major = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 3, 0, 0, 1]
+    nodes = [{"mesh": 0}, {"mesh": 0, "matrix": column_major}]
+    file = parsed(glb_file([CUBE], nodes=nodes, scenes=[{"nodes": [0, 1]}]))
+    assert np.array_equal(file.mesh.vertices[8:], VERTICES + np.array([3, 0, 0]))
+    back = again(file.extended(lid_second(file.mesh)), tmp_path)
+    assert len(boundary_edges(back.mesh.faces)) == 4
+    assert len(tree_of((tmp_path / "again.glb").read_bytes())["meshes"]) == 2
+    both = back.extended(lid_for_first(back.mesh))
+    assert is_closed(again(both, tmp_path).mesh)
+
+
+def lid_second(mesh: TriangleMesh) -> object:
+    faces = np.array([[9, 13, 16], [13, 15, 16], [15, 11, 16], [11, 9, 16]])
+    return type(lid())(vertices=np.array([[3.5, 0.5, 1.5]]), faces=faces, face_loops=np.zeros(4, dtype=np.int64))
+
+
+def lid_for_first(mesh: TriangleMesh) -> object:
+    faces = np.where(lid().faces == 8, len(mesh.vertices), lid().faces)
+    return type(lid())(vertices=lid().vertices, faces=faces, face_loops=np.zeros(4, dtype=np.int64))
+
+
+def test_strips_and_fans_are_read_and_grow_as_lists(tmp_path: Path) -> None:
+    square = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=np.float32)
+    strip = glb_file([{"POSITION": square, "indices": np.array([[0], [1], [2], [3], [3]], dtype=np.uint8)}])
+    fan = glb_file([{"POSITION": square[[0, 1, 3, 2]]}])
+    for data, mode in ((strip, 5), (fan, 6)):
+        file = parsed(with_tree(data, lambda tree, mode=mode: tree["meshes"][0]["primitives"][0].update(mode=mode)))
+        assert len(file.mesh.faces) == 2
+        a, b, c = np.moveaxis(file.mesh.vertices[file.mesh.faces], 1, 0)
+        assert np.array_equal(np.cross(b - a, c - a), [[0, 0, 1], [0, 0, 1]])
+        back = again(file.extended(lid_over(file.mesh, lift=0.0)), tmp_path)
+        assert len(back.mesh.faces) == 6
+
+
+def test_quantized_positions_are_rounded_to_their_grid(tmp_path: Path) -> None:
+    data = glb_file(
+        [{"POSITION": np.hstack([VERTICES, np.zeros((8, 1))])[:, :3].astype(np.int16) * 300, "indices": INDICES}]
+    )
+    file = parsed(with_tree(data, lambda tree: tree["accessors"][0].update(normalized=True)))
+    assert np.allclose(file.mesh.vertices, VERTICES * 300 / 32767)
+    extension = lid_over(file.mesh)
+    back = again(file.extended(extension), tmp_path)
+    assert np.array_equal(back.mesh.vertices[:8], file.mesh.vertices)
+    assert np.abs(back.mesh.vertices[8:] - extension.vertices).max() <= 0.5 / 32767
+
+
+def test_joints_are_copied_morph_targets_stand_still_and_animations_stay(tmp_path: Path) -> None:
+    joints = np.arange(32, dtype=np.uint8).reshape(8, 4)
+    data = glb_file(
+        [{**CUBE, "JOINTS_0": joints, "WEIGHTS_0": np.full((8, 4), 0.25, dtype=np.float32)}, {"POSITION": VERTICES[:3]}]
+    )
+
+    def change(tree: dict) -> None:
+        moved = tree["meshes"][0]["primitives"].pop()["attributes"]["POSITION"]
+        dense = {**tree["accessors"][0]}
+        sparse = {
+            "componentType": 5126,
+            "type": "VEC3",
+            "count": 8,
+            "sparse": {
+                "count": 3,
+                "indices": {"bufferView": tree["accessors"][1]["bufferView"], "componentType": 5123},
+                "values": {"bufferView": tree["accessors"][moved]["bufferView"]},
+            },
+        }
+        tree["accessors"] += [dense, sparse]
+        count = len(tree["accessors"])
+        tree["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": count - 2}, {"POSITION": count - 1}]
+        tree["animations"] = [{"samplers": [{"input": 0, "output": 0}], "channels": []}]
+
+    file = parsed(with_tree(data, change))
+    assert dict(file.mesh.vertex_attributes) == {}
+    back = again(file.extended(lid()), tmp_path)
+    written = (tmp_path / "again.glb").read_bytes()
+    container = read_glb(written, None).source
+    assert container.pieces[0].rows["JOINTS_0"][8].tolist() == joints[1].tolist()
+    tree = tree_of(written)
+    assert tree["animations"] == [{"samplers": [{"input": 0, "output": 0}], "channels": []}]
+    targets = [target["POSITION"] for target in tree["meshes"][0]["primitives"][0]["targets"]]
+    assert [tree["accessors"][number]["count"] for number in targets] == [9, 9]
+    assert is_closed(back.mesh)
+
+
+def test_unused_views_leave_the_file_and_foreign_buffers_stay(tmp_path: Path) -> None:
+    data = glb_file([CUBE])
+    file = parsed(data)
+    file.extended(lid()).write(tmp_path / "a.glb")
+    assert len(tree_of((tmp_path / "a.glb").read_bytes())["bufferViews"]) == 2
+
+    def add_foreign(tree: dict) -> None:
+        tree["buffers"].append({"uri": "secret.bin", "byteLength": 4})
+        tree["bufferViews"].append({"buffer": 1, "byteLength": 4})
+        tree["images"] = [{"uri": "http://example.org/x.png"}, {"bufferView": 2, "mimeType": "image/png"}]
+        tree["extras"] = {"bufferView": 77}
+
+    foreign = parsed(with_tree(data, add_foreign))
+    foreign.extended(lid()).write(tmp_path / "b.glb")
+    tree = tree_of((tmp_path / "b.glb").read_bytes())
+    assert tree["buffers"][1] == {"uri": "secret.bin", "byteLength": 4}
+    assert tree["bufferViews"][tree["images"][1]["bufferView"]]["buffer"] == 1
+    assert tree["extras"] == {"bufferView": 77}
+    assert is_closed(read_mesh(tmp_path / "b.glb").mesh)
+
+
+def test_agrees_with_trimesh(tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    ball.visual.vertex_colors = np.arange(len(ball.vertices) * 4).reshape(-1, 4) % 256
+    ball.export(tmp_path / "ball.glb")
+    file = read_mesh(tmp_path / "ball.glb")
+    other = trimesh.load_mesh(tmp_path / "ball.glb", process=False)
+    assert np.array_equal(file.mesh.vertices, other.vertices)
+    assert np.array_equal(file.mesh.faces, other.faces)
+    assert np.array_equal(file.mesh.vertex_attributes["color"], other.visual.vertex_colors)
+    file.merged().write(tmp_path / "anew.glb")
+    anew = trimesh.load_mesh(tmp_path / "anew.glb", process=False)
+    assert np.array_equal(anew.vertices, other.vertices)
+    assert np.allclose(anew.visual.vertex_colors, other.visual.vertex_colors, atol=1)
+
+
+GOOD = glb_file([CUBE])
+
+
+def primitive_of(tree: dict) -> dict:
+    return tree["meshes"][0]["primitives"][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda tree: tree["accessors"][0].update(count=9), "accessor 0: announces 9 rows"),
+        (lambda tree: tree["accessors"][0].update(byteOffset=8), "accessor 0: announces 8 rows"),
+        (lambda tree: tree["accessors"][0].update(count=-1), "accessor 0: announces -1"),
+        (lambda tree: tree["accessors"][0].update(count=10**15), "accessor 0: announces 1000000000000000"),
+        (lambda tree: tree["accessors"][0].pop("bufferView"), "accessor 0: its data is not in the file"),
+        (lambda tree: tree["accessors"][0].update(type="VEC2"), "one row a vertex"),
+        (lambda tree: tree["accessors"][0].update(componentType=1), "does not follow glTF (KeyError: 1)"),
+        (lambda tree: tree["accessors"].clear(), "does not follow glTF (IndexError"),
+        (lambda tree: tree["accessors"].__setitem__(0, 5), "does not follow glTF (TypeError"),
+        (lambda tree: tree["bufferViews"][0].update(byteLength=10**6), "buffer view 0: ends at byte 1000000"),
+        (lambda tree: tree["bufferViews"][0].update(byteStride=2), "accessor 0: announces"),
+        (lambda tree: tree["buffers"][0].update(uri="../secret.bin"), "its data is not in the file"),
+        (lambda tree: tree["bufferViews"][0].update(extensions={"EXT_meshopt_compression": {}}), "or compressed"),
+        (
+            lambda tree: primitive_of(tree).update(extensions={"KHR_draco_mesh_compression": {}}),
+            "compressed with Draco",
+        ),
+        (lambda tree: primitive_of(tree).update(mode=1), "scene: has no triangles"),
+        (lambda tree: tree["accessors"][1].update(count=29), "mesh 0, primitive 0: its indices are no triangles"),
+        (lambda tree: tree["accessors"][0].update(count=7), "over its 7 vertices"),
+        (lambda tree: tree["nodes"][0].update(children=[0]), "node 0: has two parents"),
+        (lambda tree: tree["nodes"].clear(), "does not follow glTF (IndexError"),
+        (lambda tree: tree["nodes"][0].update(scale=[1, 0, 1]), "node 0: its transform flattens the mesh"),
+        (lambda tree: tree["nodes"][0].update(matrix=[1, 2]), "does not follow glTF (ValueError"),
+        (lambda tree: tree.update(nodes={"a": 1}), "does not follow glTF (KeyError"),
+    ],
+)
+def test_malformed_json_names_the_place(change: object, said: str) -> None:
+    with pytest.raises(MeshFileError) as caught:
+        parsed(with_tree(GOOD, change))
+    assert said in str(caught.value)
+    assert str(caught.value).startswith("a.glb, ")
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"glTF", "byte 0"),
+        (b"x" * 100, "byte 0: does not begin"),
+        (GOOD[:4] + b"\1\0\0\0" + GOOD[8:], "byte 4: is glTF version 1"),
+        (GOOD[:-4], "byte 8: announces"),
+        (GOOD[:12] + b"\xff\xff" + GOOD[14:], "byte 8: announces"),
+        (GOOD[:20] + b"?" + GOOD[21:], "JSON: Expecting value"),
+        (with_tree(GOOD, lambda tree: tree.clear()), "scene: has no triangles"),
+    ],
+)
+def test_malformed_containers_name_the_place(data: bytes, said: str) -> None:
+    with pytest.raises(MeshFileError) as caught:
+        parsed(data)
+    assert said in str(caught.value)
+
+
+def test_every_truncation_is_refused_with_a_typed_error() -> None:
+    for stop in range(0, len(GOOD), 7):
+        with pytest.raises(MeshFileError):
+            read_glb(GOOD[:stop], None)
+
+
+@given(st.integers(0, len(GOOD) - 1), st.integers(0, 255))
+def test_a_changed_byte_is_read_or_refused_with_a_typed_error(place: int, value: int) -> None:
+    data = bytearray(GOOD)
+    data[place] = value
+    try:
+        parsed(bytes(data))
+    except (MeshFileError, NonFiniteVertexError):
+        return

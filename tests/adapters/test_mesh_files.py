@@ -1,0 +1,182 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
+from spinor_geom.errors import MeshFileError, MeshShapeError, VertexIndexError
+from spinor_geom.mesh.topology import boundary_edges
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, DATA, glb_file, is_closed, lid, lid_for, nothing, open_cube
+
+SUFFIXES = [".obj", ".ply", ".stl", ".off", ".glb"]
+
+
+def cube_file(folder: Path, suffix: str = ".obj") -> Path:
+    """The open cube of quads, with colours, in any format."""
+    text = "".join(f"v {x} {y} {z} {x} {y} 0.5\n" for x, y, z in CUBE_POINTS.tolist())
+    text += "".join("f " + " ".join(map(str, quad)) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
+    (folder / "cube.obj").write_text(text)
+    if suffix != ".obj":
+        read_mesh(folder / "cube.obj").write(folder / f"cube{suffix}")
+    return folder / f"cube{suffix}"
+
+
+@pytest.mark.parametrize("source", [".obj", ".ply", ".off", ".glb"])
+@pytest.mark.parametrize("target", SUFFIXES)
+def test_filled_files_close_in_every_format(tmp_path: Path, source: str, target: str) -> None:
+    file = read_mesh(cube_file(tmp_path, source))
+    closed = file.extended(lid_for(file.mesh))
+    closed.write(tmp_path / f"closed{target.upper()}")
+    back = read_mesh(tmp_path / f"closed{target.upper()}")
+    if target == ".stl":
+        back = back.merged()
+    assert is_closed(back.mesh)
+    if target in (".obj", ".ply", ".off") and source != ".glb":
+        assert back.polygons.sizes.tolist() == [4] * 5 + [3] * 4
+    if target != ".stl":
+        assert np.allclose(back.mesh.vertices, closed.mesh.vertices, atol=1e-7)
+        ours = closed.mesh.vertex_attributes["color"] / closed.contents.color_scale
+        theirs = back.mesh.vertex_attributes["color"] / back.contents.color_scale
+        assert np.abs(ours - theirs).max() <= 0.5 / 255 + 1e-7
+
+
+def test_extending_leaves_the_file_and_the_object_as_they_were(tmp_path: Path) -> None:
+    path = cube_file(tmp_path)
+    before = path.read_bytes()
+    file = read_mesh(path)
+    grown = extend(file, lid_for(file.mesh))
+    assert isinstance(grown, MeshFile)
+    assert grown.path == path
+    assert len(file.mesh.faces) == 10
+    assert len(grown.mesh.faces) == 14
+    assert to_mesh(grown) is grown.mesh
+    assert path.read_bytes() == before
+
+
+def test_file_can_be_written_over_its_own_source(tmp_path: Path) -> None:
+    path = cube_file(tmp_path)
+    file = read_mesh(path)
+    file.extended(lid_for(file.mesh)).write(path)
+    assert is_closed(to_mesh(str(path)))
+
+
+def test_merged_closes_a_soup_and_keeps_polygons_and_curves(tmp_path: Path) -> None:
+    corners = CUBE_POINTS[CUBE_QUADS[:-1]].reshape(-1, 3)
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in corners.tolist())
+    text += "".join(f"f {i} {i + 1} {i + 2} {i + 3}\n" for i in range(1, 20, 4)) + "l 1 2\n"
+    (tmp_path / "soup.obj").write_text("mtllib a.mtl\n" + text)
+    soup = read_mesh(tmp_path / "soup.obj")
+    assert len(boundary_edges(soup.mesh.faces)) == 20
+    merged = soup.merged()
+    assert len(boundary_edges(merged.mesh.faces)) == 4
+    assert merged.polygons.sizes.tolist() == [4] * 5
+    merged.write(tmp_path / "merged.obj")
+    back = read_mesh(tmp_path / "merged.obj")
+    assert back.polygons.rows() == merged.polygons.rows()
+    assert [curve.tolist() for curve in back.polylines] == [curve.tolist() for curve in merged.polylines]
+    assert "mtllib" not in (tmp_path / "merged.obj").read_text()
+
+
+def test_seams_of_a_glb_are_closed_with_texture_kept_in_obj(tmp_path: Path) -> None:
+    vertices, faces = open_cube(np.float32)
+    corners = vertices[faces].reshape(-1, 3)
+    texture = np.random.default_rng(3).uniform(size=(30, 2)).astype(np.float32)
+    (tmp_path / "a.glb").write_bytes(glb_file([{"POSITION": corners, "TEXCOORD_0": texture}]))
+    read_mesh(tmp_path / "a.glb").write(tmp_path / "a.obj")
+    assert len(boundary_edges(read_mesh(tmp_path / "a.obj").mesh.faces)) == 4
+    lines = [line.split()[1:] for line in (tmp_path / "a.obj").read_text().splitlines() if line.startswith("vt")]
+    assert np.array_equal(np.array(lines, dtype=float), texture * [1.0, -1.0] + [0.0, 1.0])
+
+
+def test_failed_writing_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = read_mesh(cube_file(tmp_path))
+    target = tmp_path / "target.ply"
+    target.write_bytes(b"old")
+
+    def full_disk(path: Path, data: bytes) -> int:
+        with path.open("wb") as stream:
+            stream.write(data[:10])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
+    with pytest.raises(MeshFileError, match="No space left"):
+        file.write(target)
+    monkeypatch.undo()
+    assert target.read_bytes() == b"old"
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["cube.obj", "target.ply"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\0" * 1000, bytes(range(256)) * 8, b"\xff\xfe garbage\n" * 20],
+    ids=["empty", "zeros", "bytes", "text"],
+)
+def test_garbage_gives_an_error_that_names_the_file(tmp_path: Path, suffix: str, content: bytes) -> None:
+    path = tmp_path / f"bad{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(MeshFileError, match=f"bad{suffix}"):
+        to_mesh(path)
+
+
+def test_files_that_cannot_be_opened_name_what_and_why(tmp_path: Path) -> None:
+    with pytest.raises(MeshFileError, match=r"missing\.obj: cannot be read \(No such file") as caught:
+        read_mesh(tmp_path / "missing.obj")
+    assert caught.value.fields["path"] == tmp_path / "missing.obj"
+    (tmp_path / "folder.obj").mkdir()
+    with pytest.raises(MeshFileError, match="directory"):
+        read_mesh(tmp_path / "folder.obj")
+    for name in ("mesh.fbx", "mesh", "mesh.obj.gz"):
+        with pytest.raises(MeshFileError, match=r"no known format; use one of \.obj, \.ply, \.stl, \.off, \.glb"):
+            read_mesh(tmp_path / name)
+
+
+def test_unwritable_places_name_what_and_why(tmp_path: Path) -> None:
+    file = read_mesh(cube_file(tmp_path))
+    with pytest.raises(MeshFileError, match="no known format"):
+        file.write(tmp_path / "a.step")
+    with pytest.raises(MeshFileError, match="cannot be written"):
+        file.write(tmp_path / "missing" / "a.obj")
+
+
+def test_points_alone_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "points.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
+    with pytest.raises(MeshFileError, match="vertices but no faces"):
+        read_mesh(tmp_path / "points.obj")
+
+
+def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    file = read_mesh(cube_file(tmp_path))
+    with pytest.raises(MeshShapeError, match="'color'"):
+        file.extended(lid())
+    assert len(file.extended(nothing()).mesh.faces) == 10
+    wrong = type(lid())(vertices=np.zeros((0, 3)), faces=np.array([[0, 1, 8]]), face_loops=np.array([0]))
+    with pytest.raises(VertexIndexError):
+        file.extended(wrong)
+
+
+def test_every_file_of_the_data_folder_is_read_and_written_back_unchanged(tmp_path: Path) -> None:
+    names = sorted(path.name for path in DATA.glob("*.obj"))
+    assert len(names) == 8
+    for name in names:
+        read_mesh(DATA / name).write(tmp_path / name)
+        assert (tmp_path / name).read_bytes() == (DATA / name).read_bytes()
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-30, 1e30, 1e300])
+def test_extreme_sizes_are_exact_in_text_and_refused_where_they_do_not_fit(tmp_path: Path, scale: float) -> None:
+    vertices, faces = open_cube()
+    text = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in (vertices * scale).tolist())
+    (tmp_path / "a.obj").write_text(text + "".join(f"f {a} {b} {c}\n" for a, b, c in (faces + 1).tolist()))
+    file = read_mesh(tmp_path / "a.obj")
+    for suffix in (".ply", ".off"):
+        file.write(tmp_path / f"b{suffix}")
+        assert np.array_equal(read_mesh(tmp_path / f"b{suffix}").mesh.vertices, vertices * scale)
+    for suffix in (".stl", ".glb"):
+        if scale < 1e38:
+            file.write(tmp_path / f"b{suffix}")
+        else:
+            with pytest.raises(MeshFileError, match=r"1e\+300 is too large"):
+                file.write(tmp_path / f"b{suffix}")

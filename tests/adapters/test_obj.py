@@ -1,0 +1,296 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
+from spinor_geom.adapters.obj import read_obj
+from spinor_geom.errors import MeshFileError, NonFiniteVertexError
+from spinor_geom.mesh.topology import boundary_edges
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, DATA, extensions, is_closed, lid, lid_for
+
+CUBE = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
+CUBE += "".join("f " + " ".join(map(str, quad)) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+
+def parsed(text: str | bytes) -> MeshFile:
+    data = text.encode() if isinstance(text, str) else text
+    return MeshFile.of_contents(read_obj(data, Path("a.obj")), path=None)
+
+
+def again(file: MeshFile, folder: Path) -> MeshFile:
+    file.write(folder / "again.obj")
+    return read_mesh(folder / "again.obj")
+
+
+@pytest.mark.parametrize(
+    "face",
+    [
+        "f 1 2 3",
+        "f 1/1 2/2 3/3",
+        "f 1//1 2//2 3//3",
+        "f 1/4/4 2/5/5 3/6/6",
+        "f -3 -2 -1",
+        "f -3/-1/-1 -2/-1/-1 -1/-1/-1",
+        "f 1/ 2/ 3/",
+        "f 1// 2// 3//",
+        "f 1 2/2 3/3/3",
+        "f 1 \\\n 2 \\\n3",
+        "  f\t1  2 3  # a face",
+        "F 9 9 9\nf 1 2 3",
+    ],
+)
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_forms_of_a_face(face: str, newline: str) -> None:
+    extra = "".join(f"vt {i}.5 0\nvn 0 0 1\n" for i in range(6))
+    file = parsed((TRIANGLE + extra + face + "\nv 5 5 5\n").replace("\n", newline))
+    assert file.mesh.faces.tolist() == [[0, 1, 2]]
+    assert file.mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]
+
+
+def test_negative_indices_count_from_where_they_stand() -> None:
+    file = parsed(TRIANGLE + "f -1 -2 -3\nv 3 3 3\nf -1 -2 -3\n")
+    assert file.mesh.faces.tolist() == [[2, 1, 0], [3, 2, 1]]
+
+
+def test_quads_are_split_for_topology_and_stay_quads_in_the_file(tmp_path: Path) -> None:
+    file = parsed(CUBE)
+    assert len(file.polygons) == 5
+    assert len(file.mesh.faces) == 10
+    assert file.face_polygons.tolist() == np.repeat(np.arange(5), 2).tolist()
+    closed = file.extended(lid())
+    closed.write(tmp_path / "closed.obj")
+    text = (tmp_path / "closed.obj").read_text()
+    assert text.startswith(CUBE)
+    assert text[len(CUBE) :].splitlines()[:2] == ["v 0.5 0.5 1.3333333333333333", "g spinor_geom_fill"]
+    assert is_closed(to_mesh(tmp_path / "closed.obj"))
+    assert read_mesh(tmp_path / "closed.obj").polygons.sizes.tolist() == [4] * 5 + [3] * 4
+
+
+@given(
+    data=st.data(),
+    seed=st.integers(0, 2**32 - 1),
+    colored=st.booleans(),
+    newline=st.sampled_from(["\n", "\r\n"]),
+    open_end=st.booleans(),
+)
+def test_round_trip_is_bit_exact(
+    tmp_path_factory: pytest.TempPathFactory,
+    data: st.DataObject,
+    seed: int,
+    colored: bool,
+    newline: str,
+    open_end: bool,
+) -> None:
+    random = np.random.default_rng(seed)
+    rows = random.normal(size=(7, 6 if colored else 3)) * 10.0 ** random.integers(-20, 20)
+    lines = [
+        "# head",
+        "mtllib none.mtl",
+        *("v " + " ".join(map(repr, row)) for row in rows.tolist()),
+        "usemtl a b",
+        "f 1 2 3",
+        "f 4 5 6 7",
+    ]
+    text = newline.join(lines) + ("" if open_end else newline)
+    file = parsed(text)
+    assert np.array_equal(file.mesh.vertices, rows[:, :3])
+    grown = file.extended(data.draw(extensions(file.mesh)))
+    folder = tmp_path_factory.mktemp("obj")
+    back = again(grown, folder)
+    assert (folder / "again.obj").read_bytes().startswith(text.encode())
+    assert back.mesh.vertices.tobytes() == grown.mesh.vertices.tobytes()
+    assert np.array_equal(back.mesh.faces, grown.mesh.faces)
+    assert back.polygons.rows() == grown.polygons.rows()
+    if colored:
+        assert np.array_equal(back.mesh.vertex_attributes["color"], grown.mesh.vertex_attributes["color"])
+
+
+def test_second_extension_follows_the_first(tmp_path: Path) -> None:
+    half = lid()
+    first = type(half)(vertices=half.vertices, faces=half.faces[:2], face_loops=half.face_loops[:2])
+    second = type(half)(vertices=np.zeros((0, 3)), faces=half.faces[2:], face_loops=half.face_loops[2:])
+    twice = parsed(CUBE).extended(first).extended(second)
+    assert is_closed(twice.mesh)
+    assert is_closed(again(twice, tmp_path).mesh)
+
+
+def test_nothing_appended_gives_the_same_bytes(tmp_path: Path) -> None:
+    original = DATA / "trimesh_reference.obj"
+    read_mesh(original).write(tmp_path / "same.obj")
+    assert (tmp_path / "same.obj").read_bytes() == original.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "vertices", "polygons", "boundary"),
+    [
+        ("trimesh_reference.obj", 845, 1610, 80),
+        ("demosthenes_low_res.obj", 8394, 16719, 67),
+        ("ict_face_neutral.obj", 26719, 26384, None),
+        ("spot_cut.obj", 11533, 22242, None),
+    ],
+)
+def test_real_files_hold_what_their_sources_say(name: str, vertices: int, polygons: int, boundary: int | None) -> None:
+    file = read_mesh(DATA / name)
+    assert len(file.mesh.vertices) == vertices
+    assert len(file.polygons) == polygons
+    if boundary is not None:
+        assert len(boundary_edges(file.mesh.faces)) == boundary
+
+
+def test_real_quads_and_texture_seams(tmp_path: Path) -> None:
+    file = read_mesh(DATA / "ict_face_neutral.obj")
+    assert (file.polygons.sizes == 4).sum() == 25836
+    assert len(file.mesh.faces) == 25836 * 2 + (26384 - 25836)
+    # 28911 texture coordinates for 26719 vertices: no single one for each vertex, so no attribute
+    assert dict(file.mesh.vertex_attributes) == {}
+    original = (DATA / "ict_face_neutral.obj").read_bytes()
+    edge = boundary_edges(file.mesh.faces)[0]
+    one = type(lid())(
+        vertices=np.array([[0.0, 0.0, 1.0]]),
+        faces=np.array([[edge[1], edge[0], len(file.mesh.vertices)]]),
+        face_loops=np.array([0]),
+    )
+    file.extended(one).write(tmp_path / "grown.obj")
+    assert (tmp_path / "grown.obj").read_bytes().startswith(original)
+    assert len(read_mesh(tmp_path / "grown.obj").polygons) == 26385
+
+
+def test_vertex_colors_are_read_and_written(tmp_path: Path) -> None:
+    file = read_mesh(DATA / "trimesh_reference.obj")
+    color = file.mesh.vertex_attributes["color"]
+    assert color.shape == (845, 3)
+    assert color[0].tolist() == [0.384992, 0.258679, 0.20016]
+    grown = file.extended(
+        type(lid())(
+            vertices=np.zeros((1, 3)),
+            faces=np.array([[0, 1, 845]]),
+            face_loops=np.array([0]),
+            vertex_attributes={"color": np.array([[0.1, 0.2, 0.3]])},
+        )
+    )
+    grown.write(tmp_path / "grown.obj")
+    assert b"v 0.0 0.0 0.0 0.1 0.2 0.3\r\n" in (tmp_path / "grown.obj").read_bytes()
+    assert again(grown, tmp_path).mesh.vertex_attributes["color"][845].tolist() == [0.1, 0.2, 0.3]
+
+
+def test_texture_and_normals_of_single_vertices_are_carried(tmp_path: Path) -> None:
+    text = CUBE.partition("f")[0]
+    text += "".join(f"vt {i / 8} 0.5\n" for i in range(8)) + "".join(f"vn {i} 1 0\n" for i in reversed(range(8)))
+    text += "".join("f " + " ".join(f"{i}/{i}/{9 - i}" for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
+    file = parsed(text)
+    assert file.mesh.vertex_attributes["uv"][:, 0].tolist() == [i / 8 for i in range(8)]
+    assert file.mesh.vertex_attributes["normal"][:, 0].tolist() == list(range(8))
+    closed = again(file.extended(lid_for(file.mesh)), tmp_path)
+    assert (tmp_path / "again.obj").read_text().splitlines()[-1] == "f 4/4/5 2/2/7 9/9/9"
+    assert closed.mesh.vertex_attributes["uv"][8].tolist() == [3.5 / 8, 0.5]
+    assert closed.mesh.vertex_attributes["normal"][8].tolist() == [3.5, 1.0, 0.0]
+    assert is_closed(closed.mesh)
+
+
+def test_normals_alone_leave_the_texture_place_empty(tmp_path: Path) -> None:
+    text = CUBE.partition("f")[0] + "".join(f"vn 0 0 {i}\n" for i in range(8))
+    text += "".join("f " + " ".join(f"{i}//{i}" for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
+    file = parsed(text)
+    closed = again(file.extended(lid_for(file.mesh)), tmp_path)
+    assert (tmp_path / "again.obj").read_text().endswith("f 4//4 2//2 9//9\n")
+    assert set(closed.mesh.vertex_attributes) == {"normal"}
+
+
+def test_weights_are_no_colors() -> None:
+    assert dict(parsed("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 1\nf 1 2 3\n").mesh.vertex_attributes) == {}
+    assert dict(parsed("v 0 0 0 1 1 1\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").mesh.vertex_attributes) == {}
+    assert parsed("v 0 0 0 9 8 7 6\nv 1 0 0 9 8 7 6\nv 0 1 0 9 8 7 6\nf 1 2 3\n").contents.color_scale == 255.0
+
+
+def test_curve_without_faces_is_one_closed_polyline() -> None:
+    file = read_mesh(DATA / "squiggle_on_sphere.obj")
+    assert len(file.mesh.faces) == 0
+    (curve,) = file.polylines
+    assert curve[0] == curve[-1]
+    assert sorted(curve[:-1].tolist()) == list(range(362))
+    points = file.mesh.vertices[curve]
+    assert np.linalg.norm(np.diff(points, axis=0), axis=1).max() < 0.05
+
+
+def test_nothing_that_the_file_names_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = []
+    real_open = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: opened.append(path) or real_open(path))
+    monkeypatch.setattr("builtins.open", lambda *_args, **_options: pytest.fail("a second file was opened"))
+    trap = tmp_path / "trap.obj"
+    names = f"mtllib {tmp_path}/secret.mtl\nmtllib ../../etc/passwd\ncall {trap} 1\ncsh touch x\n"
+    trap.write_bytes((names + CUBE).encode())
+    opened.clear()
+    assert len(read_mesh(trap).mesh.faces) == 10
+    assert opened == [trap]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("# only a comment\n", "no vertices"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1\n", "line 3: a vertex needs three coordinates, got 'v 0 1'"),
+        ("v 0 0 0\nv 1 zero 0\nv 0 1 0\n", "line 2: 'zero' is no number"),
+        (TRIANGLE + "f 1 2\n", "line 4: a face needs three corners, got 'f 1 2'"),
+        (TRIANGLE + "f 1 2 3\n\nf 1 2 4\n", "line 6: '4' names a vertex that does not exist, the file has 3"),
+        (TRIANGLE + "f 1 2 0\n", "line 4: '0' names a vertex"),
+        (TRIANGLE + "f 1 2 -4\n", "line 4: '-4' names a vertex"),
+        (TRIANGLE + "f 1 2 x\n", "line 4: 'x' is no corner"),
+        (TRIANGLE + "f 1/1 2/y 3/1\n", "line 4: '2/y' is no corner"),
+        (TRIANGLE + "f 1/1/1/1 2 3\n", "line 4: '1/1/1/1' is no corner"),
+        (TRIANGLE + "f /1 2 3\n", "line 4: '/1' is no corner"),
+        (TRIANGLE + "f 1 2 99999999999999999999999\n", "line 4: '99999999999999999999999' is no corner"),
+        (TRIANGLE + "f 1 \\\n 2 \\\n 7\n", "line 4: '7' names"),
+        (TRIANGLE + "# a \\\n b\n\nf 1 2 7\n", "line 7: '7' names"),
+        (TRIANGLE + "l 1\n", "line 4: a curve needs two vertices"),
+        (TRIANGLE + "l 1 9\n", "line 4: '9' names"),
+        (b"\x7fELF\x00\x01", "byte 4: a zero byte"),
+    ],
+)
+def test_malformed_files_name_the_place(text: str | bytes, said: str) -> None:
+    with pytest.raises(MeshFileError) as caught:
+        parsed(text)
+    assert said in str(caught.value)
+    assert str(caught.value).startswith("a.obj")
+
+
+def test_every_truncation_of_a_file_is_read_or_refused_with_a_typed_error() -> None:
+    data = (CUBE + "vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nl 1 2 3\n").encode()
+    refused = [stop for stop in range(len(data)) if not is_read_or_refused(data[:stop])]
+    assert len(refused) > 30
+
+
+def is_read_or_refused(data: bytes) -> bool:
+    try:
+        parsed(data)
+    except (MeshFileError, NonFiniteVertexError):
+        return False
+    return True
+
+
+@given(st.binary(max_size=200))
+def test_garbage_is_a_typed_error(data: bytes) -> None:
+    with pytest.raises(MeshFileError):
+        read_obj(data, None)
+
+
+def test_infinite_coordinate_names_the_vertex() -> None:
+    with pytest.raises(NonFiniteVertexError) as caught:
+        parsed("v 0 0 0\nv 1 0 1e999\nv 0 1 0\nf 1 2 3\n")
+    assert caught.value.fields["vertex"] == 1
+
+
+def test_path_and_text_give_a_mesh_file(tmp_path: Path) -> None:
+    path = tmp_path / "CUBE.OBJ"
+    path.write_text(CUBE)
+    for name in (path, str(path)):
+        grown = extend(name, lid())
+        assert isinstance(grown, MeshFile)
+        assert is_closed(grown.mesh)
+    assert path.read_text() == CUBE

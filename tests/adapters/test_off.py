@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters.off import read_off
+from spinor_geom.errors import MeshFileError, NonFiniteVertexError
+from spinor_geom.mesh.topology import boundary_edges
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
+
+QUADS = "".join(f"4 {' '.join(map(str, quad))}\n" for quad in CUBE_QUADS[:-1].tolist())
+POINTS = "".join(f"{x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
+CUBE = f"OFF\n8 5 0\n{POINTS}{QUADS}"
+
+
+def parsed(text: str | bytes) -> MeshFile:
+    data = text.encode() if isinstance(text, str) else text
+    return MeshFile.of_contents(read_off(data, Path("a.off")), path=None)
+
+
+def again(file: MeshFile, folder: Path) -> MeshFile:
+    file.write(folder / "again.off")
+    return read_mesh(folder / "again.off")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        CUBE,
+        CUBE.replace("OFF\n", "OFF "),
+        CUBE.replace("OFF\n", ""),
+        "# a comment\n\n" + CUBE.replace("8 5 0", "\n8 5 0 # counts\n"),
+        CUBE.replace("\n", "\r\n"),
+        CUBE.replace("4 0 1 3 2\n", "4 0 1 3 2 255 0 0\n\n"),
+        CUBE.rstrip("\n"),
+        CUBE.replace("8 5 0", "8 5"),
+    ],
+)
+def test_forms_of_a_file_keep_their_quads_and_close(tmp_path: Path, text: str) -> None:
+    file = parsed(text)
+    assert file.polygons.rows() == CUBE_QUADS[:-1].tolist()
+    closed = again(file.extended(lid()), tmp_path)
+    assert closed.polygons.sizes.tolist() == [4] * 5 + [3] * 4
+    assert np.array_equal(closed.mesh.vertices[8], lid().vertices[0])
+    assert is_closed(closed.mesh)
+    again(file, tmp_path)
+    assert (tmp_path / "again.off").read_bytes() == text.encode()
+
+
+@given(data=st.data(), seed=st.integers(0, 2**32 - 1), integers=st.booleans())
+def test_round_trip_keeps_normals_colors_and_texture(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, seed: int, integers: bool
+) -> None:
+    random = np.random.default_rng(seed)
+    points, normals, uv = random.normal(size=(5, 3)), random.normal(size=(5, 3)), random.uniform(size=(5, 2))
+    colors = random.integers(0, 256, (5, 4)) if integers else random.uniform(size=(5, 4))
+    rows = [
+        [*chain(*parts)] for parts in zip(points.tolist(), normals.tolist(), colors.tolist(), uv.tolist(), strict=True)
+    ]
+    text = "STCNOFF\n5 2 0\n" + "".join(" ".join(map(repr, row)) + "\n" for row in rows) + "3 0 1 2\n4 2 1 3 4 9 9 9\n"
+    file = parsed(text)
+    attributes = file.mesh.vertex_attributes
+    assert np.array_equal(attributes["normal"], normals)
+    assert np.array_equal(attributes["color"], colors)
+    assert np.array_equal(attributes["uv"], uv)
+    assert file.contents.color_scale == (255.0 if integers else 1.0)
+    grown = file.extended(data.draw(extensions(file.mesh)))
+    back = again(grown, tmp_path_factory.mktemp("off"))
+    assert back.mesh.vertices.tobytes() == grown.mesh.vertices.tobytes()
+    assert back.polygons.rows() == grown.polygons.rows()
+    for name, values in grown.mesh.vertex_attributes.items():
+        assert np.array_equal(back.mesh.vertex_attributes[name], values)
+
+
+def test_colors_under_the_plain_keyword_and_unknown_columns(tmp_path: Path) -> None:
+    colored = CUBE.replace(".0\n", ".0 255 0 7\n", 8)
+    file = parsed(colored)
+    assert file.mesh.vertex_attributes["color"][0].tolist() == [255, 0, 7]
+    again(file.extended(lid(color=np.array([[1.6, 2.2, 3.0]]))), tmp_path)
+    assert "0.5 0.5 1.3333333333333333 2 2 3\n" in (tmp_path / "again.off").read_text()
+    extra = parsed(CUBE.replace(".0\n", ".0 4.5\n", 8))
+    assert extra.mesh.vertex_attributes["extra"].shape == (8, 1)
+    assert is_closed(again(extra.extended(lid_for(extra.mesh)), tmp_path).mesh)
+
+
+def test_normal_seam_is_no_boundary() -> None:
+    vertices, faces = open_cube()
+    corners = vertices[faces].reshape(-1, 3)
+    normals = np.arange(90.0).reshape(30, 3)
+    rows = "".join(" ".join(map(repr, row)) + "\n" for row in np.hstack([corners, normals]).tolist())
+    triangles = "".join(f"3 {i} {i + 1} {i + 2}\n" for i in range(0, 30, 3))
+    assert len(boundary_edges(parsed(f"NOFF\n30 10 0\n{rows}{triangles}").mesh.faces)) == 4
+
+
+def test_agrees_with_trimesh(tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    ball.export(tmp_path / "ball.off")
+    file = read_mesh(tmp_path / "ball.off")
+    other = trimesh.load(tmp_path / "ball.off", process=False)
+    assert np.array_equal(file.mesh.vertices, other.vertices)
+    assert np.array_equal(file.mesh.faces, other.faces)
+    file.merged().write(tmp_path / "again.off")
+    assert np.array_equal(trimesh.load(tmp_path / "again.off", process=False).vertices, other.vertices)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "line 1: the counts"),
+        ("OFF\n", "line 1: the counts"),
+        ("OFF BINARY\n8 5 0\n", "line 1: 'OFF BINARY' is no kind"),
+        ("4OFF\n8 5 0\n", "line 1: '4OFF' is no kind"),
+        ("OFF\nfoo bar\n", "line 2: the counts"),
+        ("OFF\n0 0 0\n", "line 2: has 0 vertices and 0 faces"),
+        ("OFF\n8 5 0\n" + POINTS, "line 2: announces 8 vertices and 5 faces, but only 8 lines follow"),
+        ("OFF\n999999999999 5 0\n" + POINTS, "line 2: announces 999999999999"),
+        (CUBE.replace("0.0 0.0 0.0\n", "0.0 0.0\n"), "line 3: a vertex with 2 numbers"),
+        (CUBE.replace("0.0 0.0 1.0\n", "0.0 0.0\n"), "line 4: a vertex with 2 numbers, the first has 3"),
+        (CUBE.replace("0.0 0.0 1.0\n", "0.0 0.0 x\n"), "line 4: 'x' is no number"),
+        (CUBE.replace("OFF", "NOFF"), "line 3: a vertex with 3 numbers does not fit"),
+        (CUBE.replace("OFF", "COFF"), "line 3: a vertex with 3 numbers does not fit"),
+        (CUBE.replace("4 0 1 3 2", "4 0 1 3"), "line 11: a face needs"),
+        (CUBE.replace("4 0 1 3 2", "2 0 1"), "line 11: a face needs"),
+        (CUBE.replace("4 0 1 3 2", "4 0 1 3 q"), "line 11: 'q' is no index"),
+        (CUBE.replace("4 0 1 3 2", "4 0 1 3 99999999999999999999"), "line 11: '99999999999999999999' is no index"),
+        (CUBE.replace("4 0 1 3 2", "k 0 1 3 2"), "line 11: 'k' is no index"),
+        (CUBE.replace("4 0 1 3 2", "-4 0 1 3 2"), "line 11: a face needs"),
+        (CUBE.replace("4 0 1 3 2", "4 0 1 3 8"), "line 11: names vertex 8, but the file has vertices 0 to 7"),
+        (b"OFF\n\0", "byte 4: a zero byte"),
+    ],
+)
+def test_malformed_files_name_the_place(text: str | bytes, said: str) -> None:
+    with pytest.raises(MeshFileError) as caught:
+        parsed(text)
+    assert said in str(caught.value)
+
+
+@given(st.binary(max_size=200))
+def test_garbage_is_a_typed_error(data: bytes) -> None:
+    for garbage in (data, b"OFF\n" + data):
+        with pytest.raises((MeshFileError, NonFiniteVertexError)):
+            read_off(garbage, None)

@@ -1,0 +1,290 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters.ply import read_ply
+from spinor_geom.errors import MeshFileError, NonFiniteVertexError
+from spinor_geom.mesh.topology import boundary_edges
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
+
+FORMATS = ["ascii", "binary_little_endian", "binary_big_endian"]
+
+
+def ply(
+    encoding: str,
+    vertices: np.ndarray,
+    faces: list[list[int]],
+    *,
+    extra: dict[str, tuple[str, np.ndarray]] | None = None,
+    face_extra: str = "",
+    coordinate: str = "float",
+    before: str = "",
+    newline: str = "\n",
+) -> bytes:
+    """A PLY file: positions, further scalar properties (type, values), faces, and with `face_extra` a colour a face."""
+    extra = extra or {}
+    kinds = {"float": "f4", "double": "f8", "uchar": "u1", "int": "i4"}
+    order = ">" if encoding == "binary_big_endian" else "<"
+    columns = [(coordinate, column) for column in vertices.T] + list(extra.values())
+    header = ["ply", f"format {encoding} 1.0", "comment element vertex 99", *before.splitlines()]
+    header += [f"element vertex {len(vertices)}", *(f"property {coordinate} {name}" for name in "xyz")]
+    header += [f"property {kind} {name}" for name, (kind, _) in extra.items()]
+    header += [f"element face {len(faces)}"]
+    header += ["property uchar red"] if face_extra else []
+    header += ["property list uchar int vertex_indices", "end_header", ""]
+    text = newline.join(header).encode()
+    if encoding == "ascii":
+        rows = [" ".join(repr(column[i].item()) for _, column in columns) for i in range(len(vertices))]
+        rows += [("7 " if face_extra else "") + " ".join(map(str, [len(face), *face])) for face in faces]
+        return text + newline.join([*rows, ""]).encode()
+    records = np.zeros(len(vertices), dtype=[(f"{i}", order + kinds[kind]) for i, (kind, _) in enumerate(columns)])
+    for i, (_, column) in enumerate(columns):
+        records[f"{i}"] = column
+    body = b"".join(
+        (b"\x07" if face_extra else b"") + bytes([len(face)]) + np.array(face, dtype=order + "i4").tobytes()
+        for face in faces
+    )
+    return text + records.tobytes() + body
+
+
+def parsed(data: bytes) -> MeshFile:
+    return MeshFile.of_contents(read_ply(data, Path("a.ply")), path=None)
+
+
+def again(file: MeshFile, folder: Path) -> MeshFile:
+    file.write(folder / "again.ply")
+    return read_mesh(folder / "again.ply")
+
+
+QUADS = [quad.tolist() for quad in CUBE_QUADS[:-1]]
+MIXED = [QUADS[0][:3], [QUADS[0][0], QUADS[0][2], QUADS[0][3]], *QUADS[1:]]
+
+
+@pytest.mark.parametrize("encoding", FORMATS)
+@pytest.mark.parametrize("faces", [QUADS, MIXED], ids=["quads", "mixed"])
+@pytest.mark.parametrize("face_extra", ["", "red"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_polygons_stay_and_the_lid_closes_the_cube(
+    tmp_path: Path, encoding: str, faces: list[list[int]], face_extra: str, newline: str
+) -> None:
+    data = ply(encoding, CUBE_POINTS, faces, face_extra=face_extra, newline=newline)
+    file = parsed(data)
+    assert file.polygons.rows() == faces
+    assert np.array_equal(file.mesh.vertices, CUBE_POINTS)
+    closed = again(file.extended(lid()), tmp_path)
+    assert closed.polygons.rows() == faces + lid().faces.tolist()
+    assert is_closed(closed.mesh)
+    again(file, tmp_path)
+    assert (tmp_path / "again.ply").read_bytes() == data
+
+
+@given(
+    data=st.data(),
+    encoding=st.sampled_from(FORMATS),
+    coordinate=st.sampled_from(["float", "double"]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_round_trip_keeps_every_property(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, encoding: str, coordinate: str, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    vertices = random.normal(size=(6, 3)).astype("f4" if coordinate == "float" else "f8")
+    extra = {name: ("uchar", random.integers(0, 256, 6).astype("u1")) for name in ("red", "green", "blue")}
+    extra |= {name: ("float", random.normal(size=6).astype("f4")) for name in ("nx", "ny", "nz", "quality")}
+    extra |= {"label": ("int", random.integers(-9, 9, 6))}
+    file = parsed(ply(encoding, vertices, [[0, 1, 2], [2, 1, 3, 4]], extra=extra, coordinate=coordinate))
+    attributes = file.mesh.vertex_attributes
+    assert set(attributes) == {"color", "normal", "quality", "label"}
+    assert np.array_equal(attributes["color"][:, 1], extra["green"][1])
+    grown = file.extended(data.draw(extensions(file.mesh)))
+    back = again(grown, tmp_path_factory.mktemp("ply"))
+    assert back.mesh.vertices[:6].tobytes() == vertices.astype(float).tobytes()
+    rounded = grown.mesh.vertices[6:] if encoding == "ascii" else grown.mesh.vertices[6:].astype(vertices.dtype)
+    assert np.array_equal(back.mesh.vertices[6:], rounded)
+    assert back.polygons.rows() == grown.polygons.rows()
+    for name, values in grown.mesh.vertex_attributes.items():
+        assert np.array_equal(back.mesh.vertex_attributes[name], values), name
+
+
+def test_colors_are_rounded_to_bytes(tmp_path: Path) -> None:
+    extra = {name: ("uchar", np.full(8, 200, dtype="u1")) for name in ("red", "green", "blue", "alpha")}
+    file = parsed(ply("binary_little_endian", CUBE_POINTS, QUADS, extra=extra))
+    assert file.contents.color_scale == 255.0
+    closed = again(file.extended(lid(color=np.array([[0.6, 254.7, -9.0, 999.0]]))), tmp_path)
+    assert closed.mesh.vertex_attributes["color"][8].tolist() == [1, 255, 0, 255]
+
+
+def test_other_elements_and_comments_stay(tmp_path: Path) -> None:
+    before = "obj_info hello\nelement camera 1\nproperty float view\nproperty int depth"
+    data = ply("binary_little_endian", CUBE_POINTS, QUADS, before=before)
+    head = data.index(b"end_header\n") + len(b"end_header\n")
+    data = data[:head] + b"\0\0\x80?\x05\0\0\0" + data[head:]
+    closed = again(parsed(data).extended(lid()), tmp_path)
+    written = (tmp_path / "again.ply").read_bytes()
+    assert b"comment element vertex 99\nobj_info hello\nelement camera 1\n" in written
+    assert b"element vertex 9\n" in written
+    assert b"end_header\n\0\0\x80?\x05\0\0\0" in written
+    assert is_closed(closed.mesh)
+
+
+def test_lists_beside_the_corners_are_kept(tmp_path: Path) -> None:
+    vertices, faces = open_cube()
+    header = (
+        "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
+        "property list uchar int owners\nelement face 10\nproperty list uchar int vertex_indices\n"
+        "property list uchar float texcoord\nproperty int part\nend_header\n"
+    )
+    body = "".join(f"{x} {y} {z} 2 5 6\n" for x, y, z in vertices)
+    body += "".join(f"3 {a} {b} {c} 6 0 0 1 0 1 1 4\n" for a, b, c in faces)
+    file = parsed((header + body).encode())
+    closed = again(file.extended(lid()), tmp_path)
+    lines = (tmp_path / "again.ply").read_text().splitlines()
+    assert lines[-1] == "3 3 1 8 6 0.0 0.0 0.0 0.0 0.0 0.0 4"
+    assert "0.5 0.5 1.3333333333333333 0" in lines
+    assert is_closed(closed.mesh)
+
+
+def test_text_without_a_last_line_end_can_be_appended_to(tmp_path: Path) -> None:
+    data = ply("ascii", CUBE_POINTS, QUADS).rstrip(b"\n")
+    assert is_closed(again(parsed(data).extended(lid()), tmp_path).mesh)
+
+
+def test_blank_lines_and_old_line_ends_are_read(tmp_path: Path) -> None:
+    data = ply("ascii", CUBE_POINTS, QUADS)
+    spaced = data.replace(b"end_header\n", b"end_header\n\n").replace(b"\n4 ", b"\n\n4 ")
+    assert parsed(spaced).polygons.rows() == QUADS
+    assert is_closed(again(parsed(spaced).extended(lid()), tmp_path).mesh)
+    old = parsed(data.replace(b"\n", b"\r"))
+    assert old.polygons.rows() == QUADS
+    assert is_closed(again(old.extended(lid()), tmp_path).mesh)
+
+
+def test_texture_seam_is_no_boundary_and_soup_is_left_alone() -> None:
+    vertices, faces = open_cube()
+    soup = vertices[faces].reshape(-1, 3)
+    triangles = np.arange(len(soup)).reshape(-1, 3).tolist()
+    bare = parsed(ply("binary_little_endian", soup, triangles))
+    assert len(boundary_edges(bare.mesh.faces)) == 30
+    texture = {"s": ("float", np.arange(30.0)), "t": ("float", np.zeros(30))}
+    sewn = parsed(ply("binary_little_endian", soup, triangles, extra=texture))
+    assert len(boundary_edges(sewn.mesh.faces)) == 4
+    assert np.array_equal(sewn.mesh.vertices, soup)
+    assert sewn.mesh.vertex_attributes["uv"].shape == (30, 2)
+
+
+def test_merged_file_is_written_anew_with_its_polygons(tmp_path: Path) -> None:
+    soup = CUBE_POINTS[CUBE_QUADS[:-1]].reshape(-1, 3)
+    quads = np.arange(20).reshape(-1, 4).tolist()
+    colors = {name: ("uchar", np.arange(20, dtype="u1")) for name in ("red", "green", "blue")}
+    merged = parsed(ply("ascii", soup, quads, extra=colors)).merged()
+    assert len(merged.mesh.vertices) == 8
+    assert merged.polygons.sizes.tolist() == [4] * 5
+    assert len(boundary_edges(merged.mesh.faces)) == 4
+    back = again(merged, tmp_path)
+    assert back.polygons.rows() == merged.polygons.rows()
+    assert np.array_equal(back.mesh.vertex_attributes["color"], merged.mesh.vertex_attributes["color"])
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_agrees_with_trimesh(tmp_path: Path, encoding: str) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    ball.export(tmp_path / "ball.ply", encoding=encoding)
+    file = read_mesh(tmp_path / "ball.ply")
+    other = trimesh.load(tmp_path / "ball.ply", process=False)
+    assert np.allclose(file.mesh.vertices, other.vertices, rtol=1e-7)
+    assert np.array_equal(file.mesh.faces, other.faces)
+    file.write(tmp_path / "again.ply")
+    assert np.array_equal(trimesh.load(tmp_path / "again.ply", process=False).vertices, other.vertices)
+    anew = file.merged()
+    anew.write(tmp_path / "anew.ply")
+    assert np.array_equal(trimesh.load(tmp_path / "anew.ply", process=False).faces, other.faces)
+
+
+HEAD = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+FACES = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("solid\n", "line 1: does not begin with 'ply'"),
+        ("ply\nformat ascii 1.0\n", "header: has no line 'end_header'"),
+        ("ply\nend_header\n", "the format is None"),
+        ("ply\nformat utf8 1.0\nend_header\n", "the format is utf8"),
+        (HEAD + "nonsense 1\n" + FACES, "line 7: cannot understand 'nonsense 1'"),
+        (HEAD + "property half w\n" + FACES, "line 7: 'property half w' is of unknown type"),
+        (HEAD + "property float x\n" + FACES, "or the second of its name"),
+        (HEAD + "property list float int w\n" + FACES, "is of unknown type"),
+        (HEAD + "element vertex 3\n" + FACES, "two elements of one name"),
+        ("ply\nformat ascii 1.0\nelement vertex -3\nend_header\n", "line 3: cannot understand"),
+        (HEAD + "end_header\n0 0 0\n1 0 0\n0 1 0\n", "has no faces"),
+        (HEAD.replace("vertex 3", "vertex 0") + FACES + "3 0 1 2\n", "has no vertices"),
+        (HEAD.replace("float z", "float w") + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "have no x, y and z"),
+        (HEAD + FACES.replace("_indices", "es") + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "no list 'vertex_indices'"),
+        (HEAD + FACES + "0 0 0\n1 0 0\n", "announces 3, but the file ends within number 2"),
+        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n", "announces 1, but the file ends within number 0"),
+        (HEAD + FACES + "0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "line 11: cannot read vertex 1 from '1 0'"),
+        (HEAD + FACES + "0 0 0\n1 0 q\n0 1 0\n3 0 1 2\n", "line 11: cannot read vertex 1 from '1 0 q'"),
+        (HEAD + FACES + "0 0 0\n1 0 0\n\n0 1 0\n\n3 0 1\n", "line 15: cannot read face 0 from '3 0 1'"),
+        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 99999999999\n", "cannot read face 0"),
+        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "face 0: names vertex 3, but the file has vertices 0 to 2"),
+        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", "face 0: names vertex -1"),
+        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "face 0: has 2 corners"),
+        (HEAD + FACES.replace("int vertex", "float vertex") + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "not integers"),
+    ],
+)
+def test_malformed_text_names_the_place(text: str, said: str) -> None:
+    with pytest.raises(MeshFileError) as caught:
+        parsed(text.encode())
+    assert said in str(caught.value)
+    assert str(caught.value).startswith("a.ply, ")
+
+
+@pytest.mark.parametrize("faces", [QUADS, MIXED], ids=["equal", "mixed"])
+@pytest.mark.parametrize("encoding", FORMATS)
+def test_every_truncation_is_refused_with_a_typed_error(encoding: str, faces: list[list[int]]) -> None:
+    data = ply(encoding, CUBE_POINTS, faces)
+    last = len(data) - (
+        2 if encoding == "ascii" else 0
+    )  # text may lack the last line end, or digits of the last number
+    for stop in range(last):
+        with pytest.raises(MeshFileError):
+            read_ply(data[:stop], None)
+
+
+def test_absurd_counts_are_refused_without_allocating() -> None:
+    data = ply("binary_little_endian", CUBE_POINTS, QUADS)
+    for old, new in ((b"vertex 8", b"vertex 999999999999"), (b"face 5", b"face 999999999999")):
+        with pytest.raises(MeshFileError, match="999999999999"):
+            read_ply(data.replace(old, new), None)
+    with pytest.raises(MeshFileError, match="999999999999"):
+        read_ply(ply("ascii", CUBE_POINTS, QUADS).replace(b"vertex 8", b"vertex 999999999999"), None)
+
+
+@given(st.binary(max_size=100))
+def test_garbage_is_a_typed_error(garbage: bytes) -> None:
+    with pytest.raises(MeshFileError):
+        read_ply(garbage, None)
+    with pytest.raises(MeshFileError):
+        read_ply(b"ply\n" + garbage, None)
+
+
+def test_nan_names_the_vertex() -> None:
+    vertices = CUBE_POINTS.copy()
+    vertices[5, 1] = np.nan
+    with pytest.raises(NonFiniteVertexError) as caught:
+        parsed(ply("binary_little_endian", vertices, QUADS))
+    assert caught.value.fields["vertex"] == 5
+
+
+def test_attributes_of_other_formats_survive_in_ply(tmp_path: Path) -> None:
+    file = parsed(ply("ascii", CUBE_POINTS, QUADS, extra={"heat": ("double", np.arange(8.0))}))
+    closed = file.extended(lid_for(file.mesh)).merged()
+    assert again(closed, tmp_path).mesh.vertex_attributes["heat"][8].tolist() == [3.5]

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spinor_geom.adapters.polygons import Polygons, chained
+from spinor_geom.adapters.seams import close_seams, seam_representatives
+from spinor_geom.mesh.topology import boundary_edges, is_watertight
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS
+
+
+def polygons(*faces: list[int]) -> Polygons:
+    return Polygons.of_sizes(np.concatenate(faces), np.array([len(face) for face in faces]))
+
+
+def area_vectors(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return np.cross(b - a, c - a) / 2
+
+
+def test_cube_of_quads_is_closed_and_has_its_area() -> None:
+    cube = Polygons.of_sizes(CUBE_QUADS.reshape(-1), np.full(6, 4))
+    triangles, of = cube.triangulated(CUBE_POINTS)
+    assert is_watertight(triangles)
+    assert of.tolist() == np.repeat(np.arange(6), 2).tolist()
+    assert np.linalg.norm(area_vectors(CUBE_POINTS, triangles), axis=1).sum() == 6.0
+    assert triangles[:2].tolist() == [[0, 1, 3], [0, 3, 2]]
+
+
+def test_quad_with_reflex_corner_is_split_along_its_inner_diagonal() -> None:
+    arrow = np.array([[0.0, 0, 0], [4, -2, 0], [1, 0, 0], [4, 2, 0]])  # reflex at vertex 2: only 0–2 lies inside
+    for turn in range(4):
+        corners = np.roll(np.arange(4), turn).tolist()
+        triangles, _ = polygons(corners).triangulated(arrow)
+        assert (area_vectors(arrow, triangles)[:, 2] > 0).all()
+        assert all({0, 2} <= set(triangle) for triangle in triangles.tolist())
+
+
+def test_fan_of_a_star_shaped_polygon_starts_where_it_can_see_all() -> None:
+    # an L: only fans from the reflex corner (1, 1) and from (0, 0) stay inside
+    points = np.array([[2.0, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0], [0, 0, 0]])
+    triangles, _ = polygons(list(range(6))).triangulated(points)
+    assert area_vectors(points, triangles)[:, 2].min() >= 0
+    assert area_vectors(points, triangles)[:, 2].sum() == 3.0
+
+
+@given(st.lists(st.integers(3, 40), min_size=1, max_size=8), st.integers(0, 2**32 - 1))
+def test_triangles_have_the_boundary_and_order_of_their_polygons(sizes: list[int], seed: int) -> None:
+    random = np.random.default_rng(seed)
+    vertices = random.normal(size=(sum(sizes), 3))
+    corners = random.permutation(len(vertices))
+    mixed = Polygons.of_sizes(corners, np.array(sizes))
+    triangles, of = mixed.triangulated(vertices)
+    assert (np.diff(of) >= 0).all()
+    for number, size in enumerate(sizes):
+        own = triangles[of == number]
+        assert len(own) == size - 2
+        ring = mixed[number].tolist()
+        edges = {tuple(edge) for edge in boundary_edges(own).tolist()}
+        assert edges == set(zip(ring, ring[1:] + ring[:1], strict=True))
+
+
+def test_huge_coordinates_do_not_warn() -> None:
+    triangles, _ = polygons([0, 1, 2, 3], [0, 1, 2, 3, 4]).triangulated(np.full((5, 3), 1e300) * np.eye(5, 3))
+    assert len(triangles) == 5
+
+
+def test_followed_by_and_from_face_take_apart_what_they_join() -> None:
+    old = polygons([0, 1, 2, 3], [3, 2, 4])
+    new = old.followed_by(np.array([[5, 6, 7]]))
+    assert new.rows() == [[0, 1, 2, 3], [3, 2, 4], [5, 6, 7]]
+    assert new.from_face(2).rows() == [[5, 6, 7]]
+    assert len(new.from_face(3)) == 0
+    assert new.renumbered(np.arange(8) + 1).rows()[0] == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("pieces", "curves"),
+    [
+        ([[0, 1], [1, 2], [2, 0]], [[0, 1, 2, 0]]),
+        ([[1, 0], [1, 2], [3, 2]], [[3, 2, 1, 0]]),
+        ([[0, 1, 2, 0]], [[0, 1, 2, 0]]),
+        ([[0, 1], [1, 2], [1, 3]], [[0, 1], [1, 2], [1, 3]]),
+        ([[0, 1], [2, 3]], [[0, 1], [2, 3]]),
+        ([[0, 1], [1, 0]], [[0, 1, 0]]),
+    ],
+)
+def test_polylines_are_chained(pieces: list[list[int]], curves: list[list[int]]) -> None:
+    found = chained([np.array(piece) for piece in pieces])
+    assert [curve.tolist() for curve in found] == curves
+
+
+def test_seam_takes_the_lowest_vertex_and_leaves_equal_ones_apart() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, -0.0], [1, 0, 0], [2, 0, 0]])
+    uv = np.array([[0.0], [0.5], [1.0], [0.5], [0.0]])
+    assert seam_representatives(points, [uv]).tolist() == [0, 1, 0, 3, 4]
+    assert seam_representatives(points, []).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_sliver_at_a_pole_is_left_out_and_a_broken_face_is_not() -> None:
+    faces = np.array([[0, 1, 2], [0, 3, 1], [1, 1, 2]])
+    closed, kept = close_seams(faces, np.array([0, 1, 2, 0]))
+    assert closed.tolist() == [[0, 1, 2], [1, 1, 2]]
+    assert kept.tolist() == [True, False, True]

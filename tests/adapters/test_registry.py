@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom.adapters import extend, known_types, register, to_mesh
+from spinor_geom.errors import UnknownMeshTypeError
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.adapters.shapes import lid, open_cube
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize(
+    ("thing", "said"),
+    [
+        (3.5, "float is not a mesh type"),
+        (None, "NoneType is not"),
+        ((np.zeros((3, 3)), np.zeros((1, 3)), 1), r"tuple of 3 \(numpy.ndarray, numpy.ndarray, int\)"),
+        ((np.zeros((3, 3)), torch.zeros((1, 3))), r"tuple of 2 \(numpy.ndarray, torch.Tensor\)"),
+        ([[0.0, 0.0, 0.0], [0, 1, 2]], r"list of 2 \(list, list\)"),
+        ((), r"tuple of 0 \(\)"),
+    ],
+)
+def test_unknown_type_error_lists_the_known_ones(thing: object, said: str) -> None:
+    with pytest.raises(UnknownMeshTypeError, match=said) as caught:
+        to_mesh(thing)
+    assert all(name in str(caught.value) for name in ("trimesh.Trimesh", "pymeshlab.MeshSet", "numpy", "torch", ".obj"))
+    assert caught.value.fields["known"] == known_types()
+    with pytest.raises(UnknownMeshTypeError):
+        extend(thing, lid())
+
+
+def test_registered_adapter_serves_its_type_and_subclasses() -> None:
+    @dataclass
+    class Cloth:
+        points: np.ndarray
+        triangles: np.ndarray
+
+    class Silk(Cloth):
+        pass
+
+    class ClothAdapter:
+        name = "Cloth"
+        types = (f"{Cloth.__module__.partition('.')[0]}.{Cloth.__qualname__}",)
+
+        def to_mesh(self, obj: Cloth) -> TriangleMesh:
+            return TriangleMesh(obj.points, obj.triangles)
+
+        def extend(self, obj: Cloth, extension: MeshExtension) -> Cloth:
+            points = np.concatenate([obj.points, extension.vertices])
+            return type(obj)(points, np.concatenate([obj.triangles, extension.faces]))
+
+    with pytest.raises(UnknownMeshTypeError):
+        to_mesh(Cloth(*open_cube()))
+    register(ClothAdapter())
+    assert len(to_mesh(Cloth(*open_cube())).faces) == 10
+    assert isinstance(extend(Silk(*open_cube()), lid()), Silk)
+    assert "Cloth" in known_types()
+
+
+def test_import_and_lookup_bring_in_no_optional_library() -> None:
+    program = (
+        "import conftest, sys, numpy as np\n"
+        "from spinor_geom.adapters import read_mesh, to_mesh\n"
+        "from spinor_geom.errors import UnknownMeshTypeError\n"
+        "to_mesh((np.eye(3), np.array([[0, 1, 2]])))\n"
+        "try:\n"
+        "    to_mesh(object())\n"
+        "except UnknownMeshTypeError:\n"
+        "    pass\n"
+        "assert len(read_mesh('data/trimesh_reference.obj').mesh.faces) == 1610\n"
+        "found = sorted({'trimesh', 'torch', 'pymeshlab', 'PIL', 'igl'} & set(sys.modules))\n"
+        "assert not found, found\n"
+    )
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True, timeout=60)

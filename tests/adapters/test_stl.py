@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters.stl import encode_stl, read_stl
+from spinor_geom.errors import MeshFileError
+from spinor_geom.mesh.topology import boundary_edges
+from tests.adapters.shapes import is_closed, lid, open_cube
+
+
+def parsed(data: bytes) -> MeshFile:
+    return MeshFile.of_contents(read_stl(data, Path("a.stl")), path=None)
+
+
+def cube_stl(encoding: str) -> bytes:
+    data = trimesh.Trimesh(*open_cube(), process=False).export(file_type="stl_ascii" if encoding == "text" else "stl")
+    return data.encode() if isinstance(data, str) else data
+
+
+@pytest.mark.parametrize("encoding", ["text", "binary"])
+def test_soup_is_kept_and_merging_makes_it_a_surface(tmp_path: Path, encoding: str) -> None:
+    soup = parsed(cube_stl(encoding))
+    vertices, faces = open_cube()
+    assert np.array_equal(soup.mesh.vertices, vertices[faces].reshape(-1, 3))
+    assert len(boundary_edges(soup.mesh.faces)) == 30
+    merged = soup.merged()
+    assert len(merged.mesh.vertices) == 8
+    assert len(boundary_edges(merged.mesh.faces)) == 4
+    where = {tuple(point): index for index, point in enumerate(merged.mesh.vertices.tolist())}
+    old = np.append(np.array([where[tuple(point)] for point in vertices.tolist()]), 8)
+    cover = type(lid())(vertices=lid().vertices, faces=old[lid().faces], face_loops=lid().face_loops)
+    closed = merged.extended(cover)
+    assert is_closed(closed.mesh)
+    closed.write(tmp_path / "closed.stl")
+    back = read_mesh(tmp_path / "closed.stl")
+    assert back.contents.is_text_stl == (encoding == "text")
+    assert np.array_equal(back.mesh.vertices[:30], soup.mesh.vertices)
+    assert is_closed(back.merged().mesh)
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_round_trip_is_bit_exact(seed: int, text: bool) -> None:
+    random = np.random.default_rng(seed)
+    corners = random.normal(size=(5, 3, 3)).astype(np.float64 if text else np.float32)
+    words = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {' '.join(map(repr, corner))}\n" for corner in facet)
+        + "endloop\nendfacet\n"
+        for facet in corners.tolist()
+    )
+    binary = np.zeros(5, dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    binary["corners"] = corners
+    data = (
+        f"solid vertex 1 2 3\n{words}endsolid\n".encode()
+        if text
+        else b"solid".ljust(80) + b"\5\0\0\0" + binary.tobytes()
+    )
+    contents = read_stl(data, None)
+    assert contents.vertices.tobytes() == corners.astype(float).tobytes()
+    assert read_stl(encode_stl(contents), None).vertices.tobytes() == contents.vertices.tobytes()
+
+
+def test_triangle_without_area_gets_a_zero_normal() -> None:
+    contents = read_stl(
+        b"solid\nfacet normal 0 0 0\nouter loop\n" + b"vertex 1 1 1\n" * 3 + b"endloop\nendfacet\n", None
+    )
+    assert b"facet normal 0.0 0.0 0.0" in encode_stl(contents)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"junk", "byte 80: has 4 bytes and does not begin with 'solid'"),
+        (b"x" * 84, "announces 2021161080 facets"),
+        (cube_stl("binary")[:-1], "announces 10 facets, 584 bytes; has 583"),
+        (cube_stl("binary") + b"\0", "announces 10 facets"),
+        (cube_stl("text")[:400], "about facet 3: 4 facets begin, 3 end"),
+        (cube_stl("text").replace(b"vertex", b"corner", 1), "facets begin"),
+        (b"solid a\nendsolid a\n", "has no facets"),
+        (b"\0" * 84, "has no facets"),
+        (b"solid\nfacet\nvertex 0 0 0\nvertex 1 0 a\nvertex 0 1 0\nendfacet\n", "no number"),
+    ],
+)
+def test_malformed_files_name_the_place(data: bytes, said: str) -> None:
+    with pytest.raises(MeshFileError) as caught:
+        parsed(data)
+    assert said in str(caught.value)
+
+
+@given(st.binary(max_size=200))
+def test_garbage_is_a_typed_error(data: bytes) -> None:
+    for garbage in (data, b"solid " + data):
+        with pytest.raises(MeshFileError):
+            read_stl(garbage, None)

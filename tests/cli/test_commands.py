@@ -1,0 +1,202 @@
+"""The commands, run in this process: results, exit statuses, what is said where."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom.adapters import read_mesh
+from spinor_geom.cli import console
+from spinor_geom.cli.main import main
+from spinor_geom.errors import FirstFillError
+from spinor_geom.fill.loops import boundary_loops
+from tests.fill.shapes import tube
+
+
+@pytest.fixture
+def mesh_path(tmp_path: Path) -> Path:
+    vertices, faces = tube()
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    path = tmp_path / "tube.obj"
+    path.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n")
+    return path
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_fill_writes_a_closed_mesh_and_a_report(
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output, report = tmp_path / "new" / "filled.ply", tmp_path / "new" / "report.json"
+    assert main(["fill", str(mesh_path), "-o", str(output), "--report", str(report)]) == 0
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "")  # quiet when piped
+    assert boundary_loops(output) == []
+    entry = json.loads(report.read_text())
+    assert entry["complete"] is True
+    assert entry["watertight"] is True
+    assert entry["input"] == str(mesh_path)
+    assert entry["output"] == str(output)
+    assert [loop["filled"] for loop in entry["loops"]] == [True, True]
+    assert sorted(path.name for path in output.parent.iterdir()) == ["filled.ply", "report.json"]
+
+
+def test_obj_input_is_kept_line_by_line(mesh_path: Path, tmp_path: Path) -> None:
+    output = tmp_path / "filled.obj"
+    assert main(["fill", str(mesh_path), "-o", str(output)]) == 0
+    assert output.read_text().startswith(mesh_path.read_text())
+
+
+@pytest.mark.parametrize("choice", [["--loop", "1"], ["--keep-largest"], ["--max-perimeter", "6"]])
+def test_a_choice_of_loops_leaves_the_others_open_with_status_0(
+    mesh_path: Path, tmp_path: Path, choice: list[str]
+) -> None:
+    output, report = tmp_path / "filled.obj", tmp_path / "report.json"
+    assert main(["fill", str(mesh_path), "-o", str(output), "--report", str(report), *choice]) == 0
+    (left,) = boundary_loops(output)
+    assert set(left.vertex_ids) == set(range(16))
+    first, second = json.loads(report.read_text())["loops"]
+    assert (first["requested"], first["filled"]) == (False, False)
+    assert "not requested" in first["reason"]
+    assert second["filled"]
+
+
+def test_loops_may_be_listed_with_commas_or_one_by_one(mesh_path: Path, tmp_path: Path) -> None:
+    for choice in (["--loop", "0,1"], ["--loop", "0", "--loop", "1"]):
+        assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), *choice]) == 0
+        assert boundary_loops(tmp_path / "filled.obj") == []
+
+
+def test_a_missed_tolerance_gives_status_1_and_the_mesh(
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "filled.obj"
+    assert main(["fill", str(mesh_path), "-o", str(output), "--tolerance", "1e-16"]) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("filled, but not within the tolerance") == 2
+    assert boundary_loops(output) == []
+
+
+def test_a_loop_that_cannot_be_filled_is_named_with_status_1(
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise FirstFillError("no disk over this loop")
+
+    monkeypatch.setattr("spinor_geom.fill.one_loop.solve_plateau", fails)
+    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 1
+    assert "loop 0 (16 vertices) not filled: no disk over this loop" in capsys.readouterr().err
+
+
+def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vertices, faces = tube()
+    soup = tmp_path / "soup.stl"
+    records = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("pad", "<u2")])
+    records["corners"] = vertices[faces]
+    soup.write_bytes(b"\0" * 80 + np.uint32(len(faces)).tobytes() + records.tobytes())
+    output = tmp_path / "filled.stl"
+    assert main(["fill", str(soup), "-o", str(output)]) == 2
+    assert "--merge" in capsys.readouterr().err
+    assert main(["fill", str(soup), "-o", str(output), "--merge"]) == 0
+    assert boundary_loops(read_mesh(output).merged()) == []
+    assert main(["loops", str(soup), "--merge"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 3
+
+
+def test_compare_prints_a_table_and_reports_it(
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report = tmp_path / "report.json"
+    arguments = ["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--loop", "1", "--compare"]
+    assert main([*arguments, "--report", str(report)]) == 0
+    assert capsys.readouterr().out.startswith("loop 1\n")
+    left, filled = json.loads(report.read_text())["loops"]
+    assert "comparison" not in left
+    assert filled["comparison"]
+
+
+def test_loops_lists_them_for_a_pipe(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["loops", str(mesh_path)]) == 0
+    header, *rows = capsys.readouterr().out.splitlines()
+    assert header.split("\t")[:3] == ["loop", "vertices", "perimeter"]
+    assert [row.split("\t")[:2] for row in rows] == [["0", "16"], ["1", "16"]]
+
+
+def test_loops_as_json_are_those_of_boundary_loops(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["loops", str(mesh_path), "--json"]) == 0
+    entries = json.loads(capsys.readouterr().out)
+    for entry, loop in zip(entries, boundary_loops(mesh_path), strict=True):
+        assert entry["vertex_ids"] == loop.vertex_ids.tolist()
+        assert entry["perimeter"] == loop.perimeter
+
+
+def test_a_closed_mesh_has_no_loops(mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    closed = tmp_path / "closed.obj"
+    assert main(["fill", str(mesh_path), "-o", str(closed)]) == 0
+    assert main(["loops", str(closed)]) == 0
+    assert "closed" in capsys.readouterr().out
+    assert main(["fill", str(closed), "-o", str(tmp_path / "again.obj")]) == 0
+    assert (tmp_path / "again.obj").read_text() == closed.read_text()
+
+
+def test_a_terminal_gets_a_table(mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdout", terminal)
+    monkeypatch.setenv("COLUMNS", "120")
+    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 0
+    text = terminal.getvalue()
+    assert "residual/edge" in text
+    assert "2 of 2 loops filled" in text
+    assert "watertight" in text
+
+
+def test_progress_is_drawn_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    for stream, drawn in ((Terminal(), True), (io.StringIO(), False)):
+        monkeypatch.setattr(sys, "stderr", stream)
+        with console.progress("filling") as advance:
+            advance(1, 2)
+        assert ("filling" in stream.getvalue()) is drawn
+
+
+def test_a_report_that_was_there_survives_a_failure(
+    mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report = tmp_path / "report.json"
+    report.write_text("old")
+    monkeypatch.setattr("spinor_geom.cli.fill.json.dumps", lambda *_, **__: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--report", str(report)])
+    assert report.read_text() == "old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["filled.obj", "report.json", "tube.obj"]
+
+
+def test_a_reader_that_stops_early_is_no_error(mesh_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def closed_pipe(*_: object, **__: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("spinor_geom.cli.loops.show_table", closed_pipe)
+    monkeypatch.setattr("spinor_geom.cli.main.os.dup2", lambda *_: None)
+    assert main(["loops", str(mesh_path)]) == 0
+
+
+def test_an_interrupt_gives_status_130(
+    mesh_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("spinor_geom.cli.loops.boundary_loops", interrupted)
+    assert main(["loops", str(mesh_path)]) == 130
+    assert capsys.readouterr().err == "spinor-geom: interrupted\n"

@@ -1,0 +1,65 @@
+"""What starting the program imports, and the public names."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import spinor_geom
+
+ROOT = Path(__file__).parents[2]
+HEAVY = ("torch", "trimesh", "scipy", "igl", "numpy", "pymeshlab", "pyvista", "rich", "jaxtyping")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["fill", "--help"], ["loops", "--help"], ["fill"]])
+def test_help_and_usage_errors_import_nothing_heavy(arguments: list[str]) -> None:
+    program = (
+        "import sys\n"
+        "from spinor_geom.cli.main import main\n"
+        "try:\n"
+        f"    main({arguments!r})\n"
+        "except SystemExit:\n"
+        "    pass\n"
+        f"print('LOADED', [name for name in {HEAVY!r} if name in sys.modules])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.rstrip().endswith("LOADED []")
+    assert "usage: spinor-geom" in done.stdout + done.stderr
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    program = f"import sys, spinor_geom; dir(spinor_geom); print([name for name in {HEAVY!r} if name in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", spinor_geom.__all__)
+def test_every_public_name_is_what_its_module_defines(name: str) -> None:
+    value = getattr(spinor_geom, name)
+    assert value.__name__ == name
+    assert name in dir(spinor_geom)
+
+
+def test_a_public_name_is_not_hidden_by_a_module_of_the_same_name() -> None:
+    for name in spinor_geom.__all__:
+        module = importlib.import_module(getattr(spinor_geom, name).__module__)
+        assert getattr(spinor_geom, name) is getattr(module, name)
+
+
+def test_type_checkers_see_the_same_names() -> None:
+    text = (ROOT / "spinor_geom" / "__init__.py").read_text(encoding="utf-8")
+    for name, module in spinor_geom._MODULES.items():
+        assert f"from {module} import {name} as {name}\n" in text
+
+
+def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'fill_holes'"):
+        _ = spinor_geom.fill_holes

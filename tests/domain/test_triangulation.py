@@ -1,0 +1,206 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
+from spinor_geom.errors import DomainError, OptionError
+
+
+def polygon(corners, n):
+    """The polygon with these corners, its sides divided evenly into about n edges in all."""
+    c = np.asarray(corners, dtype=complex)
+    side = np.abs(np.roll(c, -1) - c)
+    count = np.maximum(1, np.round(n * side / side.sum())).astype(int)
+    return np.concatenate([a + (b - a) * np.arange(k) / k for a, b, k in zip(c, np.roll(c, -1), count, strict=True)])
+
+
+def ellipse(n, a):
+    t = 2 * np.pi * np.linspace(0, 1, 20001)
+    z = a * np.cos(t) + 1j * np.sin(t)
+    length = np.append(0, np.cumsum(np.abs(np.diff(z))))
+    return np.interp(np.arange(n) / n * length[-1], length, z)
+
+
+def comb(n):
+    teeth = [9 - 2 * k + d for k in range(5) for d in (4j, 4j - 1, 1j - 1, 1j - 2)][:-2]
+    return polygon([0, 9, *teeth], n)
+
+
+def spiral(n, turns=2.2):
+    t = np.linspace(0.5, 1.5 + turns, n // 2)
+    return np.concatenate([(t + 0.28) * np.exp(2j * np.pi * t), ((t - 0.28) * np.exp(2j * np.pi * t))[::-1]])
+
+
+def noisy(n, a, amount):
+    z, rng = ellipse(n, a), np.random.default_rng(0)
+    return z + amount * np.abs(z[1] - z[0]) * (rng.normal(size=n) + 1j * rng.normal(size=n))
+
+
+SQUARE = [0, 1, 1 + 1j, 1j]
+POLYGONS = {
+    "square 8": polygon(SQUARE, 8),
+    "square 200": polygon(SQUARE, 200),
+    "turned square 80": polygon(SQUARE, 80) * np.exp(0.3j),
+    "hexagon": np.exp(2j * np.pi * np.arange(6) / 6),
+    "circle 230": np.exp(2j * np.pi * np.arange(230) / 230),
+    "ellipse 16": ellipse(200, 16),
+    "strip": polygon([0, 45, 45 + 0.87j, 0.87j], 92),
+    "L": polygon([0, 2, 2 + 1j, 1 + 1j, 1 + 2j, 2j], 120),
+    "comb": comb(230),
+    "noisy 4": noisy(100, 4, 0.2),
+    "noisy 8": noisy(200, 8, 0.2),
+    "triangle 48": polygon([0, 1, np.exp(1j * np.pi / 3)], 48),
+}
+WITH_FORCED_ANGLES = {
+    "spiral": spiral(160),
+    "sharp": polygon([0, 3, 0.2 + 0.6j], 40),
+    "flat": [0, 1 - 0.1j, 2, 1 + 0.2j],
+}
+
+
+def signed_area(z):
+    return 0.5 * (np.conj(z) * np.roll(z, -1)).imag.sum()
+
+
+def check_is_a_triangulation(result: PlaneTriangulation, boundary):
+    """Disk topology, boundary bit-equal and unsplit, every face counter-clockwise, faces fill the polygon once."""
+    m, n = len(boundary), len(result.points)
+    assert result.boundary_size == m
+    assert np.array_equal(result.points[:m], boundary)
+    p = result.points[result.faces]
+    area = 0.5 * (np.conj(p[:, 1] - p[:, 0]) * (p[:, 2] - p[:, 0])).imag
+    assert (area > 0).all()
+    assert area.sum() == pytest.approx(signed_area(boundary), rel=1e-12)
+    assert len(result.faces) == 2 * n - 2 - m
+    assert len(result.edges) == 3 * n - 3 - m
+    half = result.faces.ravel() * n + np.roll(result.faces, -1, axis=1).ravel()
+    assert len(np.unique(half)) == len(half)
+    assert np.isin(np.arange(m) * n + (np.arange(m) + 1) % m, half).all()
+    assert np.array_equal(np.unique(result.faces), np.arange(n))
+
+
+def bridges(result):
+    """Inner edges between two boundary vertices."""
+    m, (a, b) = result.boundary_size, result.edges.T
+    return result.edges[(b < m) & (b - a != 1) & (b - a != m - 1)]
+
+
+@pytest.mark.parametrize("boundary", POLYGONS.values(), ids=POLYGONS)
+def test_polygon_is_filled_with_good_triangles(boundary):
+    result = triangulate_polygon(boundary, graded_size(boundary))
+    check_is_a_triangulation(result, boundary)
+    assert np.percentile(result.angles.min(axis=1), 1) > 25
+    assert result.angles.min() > 20
+
+
+@pytest.mark.parametrize("boundary", WITH_FORCED_ANGLES.values(), ids=WITH_FORCED_ANGLES)
+def test_polygon_that_forces_small_angles_is_filled(boundary):
+    boundary = np.asarray(boundary, dtype=complex)
+    check_is_a_triangulation(triangulate_polygon(boundary, graded_size(boundary)), boundary)
+
+
+def test_three_vertices_give_one_face():
+    result = triangulate_polygon(np.array([0, 1, 1j]), lambda z: np.full(len(z), 0.01))
+    assert np.array_equal(result.faces, [[0, 1, 2]])
+
+
+def test_four_vertices_give_two_faces():
+    boundary = np.array([0, 1, 1 + 1j, 1j])
+    assert len(triangulate_polygon(boundary, graded_size(boundary)).faces) == 2
+
+
+def test_strip_one_triangle_wide_needs_no_inner_point():
+    boundary = POLYGONS["strip"]
+    assert len(triangulate_polygon(boundary, graded_size(boundary)).points) == len(boundary)
+
+
+@pytest.mark.parametrize("name", ["square 8", "square 200", "turned square 80", "L", "comb", "circle 230", "noisy 4"])
+def test_no_edge_bridges_a_polygon_with_room_for_inner_points(name):
+    assert len(bridges(triangulate_polygon(POLYGONS[name], graded_size(POLYGONS[name])))) == 0
+
+
+def test_collinear_boundary_vertices_form_no_triangle():
+    for angle in (0.0, 0.3, 1.1):
+        boundary = polygon(SQUARE, 64) * np.exp(1j * angle)
+        result = triangulate_polygon(boundary, lambda z: np.full(len(z), 10.0))
+        assert result.angles.max() < 150
+
+
+def test_edges_follow_the_size_function():
+    boundary = np.exp(2j * np.pi * np.arange(200) / 200)
+    result = triangulate_polygon(boundary, lambda z: 0.03 + 0.1 * np.abs(z - 1))
+    a, b = result.points[result.edges].T
+    ratio = np.abs(b - a) / (0.03 + 0.1 * np.abs(0.5 * (a + b) - 1))
+    inner = (result.edges >= 200).all(axis=1)
+    # circumradii up to 0.75 h allow edges up to 1.5 h; refinement stops where they are about h
+    assert 0.7 < np.median(ratio[inner]) < 1.1
+    assert np.percentile(ratio[inner], 99) < 1.5
+
+
+def test_fine_size_on_a_coarse_boundary_and_coarse_size_on_a_fine_one():
+    boundary = polygon(SQUARE, 40)
+    fine = triangulate_polygon(boundary, lambda z: np.full(len(z), 0.01))
+    check_is_a_triangulation(fine, boundary)
+    coarse = triangulate_polygon(boundary, lambda z: np.full(len(z), 100.0))
+    check_is_a_triangulation(coarse, boundary)
+    assert coarse.angles.min() > 20
+    assert len(fine.points) > 5000 > 100 > len(coarse.points)
+
+
+def test_number_of_points_is_limited():
+    boundary = polygon(SQUARE, 40)
+    result = triangulate_polygon(boundary, lambda z: np.full(len(z), 1e-3), max_points=300)
+    check_is_a_triangulation(result, boundary)
+    assert len(result.points) <= 320
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_scale_and_place_do_not_matter(scale):
+    boundary = POLYGONS["noisy 4"]
+    moved = scale * (boundary + 3 - 2j)
+    reference = triangulate_polygon(boundary, graded_size(boundary, growth=0.3))
+    result = triangulate_polygon(moved, graded_size(moved, growth=0.3))
+    check_is_a_triangulation(result, moved)
+    assert len(result.points) == pytest.approx(len(reference.points), rel=0.05)
+
+
+def test_graded_size_is_the_local_edge_at_the_boundary_and_grows():
+    boundary = np.exp(2j * np.pi * np.arange(60) / 60)
+    edge = abs(boundary[1] - boundary[0])
+    size = graded_size(boundary, growth=0.5)
+    assert size(boundary) == pytest.approx(np.full(60, edge))
+    assert size(np.array([0j])) == pytest.approx([edge + 0.5])
+    assert graded_size(boundary, cap=0.2)(np.array([0j])) == pytest.approx([0.2])
+
+
+@pytest.mark.parametrize(
+    "boundary",
+    [
+        [0, 1],
+        [0, 1j, 1 + 1j, 1],
+        [0, 1 + 1j, 1, 1j, -1 + 2j],
+        [0, 1, 1 + 1j, 0],
+        [0, 2, 2 + 2j, 1, 2j],
+        [0, 1, np.nan, 1j],
+        [0, 1, 2],
+    ],
+    ids=["two", "clockwise", "crossing", "repeated", "touching", "nan", "no area"],
+)
+def test_polygon_that_is_not_simple_is_refused(boundary):
+    with pytest.raises(DomainError):
+        triangulate_polygon(np.array(boundary, dtype=complex), lambda z: np.full(len(z), 10.0))
+
+
+def test_size_that_is_not_positive_is_refused():
+    with pytest.raises(OptionError):
+        triangulate_polygon(polygon(SQUARE, 8), lambda z: np.zeros(len(z)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(4, 40), st.integers(0, 10**6), st.floats(0, 0.9))
+def test_star_shaped_polygons(n, seed, roughness):
+    rng = np.random.default_rng(seed)
+    t = 2 * np.pi * (np.arange(n) + 0.4 * roughness * rng.uniform(-1, 1, n)) / n
+    boundary = (1 - roughness * rng.uniform(0, 1, n)) * np.exp(1j * t)
+    check_is_a_triangulation(triangulate_polygon(boundary, graded_size(boundary)), boundary)

@@ -1,0 +1,49 @@
+"""Solved Plateau problems whose surface is known: polynomial spinors on a disk, with their own rim as the loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.solution import BoundaryResidual, PlateauSolution, Stability
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# coefficients of z⁰, z¹, … as pairs (p, q)
+PLANE = ((1, 0),)
+ENNEPER = ((1, 0), (0, 1))
+
+
+def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
+    """The solution that a solver without error would return for the surface's own rim.
+
+    Args:
+        coefficients: Of p and q.
+        vertices: Number of loop points at equal angles, or their parameters in [0, 1), ascending.
+        radius: Of the disk Ω.
+        scale: Of the surface.
+    """
+    t = np.arange(vertices) / vertices if np.isscalar(vertices) else np.asarray(vertices)
+    domain = PlaneDomain.disk(radius, max(len(t), 16))
+    series = PowerSeries(torch.tensor(coefficients, dtype=torch.complex128))
+    surface = SpinorSurface(series, domain).transform(scale=scale)
+    loop = BoundaryLoop.from_points(surface.position(radius * np.exp(2j * np.pi * t)), corners=())
+    curve = BoundaryCurve.from_loop(loop)
+    return PlateauSolution(
+        surface=surface,
+        loop=loop,
+        curve=curve,
+        domain=domain,
+        matching=np.stack([t, curve.breaks[:-1]], axis=1),
+        boundary_residual=BoundaryResidual(rms=0.0, max=0.0, mean_edge=loop.mean_edge_length, diagonal=loop.diagonal),
+        area=surface.area(),
+        history=(),
+        timings={"fit": 0.25},
+        tolerance=1e-3,
+        converged=True,
+        reason="",
+        stability=Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=0.0),
+    )

@@ -1,0 +1,84 @@
+"""Harmonic interpolation into a patch, on triangulations of Ω where harmonic functions are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
+from spinor_geom.fill.attributes import harmonic_values, patch_attributes
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.meshing.embed import Patch
+from tests.fill.shapes import fan
+from tests.strategies import SEEDS
+
+
+def patch_of(plane: PlaneTriangulation) -> Patch:
+    return Patch(vertices=flat(plane.points), faces=plane.faces, boundary_size=plane.boundary_size, points=plane.points)
+
+
+def flat(points: np.ndarray) -> np.ndarray:
+    return np.column_stack([points.real, points.imag, np.zeros(len(points))])
+
+
+@pytest.fixture(scope="module")
+def disk() -> Patch:
+    rim = np.exp(2j * np.pi * np.arange(60) / 60) * (1 + 0.2 * np.cos(6 * np.pi * np.arange(60) / 60))
+    return patch_of(triangulate_polygon(rim, graded_size(rim, cap=0.12)))
+
+
+class FlatSurface:
+    """Stands for a surface in the plane z = 0."""
+
+    def normal(self, points: np.ndarray) -> np.ndarray:
+        return np.tile([0.0, 0.0, 1.0], (len(points), 1))
+
+
+def test_linear_functions_are_reproduced_exactly(disk: Patch) -> None:
+    rim = disk.boundary_size
+    values = harmonic_values(disk, np.column_stack([disk.points[:rim].real, 3 - 2 * disk.points[:rim].imag]))
+    expected = np.column_stack([disk.points[rim:].real, 3 - 2 * disk.points[rim:].imag])
+    np.testing.assert_allclose(values, expected, atol=1e-12)  # linear precision of cotangent weights: round-off
+
+
+def test_a_quadratic_harmonic_function_is_met_to_second_order(disk: Patch) -> None:
+    rim = disk.boundary_size
+    values = harmonic_values(disk, (disk.points[:rim] ** 2).real[:, None])
+    error = np.abs(values[:, 0] - (disk.points[rim:] ** 2).real).max()
+    assert error < 5 * 0.12**2 / 12  # h²/12 times a second derivative of 2, with room for the triangles' shapes
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=SEEDS)
+def test_values_stay_within_those_of_the_rim(disk: Patch, seed: int) -> None:
+    rim_values = np.random.default_rng(seed).uniform(0, 255, size=(disk.boundary_size, 3))
+    values = harmonic_values(disk, rim_values)
+    # a Delaunay triangulation has no negative weights, so the maximum principle holds
+    assert (values >= rim_values.min(axis=0) - 1e-9).all()
+    assert (values <= rim_values.max(axis=0) + 1e-9).all()
+
+
+def test_every_attribute_is_carried_and_normals_are_the_surface_s(disk: Patch) -> None:
+    rim = disk.boundary_size
+    loop = BoundaryLoop(
+        points=disk.vertices[:rim], vertex_ids=np.arange(rim)[::-1] + 5, corners=np.zeros(rim, dtype=bool)
+    )
+    color = np.zeros((rim + 5, 4))
+    color[loop.vertex_ids] = np.column_stack([disk.points[:rim].real] * 4)
+    attributes = {"color": color, "normal": np.ones((rim + 5, 3)), "weight": np.full((rim + 5, 1), 7.0)}
+    inner = patch_attributes(attributes, loop, disk, FlatSurface())  # type: ignore[arg-type]
+    assert set(inner) == set(attributes)
+    np.testing.assert_allclose(inner["color"][:, 0], disk.points[rim:].real, atol=1e-12)
+    np.testing.assert_allclose(inner["weight"], 7.0, rtol=1e-12)
+    np.testing.assert_array_equal(inner["normal"], np.tile([0.0, 0.0, 1.0], (len(disk.points) - rim, 1)))
+
+
+@given(sides=st.integers(3, 9))
+def test_a_patch_without_inner_vertices_has_no_new_values(sides: int) -> None:
+    angle = 2 * np.pi * np.arange(sides) / sides
+    loop = BoundaryLoop.from_points(np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]))
+    attributes = {"color": np.ones((sides, 3)), "normal": np.ones((sides, 3))}
+    inner = patch_attributes(attributes, loop, fan(loop), FlatSurface())  # type: ignore[arg-type]
+    assert {name: values.shape for name, values in inner.items()} == {"color": (0, 3), "normal": (0, 3)}

@@ -1,0 +1,313 @@
+"""fill_hole with the real solver, on meshes small enough to know the answer."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from spinor_geom.errors import FirstFillError, ForeignLoopError, LoopIndexError, OptionError
+from spinor_geom.fill import one_loop
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.validate import validate
+from spinor_geom.plateau.solve import Cauchy, solve_plateau
+from tests.fill.shapes import as_mesh, folded_quad, tube
+from tests.strategies import RigidMotion, rigid_motions
+
+
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def disk_with_hole(slope: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """A ring of 24 × 3 vertices in a plane: an outer rim, and a round hole of radius 1/2."""
+    angle = 2 * np.pi * np.arange(24) / 24
+    x = np.concatenate([radius * np.cos(angle) for radius in (0.5, 0.75, 1.0)])
+    y = np.concatenate([radius * np.sin(angle) for radius in (0.5, 0.75, 1.0)])
+    a = np.arange(48)
+    b = np.where(a % 24 == 23, a - 23, a + 1)
+    faces = np.concatenate([np.column_stack([a, a + 24, b]), np.column_stack([b, a + 24, b + 24])])
+    return np.column_stack([x, y, slope * x]), faces
+
+
+def test_the_input_is_an_unchanged_prefix_and_the_result_watertight() -> None:
+    vertices, faces = tube()
+    before = vertices.copy(), faces.copy()
+    filled, report = fill_hole((vertices, faces), return_report=True)
+    np.testing.assert_array_equal(vertices, before[0])
+    np.testing.assert_array_equal(faces, before[1])
+    np.testing.assert_array_equal(filled[0][: len(vertices)], vertices)
+    np.testing.assert_array_equal(filled[1][: len(faces)], faces)
+    assert report.watertight
+    assert report.complete
+    assert is_watertight(filled[1])
+    assert boundary_loops(filled) == []
+    validate(TriangleMesh(*filled))
+
+
+def test_without_a_report_only_the_mesh_comes_back() -> None:
+    filled = fill_hole(tube(), 1)
+    assert isinstance(filled, tuple)
+    assert len(boundary_loops(filled)) == 1
+
+
+def test_caps_of_a_tube_are_flat_and_look_outwards() -> None:
+    vertices, faces = tube()
+    (new_vertices, new_faces), report = fill_hole((vertices, faces), return_report=True)
+    patch = new_faces[len(faces) :]
+    lower = report.extension.face_loops == 0
+    normals = face_normals(new_vertices, patch)
+    assert (normals[lower, 2] < 0).all()
+    assert (normals[~lower, 2] > 0).all()
+    # a plane loop is filled in its plane, to round-off
+    assert np.abs(new_vertices[np.unique(patch[lower]), 2]).max() < 1e-12
+    assert np.abs(new_vertices[np.unique(patch[~lower]), 2] - 1.0).max() < 1e-12
+
+
+def test_the_closed_volume_is_right() -> None:
+    # the polyhedron between two flat caps and straight sides: divergence theorem against prismatoids of 16-gons
+    sides = 16
+    vertices, faces = fill_hole(tube(sides, 2))
+    volume = np.einsum("fi,fi->", vertices[faces[:, 0]], face_normals(vertices, faces)) / 6
+    polygon = sides * np.sin(2 * np.pi / sides) / 2
+    # the quads of a frustum's sides are flat, so its volume is h (A + √(AB) + B)/3
+    np.testing.assert_allclose(volume, 0.5 * polygon * (1 + 0.9 + 0.81) / 3, rtol=1e-12)
+
+
+def test_keep_largest_leaves_the_longest_loop_open() -> None:
+    filled, report = fill_hole(disk_with_hole(), keep_largest=True, return_report=True)
+    outer, inner = report.loops
+    assert (outer.requested, outer.filled) == (False, False)
+    assert "keep_largest" in outer.reason
+    assert inner.filled
+    assert inner.converged
+    assert report.complete  # all that was asked for
+    assert not report.watertight
+    (left,) = boundary_loops(filled)
+    assert set(left.vertex_ids) == set(outer.loop.vertex_ids)
+
+
+def test_max_perimeter_leaves_longer_loops_open() -> None:
+    _, report = fill_hole(disk_with_hole(), max_perimeter=4.0, return_report=True)
+    assert [outcome.filled for outcome in report.loops] == [False, True]
+    assert "max_perimeter" in report.loops[0].reason
+
+
+def test_a_flat_patch_has_the_polygon_s_area() -> None:
+    vertices, faces = disk_with_hole(slope=2.0)
+    (new_vertices, new_faces), report = fill_hole((vertices, faces), 1, return_report=True)
+    patch = new_faces[len(faces) :]
+    polygon = 24 * np.sin(2 * np.pi / 24) / 2 * 0.5**2 * np.sqrt(5)
+    area = np.linalg.norm(face_normals(new_vertices, patch), axis=1).sum() / 2
+    np.testing.assert_allclose(area, polygon, rtol=1e-12)
+    assert report.loops[1].solution is not None
+    assert report.loops[1].vertices_added == len(new_vertices) - len(vertices)
+    assert report.loops[1].faces_added == len(patch)
+
+
+def test_edge_length_sets_the_size_of_the_patch() -> None:
+    counts = [len(fill_hole(tube(), 0, target_edge_length=length)[0]) for length in (0.4, 0.1)]
+    assert counts[1] > 4 * (counts[0] - 48) + 48
+
+
+def test_a_hole_of_four_vertices_with_a_taken_diagonal_closes() -> None:
+    for vertices, faces in (folded_quad(), (folded_quad()[0], folded_quad()[1][:, ::-1])):
+        (_, new_faces), report = fill_hole((vertices, faces), return_report=True)
+        assert report.watertight
+        validate(TriangleMesh(report.mesh[0], new_faces))
+
+
+def test_a_hole_of_three_vertices_gets_one_face() -> None:
+    vertices, _ = folded_quad()
+    (_, faces), report = fill_hole((vertices, np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])), return_report=True)
+    assert report.watertight
+    assert len(faces) == 4
+
+
+def test_a_closed_mesh_comes_back_as_it_is() -> None:
+    closed = fill_hole(folded_quad())
+    again, report = fill_hole(closed, return_report=True)
+    np.testing.assert_array_equal(again[0], closed[0])
+    np.testing.assert_array_equal(again[1], closed[1])
+    assert report.loops == ()
+    assert report.watertight
+    assert report.complete
+
+
+def test_a_loop_object_is_filled_with_its_own_corners() -> None:
+    mesh = as_mesh(tube(4, 2))
+    loop = boundary_loops(mesh)[0]
+    with_corners = BoundaryLoop(points=loop.points, vertex_ids=loop.vertex_ids, corners=np.ones(4, dtype=bool))
+    _, report = fill_hole(mesh, with_corners, return_report=True)
+    outcome = report.loops[0]
+    assert outcome.filled
+    assert outcome.solution is not None
+    assert outcome.solution.loop.corners.all()
+    # with its corners kept the quadrilateral is spanned by the flat square; without them by a round disk
+    np.testing.assert_allclose(outcome.solution.area, 2.0, rtol=1e-9)
+
+
+def test_a_loop_of_another_mesh_is_refused() -> None:
+    with pytest.raises(ForeignLoopError):
+        fill_hole(tube(), boundary_loops(tube(12))[0])
+
+
+def test_the_call_back_hears_of_every_requested_loop() -> None:
+    heard: list[tuple[LoopOutcome, int]] = []
+    _, report = fill_hole(disk_with_hole(), [1], return_report=True, on_loop=lambda o, count: heard.append((o, count)))
+    assert heard == [(report.loops[1], 1)]
+
+
+def test_a_loop_that_fails_is_named_and_stops_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails_on_the_first(loop: BoundaryLoop, **options: object) -> object:
+        if 0 in loop.vertex_ids:
+            raise FirstFillError("no disk was found over this loop")
+        return solve_plateau(loop, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(one_loop, "solve_plateau", fails_on_the_first)
+    filled, report = fill_hole(tube(), return_report=True)
+    failed, done = report.loops
+    assert (failed.filled, failed.requested, failed.reason) == (False, True, "no disk was found over this loop")
+    assert done.filled
+    assert not report.watertight
+    assert not report.complete
+    assert [set(loop.vertex_ids) for loop in boundary_loops(filled)] == [set(failed.loop.vertex_ids)]
+
+
+def test_an_error_that_is_not_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(loop: BoundaryLoop, **options: object) -> object:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(one_loop, "solve_plateau", broken)
+    with pytest.raises(ZeroDivisionError):
+        fill_hole(tube())
+
+
+def test_a_surface_that_is_not_finite_leaves_the_hole_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = one_loop.mesh_patch
+
+    def with_a_hole(solution: object, length: object) -> object:
+        patch = real(solution, length)  # type: ignore[arg-type]
+        vertices = patch.vertices.copy()
+        vertices[-1] = np.nan
+        return type(patch)(vertices=vertices, faces=patch.faces, boundary_size=patch.boundary_size, points=patch.points)
+
+    monkeypatch.setattr(one_loop, "mesh_patch", with_a_hole)
+    _, report = fill_hole(tube(), return_report=True)
+    assert not any(outcome.filled for outcome in report.loops)
+    assert "not finite" in report.loops[0].reason
+
+
+def test_a_missed_tolerance_is_filled_and_said() -> None:
+    rng = np.random.default_rng(5)
+    vertices, faces = tube(24, 3)
+    vertices = vertices + 0.02 * rng.normal(size=vertices.shape)
+    _, report = fill_hole((vertices, faces), tolerance=1e-14, return_report=True)
+    for outcome in report.loops:
+        assert outcome.filled
+        assert not outcome.converged
+        assert "tolerance" in outcome.reason
+    assert report.watertight
+    assert not report.complete
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"tolerance": 0.0},
+        {"tolerance": float("nan")},
+        {"max_perimeter": -1.0},
+        {"target_edge_length": 0.0},
+        {"target_edge_length": float("inf")},
+        {"target_edge_length": "fine"},
+        {"model": "spline"},
+        {"loop": "largest"},
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options: dict[str, object]) -> None:
+    with pytest.raises(OptionError, match=r"must be|unknown model"):
+        fill_hole(tube(), **options)  # type: ignore[call-overload]
+
+
+def test_a_place_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(LoopIndexError, match="loop 2 does not exist, the mesh has 2"):
+        fill_hole(tube(), 2)
+
+
+def test_a_misspelt_option_is_a_type_error() -> None:
+    with pytest.raises(TypeError):
+        fill_hole(tube(), keep_longest=True)  # type: ignore[call-overload]
+
+
+def test_the_model_may_be_given_with_its_options() -> None:
+    _, report = fill_hole(tube(), 0, model=Cauchy(degree=20), return_report=True)
+    assert report.loops[0].converged
+
+
+def test_colours_and_normals_reach_the_patch() -> None:
+    vertices, faces = tube()
+    color = np.column_stack([vertices[:, 0], vertices[:, 1], np.ones(len(vertices))])
+    normal = np.column_stack([vertices[:, :2], np.zeros(len(vertices))])
+    mesh = TriangleMesh(vertices, faces, vertex_attributes={"color": color, "normal": normal})
+    filled, report = fill_hole(mesh, return_report=True)
+    count = len(vertices)
+    np.testing.assert_array_equal(filled.vertex_attributes["color"][:count], color)
+    # the cap is flat, so the linear function x is harmonic on it
+    np.testing.assert_allclose(filled.vertex_attributes["color"][count:, 0], filled.vertices[count:, 0], atol=2e-3)
+    np.testing.assert_allclose(filled.vertex_attributes["color"][count:, 2], 1.0, rtol=1e-12)
+    first = report.loops[0].vertices_added
+    expected = np.repeat([[0, 0, -1.0], [0, 0, 1.0]], [first, report.loops[1].vertices_added], axis=0)
+    np.testing.assert_allclose(filled.vertex_attributes["normal"][count:], expected, atol=1e-9)
+
+
+def test_the_report_is_json_and_holds_what_was_promised() -> None:
+    _, report = fill_hole(disk_with_hole(), keep_largest=True, return_report=True)
+    text = json.dumps(report.to_dict(), allow_nan=False)
+    entry = json.loads(text)
+    assert entry["complete"] is True
+    assert entry["watertight"] is False
+    left, done = entry["loops"]
+    assert left["requested"] is False
+    assert left["residual_rms_per_edge"] is None
+    assert done["index"] == 1
+    assert done["vertices"] == 24
+    assert done["residual_rms_per_edge"] < 1e-3
+    assert done["residual_max_per_edge"] >= done["residual_rms_per_edge"]
+    assert done["stability"]["verdict"] == "stable"
+    np.testing.assert_allclose(done["perimeter"], 24 * np.sin(np.pi / 24), rtol=1e-12)
+    assert done["faces_added"] == entry["faces_added"]
+    assert {"solve", "mesh", "attributes", "total"} <= set(done["timings"])
+    assert {"read", "loops", "fill", "stitch", "total"} == set(entry["timings"])
+
+
+@settings(max_examples=5, deadline=None)
+@given(motion=rigid_motions())
+def test_filling_commutes_with_rigid_motion(motion: RigidMotion) -> None:
+    vertices, faces = tube(squeeze=0.6)
+    vertices = vertices + 0.05 * np.sin(3 * vertices[:, [1, 2, 0]])
+    still = fill_hole((vertices, faces))
+    moved = fill_hole((motion(vertices), faces))
+    assert is_watertight(moved[1])
+    areas = [np.linalg.norm(face_normals(*mesh), axis=1).sum() for mesh in (still, moved)]
+    # the two runs may triangulate Ω differently where it is symmetric; the surface is the same
+    np.testing.assert_allclose(areas[0], areas[1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_filling_commutes_with_scaling(scale: float) -> None:
+    vertices, faces = tube()
+    _, small = fill_hole((vertices * scale, faces), return_report=True)
+    _, plain = fill_hole((vertices, faces), return_report=True)
+    assert small.watertight
+    for one, other in zip(small.loops, plain.loops, strict=True):
+        assert one.solution is not None
+        assert other.solution is not None
+        np.testing.assert_allclose(one.solution.area, other.solution.area * scale**2, rtol=1e-8)

@@ -1,0 +1,82 @@
+"""Which loops a call fills, and the errors of a choice that cannot be made."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError, UnknownMeshTypeError
+from spinor_geom.fill.loops import boundary_loops, chosen_places, place_of_loop, reasons_to_leave_open
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from tests.fill.shapes import tube
+
+
+@pytest.fixture
+def loops() -> list[BoundaryLoop]:
+    return boundary_loops(tube())
+
+
+def test_boundary_loops_of_a_pair_of_arrays_are_longest_first(loops: list[BoundaryLoop]) -> None:
+    assert [len(loop) for loop in loops] == [16, 16]
+    assert loops[0].perimeter > loops[1].perimeter
+    assert set(loops[0].vertex_ids) == set(range(16))
+
+
+def test_boundary_loops_of_an_unknown_type_names_the_known_ones() -> None:
+    with pytest.raises(UnknownMeshTypeError, match="TriangleMesh"):
+        boundary_loops(object())
+
+
+def test_all_means_every_loop(loops: list[BoundaryLoop]) -> None:
+    assert chosen_places("all", loops) == [0, 1]
+
+
+def test_places_may_be_one_or_several_in_any_order(loops: list[BoundaryLoop]) -> None:
+    assert chosen_places(1, loops) == [1]
+    assert chosen_places(np.int64(1), loops) == [1]
+    assert chosen_places([1, 0, 1], loops) == [0, 1]
+    assert chosen_places(np.array([1]), loops) == [1]
+
+
+@pytest.mark.parametrize("place", [2, -1, [0, 7]])
+def test_a_place_that_does_not_exist_is_named(loops: list[BoundaryLoop], place: int | list[int]) -> None:
+    with pytest.raises(LoopIndexError, match="the mesh has 2"):
+        chosen_places(place, loops)
+
+
+@pytest.mark.parametrize("choice", ["longest", 1.5, [0.5], None])
+def test_a_choice_of_another_kind_is_refused(loops: list[BoundaryLoop], choice: object) -> None:
+    with pytest.raises(OptionError, match="loop must be 'all'"):
+        chosen_places(choice, loops)  # type: ignore[arg-type]
+
+
+def test_a_loop_is_found_from_any_start(loops: list[BoundaryLoop]) -> None:
+    second = loops[1]
+    turned = BoundaryLoop(
+        points=np.roll(second.points, 5, axis=0),
+        vertex_ids=np.roll(second.vertex_ids, 5),
+        corners=np.roll(second.corners, 5),
+    )
+    assert place_of_loop(turned, loops) == 1
+    assert chosen_places(turned, loops) == [1]
+
+
+def test_a_loop_of_another_mesh_or_direction_is_refused(loops: list[BoundaryLoop]) -> None:
+    moved = BoundaryLoop.from_points(loops[0].points + 1.0)
+    for foreign in (moved, loops[0].reversed()):
+        with pytest.raises(ForeignLoopError, match="not a boundary loop of this mesh"):
+            place_of_loop(foreign, loops)
+
+
+def test_loops_left_open_have_their_reason(loops: list[BoundaryLoop]) -> None:
+    between = (loops[0].perimeter + loops[1].perimeter) / 2
+    assert reasons_to_leave_open(loops, [0, 1], keep_largest=False, max_perimeter=None) == [None, None]
+    keep = reasons_to_leave_open(loops, [0, 1], keep_largest=True, max_perimeter=None)
+    assert keep[0] is not None
+    assert "keep_largest" in keep[0]
+    assert keep[1] is None
+    short = reasons_to_leave_open(loops, [0, 1], keep_largest=False, max_perimeter=between)
+    assert short[0] is not None
+    assert "max_perimeter" in short[0]
+    assert short[1] is None
+    assert reasons_to_leave_open(loops, [1], keep_largest=False, max_perimeter=None) == ["not requested", None]

@@ -1,0 +1,171 @@
+"""Joining patches: orientation, indices, and edges that are taken already."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim, joined, patch_chords, split_chords, stitch
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.validate import validate
+from tests.fill.shapes import as_mesh, cone, fan, folded_quad, on_circle, tube, undirected_edges
+from tests.strategies import holed_disks, ragged_meshes
+
+
+def flat_position(points: np.ndarray) -> np.ndarray:
+    return np.column_stack([points.real, points.imag, np.zeros(len(points))])
+
+
+def hexagon() -> BoundaryLoop:
+    return BoundaryLoop.from_points(flat_position(on_circle(6)))
+
+
+def filled_with_fans(mesh: TriangleMesh, apex: int) -> tuple[TriangleMesh, bool]:
+    """Every loop filled by chords alone, and whether none had to be left out."""
+    loops = find_boundary_loops(mesh)
+    taken = RimEdges(mesh, loops)
+    parts = []
+    for place, loop in enumerate(loops):
+        if taken.face_on(loop) is None:
+            patch, _ = fit_to_rim(loop, fan(loop, apex % len(loop)), taken, flat_position)
+            parts.append(LoopPatch(place=place, loop=loop, patch=patch, attributes={}))
+    return joined(mesh, stitch(mesh, parts)), len(parts) == len(loops)
+
+
+def test_chords_of_a_fan_are_its_inner_edges() -> None:
+    np.testing.assert_array_equal(patch_chords(fan(hexagon())), [[0, 2], [0, 3], [0, 4]])
+    np.testing.assert_array_equal(patch_chords(fan(hexagon(), apex=5)), [[1, 5], [2, 5], [3, 5]])
+
+
+def test_a_cone_has_no_chords() -> None:
+    assert len(patch_chords(cone(hexagon()))) == 0
+
+
+@given(chosen=st.sets(st.integers(0, 2), min_size=1))
+def test_splitting_chords_keeps_area_orientation_and_rim(chosen: set[int]) -> None:
+    patch = fan(hexagon())
+    chords = patch_chords(patch)[sorted(chosen)]
+    split = split_chords(patch, chords, flat_position)
+    corners = split.points[split.faces]
+    areas = ((corners[:, 1] - corners[:, 0]).conj() * (corners[:, 2] - corners[:, 0])).imag / 2
+    assert (areas > 0).all()
+    np.testing.assert_allclose(areas.sum(), 3**1.5 / 2, rtol=1e-14)
+    assert len(split.faces) == len(patch.faces) + 2 * len(chords)
+    np.testing.assert_array_equal(split.vertices[:6], patch.vertices)
+    left = {tuple(edge) for edge in patch_chords(split).tolist()}
+    assert not left & {tuple(edge) for edge in chords.tolist()}
+
+
+def test_a_chord_on_a_taken_edge_is_split_and_a_free_one_stays() -> None:
+    mesh = as_mesh(folded_quad())
+    (loop,) = find_boundary_loops(mesh)
+    free_apex = int(np.flatnonzero(loop.vertex_ids == 0)[0])
+    kept, none = fit_to_rim(loop, fan(loop, free_apex), RimEdges(mesh, [loop]), flat_position)
+    split, one = fit_to_rim(loop, fan(loop, free_apex + 1), RimEdges(mesh, [loop]), flat_position)
+    assert (none, one) == (0, 1)
+    assert len(kept.vertices) == 4
+    assert len(split.vertices) == 5
+    for patch in (kept, split):
+        part = LoopPatch(place=0, loop=loop, patch=patch, attributes={})
+        assert is_watertight(joined(mesh, stitch(mesh, [part])).faces)
+
+
+def test_without_the_split_the_taken_edge_would_be_non_manifold() -> None:
+    mesh = as_mesh(folded_quad())
+    (loop,) = find_boundary_loops(mesh)
+    taken_apex = int(np.flatnonzero(loop.vertex_ids == 1)[0])
+    part = LoopPatch(place=0, loop=loop, patch=fan(loop, taken_apex), attributes={})
+    assert not is_watertight(joined(mesh, stitch(mesh, [part])).faces)
+
+
+def test_a_chord_that_an_earlier_patch_took_is_split_in_the_next() -> None:
+    # two squares that touch in two opposite corners: both could be divided along the line between those corners
+    ring = TriangleMesh(np.random.default_rng(3).normal(size=(6, 3)), np.array([[0, 1, 4]]))
+    first = BoundaryLoop(
+        points=ring.vertices[[0, 1, 2, 3]], vertex_ids=np.array([0, 1, 2, 3]), corners=np.zeros(4, bool)
+    )
+    second = BoundaryLoop(
+        points=ring.vertices[[0, 4, 2, 5]], vertex_ids=np.array([0, 4, 2, 5]), corners=np.zeros(4, bool)
+    )
+    taken = RimEdges(ring, [first, second])
+    assert fit_to_rim(first, fan(first), taken, flat_position)[1] == 0
+    assert fit_to_rim(second, fan(second), taken, flat_position)[1] == 1
+
+
+def test_the_outline_of_a_lone_face_is_recognised() -> None:
+    vertices = np.random.default_rng(0).normal(size=(7, 3))
+    mesh = TriangleMesh(vertices, np.array([[0, 1, 2], [3, 4, 5], [3, 5, 6]]))
+    loops = {len(loop): loop for loop in find_boundary_loops(mesh)}
+    taken = RimEdges(mesh, loops.values())
+    assert taken.face_on(loops[3]) == 0
+    assert taken.face_on(loops[4]) is None
+
+
+def test_a_hole_of_three_vertices_is_not_taken_for_a_lone_face() -> None:
+    tetrahedron = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    mesh = TriangleMesh(np.random.default_rng(0).normal(size=(4, 3)), tetrahedron)
+    (loop,) = find_boundary_loops(mesh)
+    assert RimEdges(mesh, [loop]).face_on(loop) is None
+
+
+def test_new_vertices_and_faces_come_loop_by_loop() -> None:
+    mesh = as_mesh(tube(), color=np.ones((48, 3)))
+    loops = find_boundary_loops(mesh)
+    parts = [
+        LoopPatch(place=place, loop=loop, patch=cone(loop), attributes={"color": np.full((1, 3), float(place))})
+        for place, loop in enumerate(loops)
+    ]
+    extension = stitch(mesh, parts)
+    np.testing.assert_array_equal(extension.vertices, [loop.centroid for loop in loops])
+    np.testing.assert_array_equal(extension.face_loops, np.repeat([0, 1], 16))
+    np.testing.assert_array_equal(extension.vertex_attributes["color"], [[0, 0, 0], [1, 1, 1]])
+    assert set(extension.faces[:16].ravel()) == {*range(16), 48}
+    assert set(extension.faces[16:].ravel()) == {*range(32, 48), 49}
+    assert is_watertight(joined(mesh, extension).faces)
+
+
+def test_no_patches_give_an_empty_extension() -> None:
+    extension = stitch(as_mesh(tube(), color=np.ones((48, 3))), [])
+    assert extension.vertices.shape == (0, 3)
+    assert extension.faces.shape == (0, 3)
+    assert extension.vertex_attributes["color"].shape == (0, 3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(mesh=ragged_meshes(), apex=st.integers(0, 1000))
+def test_ragged_meshes_filled_by_chords_are_watertight_and_valid(mesh: TriangleMesh, apex: int) -> None:
+    filled, complete = filled_with_fans(mesh, apex)
+    validate(filled)
+    np.testing.assert_array_equal(filled.faces[: len(mesh.faces)], mesh.faces)
+    _, uses = np.unique(undirected_edges(filled.faces), axis=0, return_counts=True)
+    assert uses.max() <= 2
+    assert is_watertight(filled.faces) == complete
+
+
+@settings(max_examples=20, deadline=None)
+@given(disk=holed_disks(), apex=st.integers(0, 1000))
+def test_disks_with_holes_become_spheres(disk: object, apex: int) -> None:
+    filled, complete = filled_with_fans(disk.mesh, apex)  # type: ignore[attr-defined]
+    assert complete
+    assert is_watertight(filled.faces)
+    used = len(np.unique(filled.faces))
+    edges = len(np.unique(undirected_edges(filled.faces), axis=0))
+    assert used - edges + len(filled.faces) == 2
+
+
+@pytest.mark.parametrize("broken", ["reversed", "doubled"])
+def test_the_watertight_check_notices_a_broken_patch(broken: str) -> None:
+    mesh = as_mesh(tube())
+    parts = [
+        LoopPatch(place=place, loop=loop, patch=cone(loop), attributes={})
+        for place, loop in enumerate(find_boundary_loops(mesh))
+    ]
+    faces = joined(mesh, stitch(mesh, parts)).faces
+    assert is_watertight(faces)
+    spoilt = np.concatenate([faces, faces[-1:]]) if broken == "doubled" else np.vstack([faces[:-1], faces[-1, ::-1]])
+    assert not is_watertight(spoilt)

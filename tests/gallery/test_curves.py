@@ -1,0 +1,112 @@
+"""The gallery's curves: closed, differentiated rightly, sampled with their corners."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom import gallery
+from spinor_geom.errors import OptionError
+from spinor_geom.gallery.known import sample_parameters
+
+CURVES = [
+    gallery.twisted_circle(),
+    gallery.tennis_seam(0.8),
+    gallery.ellipse(8.0, 0.3),
+    gallery.schwarz_d_quadrilateral(),
+    gallery.schwarz_d_hexagon(),
+    gallery.schwarz_p_hexagon(),
+    gallery.schwarz_p_quadrilateral(),
+    gallery.scherk(2.5),
+]
+by_name = pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
+
+
+@by_name
+def test_derivatives_are_those_of_the_point(curve):
+    t = (np.arange(37) + 0.3) / 37  # no corner among them
+    step = 1e-5
+    first = (curve.point(t + step) - curve.point(t - step)) / (2 * step)
+    second = (curve.derivative(t + step) - curve.derivative(t - step)) / (2 * step)
+    size = np.abs(curve.derivative(t)).max()
+    # central differences: error of order step² and round-off/step
+    np.testing.assert_allclose(curve.derivative(t), first, atol=1e-6 * size)
+    np.testing.assert_allclose(curve.second_derivative(t), second, atol=1e-5 * max(size, 1) ** 2)
+
+
+@by_name
+def test_curve_is_closed_and_continuous(curve):
+    t = np.arange(2000) / 2000
+    points = curve.point(t)
+    steps = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    assert steps.max() < 1.01 * np.linalg.norm(curve.derivative(t), axis=1).max() / 2000
+    np.testing.assert_allclose(curve.point(t + 1), points, atol=1e-13)
+
+
+@by_name
+def test_samples_hold_the_corners(curve):
+    loop = curve.sample(50)
+    assert len(loop) == 50
+    assert loop.corners.sum() == len(curve.corners)
+    np.testing.assert_allclose(
+        loop.points[loop.corners], curve.point(np.array(curve.corners)).reshape(-1, 3), atol=1e-15
+    )
+
+
+@pytest.mark.parametrize(
+    ("curve", "angles"),
+    [
+        (gallery.schwarz_d_quadrilateral(), [60] * 4),
+        (gallery.schwarz_d_hexagon(), [90] * 6),
+        (gallery.schwarz_p_hexagon(), [60] * 6),
+        (gallery.schwarz_p_quadrilateral(), [60, 90, 60, 90]),
+    ],
+    ids=lambda value: getattr(value, "name", None),
+)
+def test_polygons_have_the_stated_corners(curve, angles):
+    v = curve.point(np.array(curve.corners))
+    ahead, back = np.roll(v, -1, axis=0) - v, np.roll(v, 1, axis=0) - v
+    cosine = (ahead * back).sum(axis=1) / np.linalg.norm(ahead, axis=1) / np.linalg.norm(back, axis=1)
+    np.testing.assert_allclose(np.degrees(np.arccos(cosine)), angles, atol=1e-9)
+
+
+def test_tennis_seam_lies_on_the_unit_sphere():
+    points = gallery.tennis_seam(0.7).point(np.arange(20) / 20)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0, atol=1e-14)
+
+
+def test_scherk_rim_lies_on_the_graph():
+    x, y, z = gallery.scherk(2.5).point(np.arange(41) / 41).T
+    np.testing.assert_allclose(np.exp(z) * np.cos(x), np.cos(y), atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "bad", [lambda: gallery.tennis_seam(1.0), lambda: gallery.scherk(3.2), lambda: gallery.polygon(np.eye(2))]
+)
+def test_impossible_curves_are_refused(bad):
+    with pytest.raises(OptionError):
+        bad()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(0, 999), max_size=8, unique=True).map(sorted), st.integers(8, 60), st.floats(1, 4))
+def test_sampled_parameters_are_increasing_and_hold_the_corners(corners, n, grading):
+    corners = [c / 1000 for c in corners]
+    t, index = sample_parameters(n, corners, grading=grading)
+    assert len(t) == n
+    np.testing.assert_allclose(t[index], corners, atol=1e-15)
+    turned = np.mod(t - t[0], 1.0)
+    assert (np.diff(turned) > 0).all()
+
+
+def test_grading_moves_samples_to_the_corners():
+    square = [0.0, 0.25, 0.5, 0.75]
+    even, _ = sample_parameters(40, square)
+    graded, _ = sample_parameters(40, square, grading=2.0)
+    assert np.diff(graded)[0] < 0.3 * np.diff(even)[0]
+
+
+@pytest.mark.parametrize("options", [{"n": 2}, {"n": 5}, {"n": 10, "grading": 0.0}])
+def test_impossible_samples_are_refused(options):
+    with pytest.raises(OptionError):
+        gallery.schwarz_d_hexagon().sample(**options)

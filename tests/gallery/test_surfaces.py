@@ -1,0 +1,55 @@
+"""The gallery's surfaces agree with their own closed formulas and refuse what does not exist."""
+
+import numpy as np
+import pytest
+
+from spinor_geom.errors import OptionError
+from spinor_geom.gallery import catenoid, enneper, helicoid, plane_disk, polynomial
+
+
+@pytest.mark.parametrize("known", [enneper(0.8), catenoid(0.5), helicoid(), plane_disk()], ids=lambda known: known.name)
+def test_rim_lies_on_the_boundary_of_the_surface(known):
+    loop = known.rim(40)
+    boundary = known.surface.domain.boundary
+    assert len(loop) == 40
+    assert loop.corners.sum() == boundary.corners.sum()
+    dense = known.position(boundary.point(np.arange(4000) / 4000))
+    distance = np.linalg.norm(loop.points[:, None] - dense, axis=2).min(axis=1)
+    assert distance.max() < np.linalg.norm(np.diff(dense, axis=0), axis=1).max()
+
+
+def test_rim_of_a_rectangle_starts_at_its_first_corner():
+    loop = helicoid(1.0, 1.0, turn=np.pi / 2).rim(30)
+    assert loop.corners[0]
+    assert loop.corners.sum() == 4
+
+
+def test_catenoid_rims_are_unit_circles_at_the_given_height():
+    known = catenoid(0.5)
+    neck = known.position(np.array(0j))[0]
+    edge = known.surface.domain.boundary.vertices[known.surface.domain.boundary.corners].real.max()
+    rim = known.position(edge + 1j * np.linspace(0, 2 * np.pi, 9))
+    np.testing.assert_allclose(np.hypot(rim[:, 0], rim[:, 1]), 1.0, atol=1e-14)
+    np.testing.assert_allclose(rim[:, 2], 0.5, atol=1e-14)
+    assert abs(neck - 0.848337938094979002) < 1e-14
+
+
+def test_no_catenoid_beyond_the_critical_height():
+    catenoid(0.66274)
+    for height in (0.66275, 1.0, 0.0, -0.5):
+        with pytest.raises(OptionError, match=r"0\.6627"):
+            catenoid(height)
+
+
+def test_helicoid_is_ruled():
+    known = helicoid(2.0, 0.5)
+    z = np.linspace(0, 1, 5) + 0.7j
+    points = known.position(z)
+    across = points - points[0]
+    np.testing.assert_allclose(np.cross(across[1], across), 0, atol=1e-14)
+
+
+@pytest.mark.parametrize("make", [enneper, plane_disk, lambda r: polynomial([1], [0], radius=r), lambda r: helicoid(r)])
+def test_sizes_must_be_positive(make):
+    with pytest.raises(OptionError):
+        make(0.0)

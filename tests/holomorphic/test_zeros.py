@@ -1,0 +1,106 @@
+"""Zeros by the argument principle."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.errors import ZeroOnContourError
+from spinor_geom.holomorphic.zeros import count_zeros, find_zeros
+
+DISK = PlaneDomain.disk()
+
+
+def product(roots):
+    def function(z):
+        value = torch.exp(0.5 * z)
+        for root in roots:
+            value = value * (z - root)
+        return value
+
+    return function
+
+
+def distinct(points):
+    return all(abs(a - b) > 0.02 for i, a in enumerate(points) for b in points[:i])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.complex_numbers(max_magnitude=0.95), max_size=6).filter(distinct))
+def test_all_simple_zeros_are_found(roots):
+    found = find_zeros(product(roots), DISK)
+    assert all(zero.order == 1 for zero in found)
+    order = sorted(roots, key=lambda z: min(range(len(found)), key=lambda k: abs(found[k].z - z)) if found else 0)
+    # the other zeros shrink the circle on which the moment is taken, and round-off grows with their nearness
+    np.testing.assert_allclose([zero.z for zero in found], order, atol=1e-12)
+
+
+def test_zeros_on_vertices_edges_and_centre_are_found():
+    mesh = DISK.triangulation
+    edge = mesh.points[mesh.edges[len(mesh.edges) // 2]]
+    roots = [0.0, mesh.points[-1], edge.mean()]
+    found = {complex(np.round(zero.z, 10)) for zero in find_zeros(product(roots), DISK)}
+    assert found == {complex(np.round(root, 10)) for root in roots}
+
+
+def test_multiple_zeros_are_exact():
+    found = find_zeros(product([0.2 + 0.1j] * 3 + [-0.6]), DISK)
+    assert [zero.order for zero in found] == [1, 3]
+    np.testing.assert_allclose([zero.z for zero in found], [-0.6, 0.2 + 0.1j], atol=1e-13)
+
+
+def test_zeros_nearer_than_the_resolution_are_one():
+    (zero,) = find_zeros(product([0.1, 0.1 + 1e-6]), DISK)
+    assert zero.order == 2
+    assert abs(zero.z - (0.1 + 5e-7)) < 1e-12
+    assert len(find_zeros(product([0.1, 0.1 + 1e-6]), DISK, resolution=1e-8)) == 2
+
+
+def test_zeros_between_the_curve_and_its_polygon_belong_to_the_domain():
+    coarse = PlaneDomain.disk(n=8)
+    between = 0.99 * np.exp(1j * np.pi / 8)
+    assert not coarse.contains(np.array(between))
+    (zero,) = find_zeros(product([between]), coarse)
+    assert abs(zero.z - between) < 1e-12
+
+
+def test_zeros_outside_are_not_counted():
+    assert find_zeros(product([1.02, 2j]), DISK) == ()
+
+
+def test_poles_outside_a_reentrant_domain_are_not_visited():
+    square = np.array([0, 2, 2 + 2j, 1.01 + 2j, 1 + 0.2j, 0.99 + 2j, 2j])
+    vertices = np.concatenate(
+        [a + (b - a) * np.arange(8) / 8 for a, b in zip(square, np.roll(square, -1), strict=True)]
+    )
+    corners = np.arange(len(vertices)) % 8 == 0
+    domain = PlaneDomain.from_boundary(vertices, corners)
+
+    def function(z):
+        return (z - (0.5 + 1j)) * (z - (1.5 + 1.5j)) / (z - (1 + 1.5j)) ** 2
+
+    found = find_zeros(function, domain)
+    np.testing.assert_allclose([zero.z for zero in found], [0.5 + 1j, 1.5 + 1.5j], atol=1e-12)
+
+
+@pytest.mark.parametrize("root", [1.0, 1 - 1e-9, np.exp(0.02j)])
+def test_zero_on_the_boundary_is_refused(root):
+    with pytest.raises(ZeroOnContourError) as error:
+        find_zeros(product([root]), DISK)
+    assert np.isfinite(error.value.z)
+
+
+def test_the_zero_function_is_refused():
+    with pytest.raises(ZeroOnContourError):
+        find_zeros(lambda z: 0 * z, DISK)
+
+
+def test_count_on_a_circle():
+    function = product([0.1, 0.1, 0.5])
+    assert count_zeros(function, 0.1 + 0j, 0.2) == 2
+    assert count_zeros(function, 0j, 0.9) == 3
+    assert count_zeros(function, -0.5 + 0j, 0.2) == 0
+    with pytest.raises(ZeroOnContourError):
+        count_zeros(function, 0j, 0.5)

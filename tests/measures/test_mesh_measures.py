@@ -1,0 +1,72 @@
+import igl
+import numpy as np
+import pytest
+
+from spinor_geom.measures import discrete_mean_curvature, self_intersections, triangle_quality
+from spinor_geom.meshing import mesh_patch
+from tests.exact_solutions import ENNEPER, PLANE, exact_solution
+
+
+def octahedral_sphere(times, radius):
+    vertices = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
+    upper = np.array([[k, (k + 1) % 4, 4] for k in range(4)])
+    lower = np.stack([upper[:, 1], upper[:, 0], np.full(4, 5)], axis=1)
+    vertices, faces = igl.upsample(vertices, np.concatenate([upper, lower]), times)
+    return radius * vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces.astype(np.int64)
+
+
+@pytest.mark.parametrize("radius", [0.01, 1.0, 20.0])
+def test_mean_curvature_of_a_sphere_is_one_over_its_radius(radius):
+    curvature = discrete_mean_curvature(*octahedral_sphere(4, radius))
+    # the six vertices of degree four are the worst
+    assert curvature.values == pytest.approx(np.full(len(curvature.values), 1 / radius), rel=0.02)
+    assert curvature.rms == pytest.approx(1 / radius, rel=0.01)
+    assert curvature.areas.sum() == pytest.approx(4 * np.pi * radius**2, rel=0.02)
+
+
+def test_mean_curvature_of_a_plane_is_zero_and_its_boundary_is_left_out():
+    patch = mesh_patch(exact_solution(PLANE, 40))
+    curvature = discrete_mean_curvature(patch.vertices, patch.faces)
+    assert np.array_equal(curvature.vertices, np.arange(40, len(patch.vertices)))
+    assert curvature.max < 1e-11
+
+
+def test_mean_curvature_leaves_out_unreferenced_vertices():
+    vertices, faces = octahedral_sphere(1, 1.0)
+    curvature = discrete_mean_curvature(np.vstack([vertices, [[3.0, 0, 0]]]), faces)
+    assert len(curvature.vertices) == len(vertices)
+
+
+def test_mesh_without_inner_vertices_has_no_curvature():
+    curvature = discrete_mean_curvature(np.eye(3), np.array([[0, 1, 2]]))
+    assert len(curvature.values) == 0
+    assert curvature.max == curvature.rms == 0
+
+
+def test_mean_curvature_of_a_minimal_patch_falls_with_its_edges():
+    # slowly: on unstructured triangles the discrete curvature does not converge vertex by vertex
+    rms = [
+        discrete_mean_curvature((patch := mesh_patch(exact_solution(ENNEPER, n))).vertices, patch.faces).rms
+        for n in (30, 120)
+    ]
+    assert rms[1] < 0.8 * rms[0]
+
+
+def test_quality_of_known_triangles():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, np.sqrt(0.75), 0], [1, 1, 0], [2, 0, 0]])
+    quality = triangle_quality(vertices, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]))
+    assert quality.smallest_angles == pytest.approx([60, 45, 0], abs=1e-6)
+    assert quality.min == pytest.approx(0, abs=1e-6)
+    assert quality.mean == pytest.approx(35)
+    assert quality.share_below(50.0) == pytest.approx(2 / 3)
+
+
+def test_face_with_equal_corners_has_angle_zero():
+    vertices = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0.0]])
+    assert triangle_quality(vertices, np.array([[0, 1, 2]])).min == 0
+
+
+def test_crossing_faces_are_found_and_neighbours_are_not():
+    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0], [0.4, 0.4, -1], [0.5, 0.4, 1], [0.4, 0.5, 1]])
+    assert len(self_intersections(vertices, np.array([[0, 1, 2], [1, 3, 2]]))) == 0
+    assert np.array_equal(self_intersections(vertices, np.array([[0, 1, 2], [1, 3, 2], [4, 5, 6]])), [[0, 2]])

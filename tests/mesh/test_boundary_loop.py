@@ -1,0 +1,242 @@
+"""BoundaryLoop: measures against known shapes, corners, bad input, invariance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.errors import (
+    LoopTooShortError,
+    MeshShapeError,
+    NonFiniteVertexError,
+    OptionError,
+    RepeatedPointError,
+)
+from spinor_geom.mesh import BoundaryLoop, detect_corners, turning_angles
+from tests.strategies import RigidMotion, rigid_motions, rough_loops, smooth_loops
+
+
+def polygon_sides(corners: list[tuple[float, ...]], per_side: int) -> np.ndarray:
+    """Points of a closed polygon with every side cut into `per_side` equal edges, from its first corner."""
+    ends = np.array(corners, dtype=float)
+    steps = np.arange(per_side)[:, None] / per_side
+    sides = [a + steps * (b - a) for a, b in zip(ends, np.roll(ends, -1, axis=0), strict=True)]
+    return np.concatenate(sides)
+
+
+def circle(count: int) -> np.ndarray:
+    t = 2 * np.pi * np.arange(count) / count
+    return np.stack([np.cos(t), np.sin(t), np.zeros(count)], axis=1)
+
+
+SQUARE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+
+
+class TestFromPoints:
+    def test_closing_point_is_dropped(self) -> None:
+        loop = BoundaryLoop.from_points([*SQUARE, SQUARE[0]])
+        assert len(loop) == 4
+        np.testing.assert_array_equal(loop.vertex_ids, [0, 1, 2, 3])
+
+    def test_points_are_a_read_only_copy(self) -> None:
+        points = circle(12)
+        loop = BoundaryLoop.from_points(points)
+        points[0] = 7
+        assert loop.points[0, 0] == 1
+        assert not loop.points.flags.writeable
+        assert not loop.corners.flags.writeable
+
+    @pytest.mark.parametrize("points", [SQUARE[:2], [*SQUARE[:2], SQUARE[0]], []], ids=["two", "closed two", "none"])
+    def test_fewer_than_three_points_are_refused(self, points: list[tuple[float, ...]]) -> None:
+        with pytest.raises(LoopTooShortError):
+            BoundaryLoop.from_points(points)
+
+    def test_equal_neighbours_are_refused_by_index(self) -> None:
+        with pytest.raises(RepeatedPointError) as caught:
+            BoundaryLoop.from_points([*SQUARE[:3], SQUARE[2], SQUARE[3]])
+        assert caught.value.fields == {"index": 2}
+
+    def test_twice_closed_curve_is_refused(self) -> None:
+        with pytest.raises(RepeatedPointError) as caught:
+            BoundaryLoop.from_points([*SQUARE, SQUARE[0], SQUARE[0]])
+        assert caught.value.fields == {"index": 4}
+
+    def test_nan_is_refused_by_index(self) -> None:
+        with pytest.raises(NonFiniteVertexError) as caught:
+            BoundaryLoop.from_points([*SQUARE[:3], (0, np.nan, 0)])
+        assert caught.value.fields == {"vertex": 3}
+
+    @pytest.mark.parametrize("points", [np.zeros((5, 2)), np.zeros(9), [["a", "b", "c"]] * 3])
+    def test_wrong_shape_is_refused(self, points: np.ndarray) -> None:
+        with pytest.raises(MeshShapeError):
+            BoundaryLoop.from_points(points)
+
+    def test_given_corners_are_kept(self) -> None:
+        loop = BoundaryLoop.from_points(SQUARE, corners=np.array([0, 2]))
+        np.testing.assert_array_equal(loop.corners, [True, False, True, False])
+
+    def test_no_corners_on_request(self) -> None:
+        assert not BoundaryLoop.from_points(polygon_sides(SQUARE, 6), corners=[]).corners.any()
+
+    @pytest.mark.parametrize("corners", [[4], [-1], [0.5], "all"])
+    def test_wrong_corners_are_refused(self, corners: list[int]) -> None:
+        with pytest.raises(OptionError):
+            BoundaryLoop.from_points(SQUARE, corners=corners)
+
+
+class TestFields:
+    @pytest.mark.parametrize(
+        "broken",
+        [
+            {"vertex_ids": np.arange(3)},
+            {"corners": np.zeros(4)},
+            {"corners": [True]},
+            {"seam_edges": np.zeros((1, 3), int)},
+            {"points": np.zeros((4, 2))},
+        ],
+        ids=["ids", "numbers as flags", "flags", "seam_edges", "points"],
+    )
+    def test_wrong_shape_is_refused(self, broken: dict[str, np.ndarray]) -> None:
+        whole = {"points": np.array(SQUARE), "vertex_ids": np.arange(4), "corners": np.zeros(4, bool)}
+        with pytest.raises(MeshShapeError):
+            BoundaryLoop(**(whole | broken))
+
+    def test_two_points_are_refused(self) -> None:
+        with pytest.raises(LoopTooShortError):
+            BoundaryLoop(points=np.zeros((2, 3)), vertex_ids=np.arange(2), corners=np.zeros(2, bool))
+
+
+class TestMeasures:
+    def test_rectangle(self) -> None:
+        loop = BoundaryLoop.from_points([(0, 0, 1), (4, 0, 1), (4, 1, 1), (0, 1, 1)])
+        np.testing.assert_array_equal(loop.edge_lengths, [4, 1, 4, 1])
+        assert loop.perimeter == 10
+        assert loop.mean_edge_length == 2.5
+        assert loop.diagonal == pytest.approx(np.sqrt(17), rel=1e-15)
+        assert loop.elongation == pytest.approx(4, rel=1e-14)
+        np.testing.assert_allclose(loop.centroid, [2, 0.5, 1], atol=1e-15)
+        np.testing.assert_allclose(loop.area_vector, [0, 0, 4], atol=1e-14)
+        np.testing.assert_allclose(loop.plane.normal, [0, 0, 1], atol=1e-15)
+        assert loop.plane.rms_distance == pytest.approx(0, abs=1e-15)
+
+    def test_centroid_does_not_follow_the_sampling(self) -> None:
+        dense_left = [(0, y, 0) for y in np.linspace(1, 0, 50)] + [(1, 0, 0), (1, 1, 0)]
+        np.testing.assert_allclose(BoundaryLoop.from_points(dense_left).centroid, [0.5, 0.5, 0], atol=1e-14)
+
+    def test_wave_about_a_plane_has_its_rms(self) -> None:
+        t = 2 * np.pi * np.arange(400) / 400
+        wave = np.stack([np.cos(t), np.sin(t), 0.01 * np.sin(4 * t)], axis=1)
+        # the sine's mean square is 1/2; the speed, that weights the points, varies by 8e-4
+        assert BoundaryLoop.from_points(wave).plane.rms_distance == pytest.approx(0.01 / np.sqrt(2), rel=1e-3)
+
+    def test_normal_follows_the_right_hand_rule(self) -> None:
+        loop = BoundaryLoop.from_points(circle(30))
+        np.testing.assert_allclose(loop.plane.normal, [0, 0, 1], atol=1e-12)
+        np.testing.assert_allclose(loop.reversed().plane.normal, [0, 0, -1], atol=1e-12)
+
+    def test_points_on_a_line_have_infinite_elongation(self) -> None:
+        loop = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 0), (3, 0, 0)])
+        assert loop.elongation > 1e12
+        assert np.linalg.norm(loop.plane.normal) == pytest.approx(1)
+
+    def test_reversed_keeps_the_first_point(self) -> None:
+        loop = BoundaryLoop(
+            points=circle(4),
+            vertex_ids=np.array([5, 7, 2, 9]),
+            corners=np.array([True, True, False, False]),
+            slit_fraction=0.25,
+            seam_edges=np.array([[7, 2]]),
+        )
+        back = loop.reversed()
+        np.testing.assert_array_equal(back.vertex_ids, [5, 9, 2, 7])
+        np.testing.assert_array_equal(back.corners, [True, False, False, True])
+        np.testing.assert_array_equal(back.seam_edges, [[2, 7]])
+        assert back.slit_fraction == 0.25
+        np.testing.assert_array_equal(back.reversed().points, loop.points)
+
+    @settings(deadline=None, max_examples=30)
+    @given(points=smooth_loops(), motion=rigid_motions(), exponent=st.integers(-6, 6))
+    def test_motion_and_scale(self, points: np.ndarray, motion: RigidMotion, exponent: int) -> None:
+        scale = 10.0**exponent
+        loop, moved = BoundaryLoop.from_points(points), BoundaryLoop.from_points(motion(points * scale))
+        # coordinates of size 10 + scale carry 1e-15 of their size as noise
+        noise = 1e-13 * (10 + scale) / scale
+        assert moved.perimeter == pytest.approx(loop.perimeter * scale, rel=noise)
+        assert moved.elongation == pytest.approx(loop.elongation, rel=10 * noise)
+        assert moved.plane.rms_distance == pytest.approx(loop.plane.rms_distance * scale, abs=noise * scale)
+        np.testing.assert_allclose(moved.centroid, motion(loop.centroid * scale), atol=noise * scale)
+        np.testing.assert_allclose(moved.plane.normal, motion.rotation @ loop.plane.normal, atol=1000 * noise)
+
+    @settings(deadline=None, max_examples=30)
+    @given(points=rough_loops(), start=st.integers(0, 200))
+    def test_starting_point_does_not_matter(self, points: np.ndarray, start: int) -> None:
+        loop, rolled = BoundaryLoop.from_points(points), BoundaryLoop.from_points(np.roll(points, -start, axis=0))
+        np.testing.assert_array_equal(np.roll(rolled.corners, start), loop.corners)
+        assert rolled.perimeter == pytest.approx(loop.perimeter, rel=1e-14)
+        np.testing.assert_allclose(rolled.centroid, loop.centroid, atol=1e-14)
+        np.testing.assert_allclose(rolled.plane.normal, loop.plane.normal, atol=1e-10)
+
+
+class TestCorners:
+    def test_turning_angles_of_a_regular_polygon(self) -> None:
+        np.testing.assert_allclose(turning_angles(circle(9)), 2 * np.pi / 9, rtol=1e-14)
+
+    def test_turning_angle_of_a_reversal_is_pi(self) -> None:
+        angles = turning_angles(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]))
+        np.testing.assert_allclose(angles, [np.pi, 0, np.pi])
+
+    @pytest.mark.parametrize("per_side", [3, 5, 20])
+    def test_square_has_four(self, per_side: int) -> None:
+        np.testing.assert_array_equal(
+            np.flatnonzero(detect_corners(polygon_sides(SQUARE, per_side))), np.arange(4) * per_side
+        )
+
+    def test_sides_of_two_edges_leave_no_corner_alone(self) -> None:
+        assert not detect_corners(polygon_sides(SQUARE, 2)).any()
+
+    def test_fewer_than_eight_points_have_none(self) -> None:
+        triangle = polygon_sides([(0, 0, 0), (5, 0, 0), (0, 1, 0)], 3)
+        assert detect_corners(triangle).any()
+        assert not detect_corners(np.delete(triangle, [1, 4], axis=0)).any()
+
+    @pytest.mark.parametrize(("degrees", "count"), [(34, 0), (36, 1), (90, 1), (150, 1)])
+    def test_a_kink_counts_from_35_degrees(self, degrees: float, count: int) -> None:
+        # the two tangents from a point to the unit circle, and the far arc between them
+        half = np.radians(degrees) / 2
+        arc = np.linspace(half, 2 * np.pi - half, 300)
+        rim = np.stack([np.cos(arc), np.sin(arc), 0 * arc], axis=1)
+        tip = np.array([1 / np.cos(half), 0, 0])
+        steps = np.linspace(0, 1, 4, endpoint=False)[:, None]
+        points = np.vstack([tip + steps * (rim[0] - tip), rim[:-1], rim[-1] + steps * (tip - rim[-1])])
+        assert turning_angles(points)[0] == pytest.approx(np.radians(degrees))
+        np.testing.assert_array_equal(np.flatnonzero(detect_corners(points)), [0] * count)
+
+    @pytest.mark.parametrize("step", [-2, -1, 1, 2])
+    def test_a_turn_beside_another_is_no_corner(self, step: int) -> None:
+        points = polygon_sides([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)], 10)
+        assert detect_corners(points)[10]
+        # a quarter of an edge inwards: it turns there by 28°, more than a quarter of the corner's angle
+        points[10 + step] += [-0.1, 0.0, 0.0] if step > 0 else [0.0, 0.1, 0.0]
+        assert not detect_corners(points)[10]
+
+    @pytest.mark.parametrize("count", [8, 9, 10, 12, 100])
+    def test_smooth_circle_has_none(self, count: int) -> None:
+        assert not detect_corners(circle(count)).any()
+
+    @settings(deadline=None, max_examples=100)
+    @given(points=rough_loops())
+    def test_noisy_rim_does_not_become_a_polygon(self, points: np.ndarray) -> None:
+        # large turns alone between four small ones are an accident here, rarer than one point in 20
+        assert detect_corners(points).sum() <= len(points) / 20 + 1
+
+    def test_zig_zag_has_none(self) -> None:
+        points = circle(60)
+        points[::2] *= 1.1
+        assert turning_angles(points).min() > np.radians(35)
+        assert not detect_corners(points).any()
+
+    def test_edge_of_length_zero_makes_no_corner(self) -> None:
+        points = np.repeat(polygon_sides(SQUARE, 5), [2] + [1] * 19, axis=0)
+        np.testing.assert_array_equal(np.flatnonzero(detect_corners(points)), [6, 11, 16])

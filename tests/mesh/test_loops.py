@@ -1,0 +1,295 @@
+"""find_boundary_loops: known meshes, bow-ties, soups, slits, and invariants on random meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.errors import DuplicateVertexError
+from spinor_geom.mesh import (
+    BoundaryLoop,
+    TriangleMesh,
+    boundary_edges,
+    face_components,
+    find_boundary_loops,
+    is_watertight,
+)
+from tests.strategies import SEEDS, HoledDisk, RigidMotion, holed_disks, ragged_meshes, rigid_motions
+
+
+def mesh_of(faces: np.ndarray) -> TriangleMesh:
+    return TriangleMesh(np.random.default_rng(0).uniform(size=(int(np.max(faces)) + 1, 3)), faces)
+
+
+def loop_edges(loops: list[BoundaryLoop]) -> list[tuple[int, int]]:
+    pairs = [np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1) for loop in loops]
+    return [(start, end) for start, end in np.concatenate(pairs).tolist()] if pairs else []
+
+
+def rings_of(loops: list[BoundaryLoop]) -> set[tuple[int, ...]]:
+    return {tuple(loop.vertex_ids.tolist()) for loop in loops}
+
+
+def capped(mesh: TriangleMesh, loops: list[BoundaryLoop]) -> np.ndarray:
+    """The mesh's faces and a cone over every loop, oriented as the loop runs."""
+    cones = [
+        np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1), np.full(len(loop), len(mesh.vertices) + k)], axis=1)
+        for k, loop in enumerate(loops)
+    ]
+    return np.vstack([mesh.faces, *cones])
+
+
+def grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points and counter-clockwise triangles of a flat grid; vertex (x, y) has index y (columns + 1) + x."""
+    x, y = np.meshgrid(np.arange(columns + 1.0), np.arange(rows + 1.0))
+    corner = np.add.outer(np.arange(rows) * (columns + 1), np.arange(columns)).ravel()
+    a, b, c, d = corner, corner + 1, corner + columns + 2, corner + columns + 1
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]), faces
+
+
+class TestKnownMeshes:
+    def test_closed_mesh_has_none(self, tetrahedron: np.ndarray) -> None:
+        assert find_boundary_loops(mesh_of(tetrahedron)) == []
+
+    def test_mesh_without_faces_has_none(self) -> None:
+        assert find_boundary_loops(TriangleMesh(np.zeros((3, 3)), np.empty((0, 3), dtype=int))) == []
+
+    def test_loop_runs_like_the_missing_face(self, tetrahedron: np.ndarray) -> None:
+        (loop,) = find_boundary_loops(mesh_of(tetrahedron[:3]))
+        assert is_watertight(np.vstack([tetrahedron[:3], loop.vertex_ids]))
+        np.testing.assert_array_equal(loop.vertex_ids, [0, 3, 2])
+
+    def test_single_triangle(self) -> None:
+        (loop,) = find_boundary_loops(TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+        np.testing.assert_array_equal(loop.vertex_ids, [0, 2, 1])
+        np.testing.assert_array_equal(loop.points, [[0, 0, 0], [0, 1, 0], [1, 0, 0]])
+        np.testing.assert_allclose(loop.area_vector, [0, 0, -0.5])
+
+    def test_longest_perimeter_first(self) -> None:
+        points, faces = grid(6, 6)
+        loops = find_boundary_loops(TriangleMesh(points, faces[[5, 15, 70]]))
+        assert [len(loop) for loop in loops] == [3, 3, 3]
+        points = points * [1.0, 1.0, 0.0] + np.outer(np.arange(len(points)) == faces[15, 0], [0, 0, 5.0])
+        loops = find_boundary_loops(TriangleMesh(points, faces[[5, 15, 70]]))
+        assert set(loops[0].vertex_ids.tolist()) == set(faces[15].tolist())
+
+    def test_annulus_has_two_loops_run_in_opposite_directions(self) -> None:
+        points, faces = grid(3, 3)
+        middle = {5, 6, 9, 10}
+        faces = faces[[not set(face) <= middle for face in faces.tolist()]]
+        outer, inner = find_boundary_loops(TriangleMesh(points, faces))
+        assert set(inner.vertex_ids.tolist()) == middle
+        # the patch over the inner hole looks up like the grid, that over the outer rim closes it from below
+        np.testing.assert_allclose(inner.area_vector, [0, 0, 1])
+        np.testing.assert_allclose(outer.area_vector, [0, 0, -9])
+
+    def test_large_fan_at_a_boundary_vertex(self) -> None:
+        count = 3000
+        faces = np.stack([np.zeros(count, int), np.arange(1, count + 1), np.arange(2, count + 2)], axis=1)
+        (loop,) = find_boundary_loops(mesh_of(faces))
+        np.testing.assert_array_equal(loop.vertex_ids, [0, *range(count + 1, 0, -1)])
+
+
+class TestBowTies:
+    def test_two_triangles_touching_in_a_vertex_keep_their_own_loops(self) -> None:
+        loops = find_boundary_loops(mesh_of(np.array([[0, 1, 2], [0, 3, 4]])))
+        assert rings_of(loops) == {(0, 2, 1), (0, 4, 3)}
+
+    def test_holes_touching_in_a_vertex_are_two_loops(self) -> None:
+        points, faces = grid(6, 4)
+        # vertex 16 = (2, 2) is the corner that the square holes on its lower left and upper right share
+        removed = {frozenset(face) for face in [(8, 9, 16), (8, 16, 15), (16, 17, 24), (16, 24, 23)]}
+        mesh = TriangleMesh(points, faces[[frozenset(face) not in removed for face in faces.tolist()]])
+        loops = find_boundary_loops(mesh)
+        assert rings_of(loops[1:]) == {(8, 9, 16, 15), (16, 17, 24, 23)}
+        assert is_watertight(capped(mesh, loops))
+
+    def test_hole_touching_the_outer_rim_in_a_vertex(self) -> None:
+        points, faces = grid(4, 3)
+        mesh = TriangleMesh(points, faces[[set(face) != {1, 7, 6} for face in faces.tolist()]])
+        rim, hole = find_boundary_loops(mesh)
+        np.testing.assert_array_equal(hole.vertex_ids, [1, 7, 6])
+        assert len(rim) == 14
+        assert is_watertight(capped(mesh, [rim, hole]))
+
+    def test_ring_through_one_vertex_three_times(self) -> None:
+        # every second triangle cut out of a hexagon around vertex 0; the others hang together through an outer ring
+        inner, outer = np.arange(1, 7), np.arange(7, 13)
+        next_inner, next_outer = np.roll(inner, -1), np.roll(outer, -1)
+        ring = np.concatenate([np.stack([inner, outer, next_outer], 1), np.stack([inner, next_outer, next_inner], 1)])
+        kept_petals = np.stack([np.zeros(3, int), inner[::2], next_inner[::2]], axis=1)
+        mesh = mesh_of(np.concatenate([ring, kept_petals]))
+        loops = find_boundary_loops(mesh)
+        assert {ring for ring in rings_of(loops) if len(ring) == 3} == {(0, 2, 3), (0, 4, 5), (0, 6, 1)}
+        assert len(loops) == 4
+        assert is_watertight(capped(mesh, loops))
+
+
+class TestCoincidentEdges:
+    def test_soup_is_refused_and_the_error_says_how_to_merge(self) -> None:
+        points, faces = grid(3, 3)
+        soup = TriangleMesh(points[faces.ravel()], np.arange(faces.size).reshape(-1, 3))
+        with pytest.raises(DuplicateVertexError, match="merge") as caught:
+            find_boundary_loops(soup)
+        assert caught.value.fields["count"] == 3 * len(faces) - 12
+        merged, _ = soup.merged()
+        (loop,) = find_boundary_loops(merged)
+        assert len(loop) == 12
+
+    def test_two_pieces_along_a_seam_are_told_and_returned(self) -> None:
+        points, faces = grid(2, 4)
+        left = np.flatnonzero(points[faces][:, :, 0].max(axis=1) <= 1)
+        right_faces = np.delete(faces, left, axis=0)
+        shifted = right_faces + len(points)
+        mesh = TriangleMesh(np.vstack([points, points]), np.vstack([faces[left], shifted]))
+        loops = find_boundary_loops(mesh)
+        assert [len(loop.seam_edges) for loop in loops] == [4, 4]
+        assert all((mesh.vertices[loop.seam_edges][:, :, 0] == 1).all() for loop in loops)
+        assert all(loop.slit_fraction == 0 for loop in loops)
+        for loop in loops:
+            assert {tuple(edge) for edge in loop.seam_edges.tolist()} <= set(loop_edges([loop]))
+
+    def test_zero_width_slit_has_fraction_one(self) -> None:
+        points, faces = grid(6, 4)
+        # cut along y = 2 from x = 2 to x = 4: the upper faces get a copy of vertex (3, 2)
+        middle, copy = 2 * 7 + 3, len(points)
+        upper = points[faces].mean(axis=1)[:, 1] > 2
+        faces = np.where(upper[:, None] & (faces == middle), copy, faces)
+        outer, slit = find_boundary_loops(TriangleMesh(np.vstack([points, points[middle]]), faces))
+        assert set(slit.vertex_ids.tolist()) == {16, 17, 18, copy}
+        assert slit.slit_fraction == 1.0
+        assert outer.slit_fraction == 0.0
+        assert len(slit.seam_edges) == 0
+
+    def test_partly_closed_hole_has_the_share_of_its_length(self) -> None:
+        points, faces = grid(6, 4)
+        middle, copy = 2 * 7 + 3, len(points)
+        upper = points[faces].mean(axis=1)[:, 1] > 2
+        faces = np.where(upper[:, None] & (faces == middle), copy, faces)
+        points = np.vstack([points, points[middle]])
+        hole = ~((faces == 18).any(axis=1) & (faces == copy).any(axis=1))
+        _, loop = find_boundary_loops(TriangleMesh(points, faces[hole]))
+        assert 0 < loop.slit_fraction < 1
+        assert loop.slit_fraction == pytest.approx(2 / loop.perimeter)
+
+    def test_edges_run_twice_the_same_way_are_no_slit(self) -> None:
+        # a fan that winds twice around its centre: its six rim edges lie on three, in the same direction
+        t = 2 * np.pi * np.arange(6) / 3
+        points = np.vstack([[0, 0, 1], np.tile(np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)[:3], (2, 1))])
+        faces = np.array([[0, k + 1, (k + 1) % 6 + 1] for k in range(6)])
+        (loop,) = find_boundary_loops(TriangleMesh(points, faces))
+        assert len(loop) == 6
+        assert loop.slit_fraction == 0
+        assert len(loop.seam_edges) == 0
+
+    def test_edges_of_length_zero_at_one_place_are_no_seam(self) -> None:
+        points = np.array([[0.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 0, 0], [0, 1, 0]])
+        loops = find_boundary_loops(TriangleMesh(points, [[0, 1, 2], [3, 4, 5]]))
+        # each triangle's two long edges lie on each other
+        assert [loop.slit_fraction for loop in loops] == [1.0, 1.0]
+        assert [len(loop.seam_edges) for loop in loops] == [0, 0]
+
+
+class TestRandomMeshes:
+    @settings(deadline=None, max_examples=60)
+    @given(mesh=ragged_meshes())
+    def test_loops_are_simple_and_cover_the_boundary_once_reversed(self, mesh: TriangleMesh) -> None:
+        loops = find_boundary_loops(mesh)
+        assert sorted(loop_edges(loops)) == sorted((b, a) for a, b in boundary_edges(mesh.faces).tolist())
+        for loop in loops:
+            assert len(set(loop.vertex_ids.tolist())) == len(loop) >= 3
+            assert loop.vertex_ids[0] == loop.vertex_ids.min()
+            np.testing.assert_array_equal(loop.points, mesh.vertices[loop.vertex_ids])
+        perimeters = [loop.perimeter for loop in loops]
+        assert perimeters == sorted(perimeters, reverse=True)
+
+    @settings(deadline=None, max_examples=60)
+    @given(mesh=ragged_meshes())
+    def test_cones_over_the_loops_close_the_mesh(self, mesh: TriangleMesh) -> None:
+        assert is_watertight(capped(mesh, find_boundary_loops(mesh)))
+
+    @settings(deadline=None, max_examples=60)
+    @given(mesh=ragged_meshes())
+    def test_a_loop_stays_on_one_piece_of_mesh(self, mesh: TriangleMesh) -> None:
+        labels = face_components(mesh.faces)
+        sides = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]).tolist()
+        piece = dict(zip(map(tuple, sides), np.tile(labels, 3).tolist(), strict=True))
+        for loop in find_boundary_loops(mesh):
+            assert len({piece[b, a] for a, b in loop_edges([loop])}) == 1
+
+    @settings(deadline=None, max_examples=30)
+    @given(disk=holed_disks())
+    def test_holes_of_a_disk_are_found_as_made(self, disk: HoledDisk) -> None:
+        found = {frozenset(loop.vertex_ids.tolist()) for loop in find_boundary_loops(disk.mesh)}
+        assert found == {disk.rim, *disk.holes}
+
+    @settings(deadline=None, max_examples=30)
+    @given(mesh=ragged_meshes(), motion=rigid_motions())
+    def test_rigid_motion_moves_the_loops(self, mesh: TriangleMesh, motion: RigidMotion) -> None:
+        moved = TriangleMesh(motion(mesh.vertices), mesh.faces)
+        assert rings_of(find_boundary_loops(moved)) == rings_of(find_boundary_loops(mesh))
+
+    @settings(deadline=None, max_examples=30)
+    @given(mesh=ragged_meshes(), seed=SEEDS)
+    def test_order_of_faces_and_corners_does_not_matter(self, mesh: TriangleMesh, seed: int) -> None:
+        random = np.random.default_rng(seed)
+        turned = np.take_along_axis(mesh.faces, (np.arange(3) + random.integers(3, size=(len(mesh.faces), 1))) % 3, 1)
+        shuffled = TriangleMesh(mesh.vertices, random.permutation(turned))
+        assert rings_of(find_boundary_loops(shuffled)) == rings_of(find_boundary_loops(mesh))
+
+    @settings(deadline=None, max_examples=30)
+    @given(disk=holed_disks(), seed=SEEDS)
+    def test_renumbered_vertices_give_the_same_polygons(self, disk: HoledDisk, seed: int) -> None:
+        mesh = disk.mesh
+        number = np.random.default_rng(seed).permutation(len(mesh.vertices))
+        vertices = np.empty_like(mesh.vertices)
+        vertices[number] = mesh.vertices
+        old = {frozenset((number[a], number[b]) for a, b in loop_edges([k])) for k in find_boundary_loops(mesh)}
+        renumbered = find_boundary_loops(TriangleMesh(vertices, number[mesh.faces]))
+        assert {frozenset(loop_edges([loop])) for loop in renumbered} == old
+
+    @settings(deadline=None, max_examples=30)
+    @given(disk=holed_disks())
+    def test_flipped_faces_reverse_the_loops(self, disk: HoledDisk) -> None:
+        flipped = find_boundary_loops(TriangleMesh(disk.mesh.vertices, disk.mesh.faces[:, ::-1]))
+        assert rings_of(flipped) == rings_of([loop.reversed() for loop in find_boundary_loops(disk.mesh)])
+
+    @settings(deadline=None, max_examples=20)
+    @given(disk=holed_disks(), exponent=st.integers(-6, 6))
+    def test_scale_does_not_matter(self, disk: HoledDisk, exponent: int) -> None:
+        scaled = find_boundary_loops(TriangleMesh(disk.mesh.vertices * 10.0**exponent, disk.mesh.faces))
+        loops = find_boundary_loops(disk.mesh)
+        assert rings_of(scaled) == rings_of(loops)
+        for ours, theirs in zip(loops, scaled, strict=True):
+            np.testing.assert_array_equal(ours.corners, theirs.corners)
+
+
+@pytest.mark.parametrize(
+    ("name", "lengths"),
+    [
+        ("trimesh_reference.obj", [56, 24]),
+        ("demosthenes_low_res.obj", [67]),
+        ("max_face.obj", [227]),
+        ("mountain.obj", [636]),
+    ],
+)
+def test_loops_of_published_meshes(name: str, lengths: list[int], real_mesh: Callable[[str], TriangleMesh]) -> None:
+    assert [len(loop) for loop in find_boundary_loops(real_mesh(name))] == lengths
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "longest"), [("plane_holes.obj", 27, [28, 13, 12, 12, 12]), ("spot_cut.obj", 125, [91, 78, 68])]
+)
+def test_many_loops_of_published_meshes(
+    name: str, count: int, longest: list[int], real_mesh: Callable[[str], TriangleMesh]
+) -> None:
+    mesh = real_mesh(name)
+    loops = find_boundary_loops(mesh)
+    assert len(loops) == count
+    assert sorted((len(loop) for loop in loops), reverse=True)[: len(longest)] == longest
+    assert is_watertight(capped(mesh, loops))

@@ -1,0 +1,60 @@
+"""The libigl operators have the signs, units and sums their docstrings state."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from spinor_geom.mesh import cotangent_laplacian, face_areas, internal_angles, mass_matrix
+from tests.strategies import HoledDisk, holed_disks
+
+RIGHT_TRIANGLE = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0]])
+FACE = np.array([[0, 1, 2]])
+
+
+def test_right_triangle() -> None:
+    assert face_areas(RIGHT_TRIANGLE, FACE) == pytest.approx([1.0])
+    np.testing.assert_allclose(internal_angles(RIGHT_TRIANGLE, FACE), [[np.pi / 2, np.arctan(0.5), np.arctan(2)]])
+    # off-diagonal −½ cot of the opposite angle: 0 opposite the right angle, cot of the others 2 and ½
+    expected = np.array([[1.25, -0.25, -1.0], [-0.25, 0.25, 0], [-1.0, 0, 1.0]])
+    np.testing.assert_allclose(cotangent_laplacian(RIGHT_TRIANGLE, FACE).toarray(), expected, atol=1e-15)
+
+
+def test_plane_meshes_are_accepted() -> None:
+    assert face_areas(RIGHT_TRIANGLE[:, :2], FACE) == pytest.approx([1.0])
+
+
+@settings(deadline=None, max_examples=20)
+@given(disk=holed_disks())
+def test_laplacian_is_symmetric_semidefinite_with_zero_rows(disk: HoledDisk) -> None:
+    laplacian = cotangent_laplacian(disk.mesh.vertices, disk.mesh.faces)
+    scale = np.abs(laplacian.data).max()
+    assert np.abs((laplacian - laplacian.T).toarray()).max() <= 1e-12 * scale
+    assert np.abs(laplacian @ np.ones(laplacian.shape[0])).max() <= 1e-11 * scale
+    assert np.linalg.eigvalsh(laplacian.toarray()).min() >= -1e-11 * scale
+
+
+@settings(deadline=None, max_examples=20)
+@given(disk=holed_disks())
+def test_dirichlet_energy_of_the_coordinates_is_twice_the_area(disk: HoledDisk) -> None:
+    vertices = disk.mesh.vertices
+    laplacian = cotangent_laplacian(vertices, disk.mesh.faces)
+    energy = np.trace(vertices.T @ (laplacian @ vertices))
+    # the identity is conformal: ½ E = A, exact on every triangle (Pinkall & Polthier)
+    assert energy / 2 == pytest.approx(face_areas(vertices, disk.mesh.faces).sum(), rel=1e-9)
+
+
+@settings(deadline=None, max_examples=20)
+@given(disk=holed_disks())
+@pytest.mark.parametrize("kind", ["voronoi", "barycentric", "full"])
+def test_mass_sums_to_the_area(kind: str, disk: HoledDisk) -> None:
+    mass = mass_matrix(disk.mesh.vertices, disk.mesh.faces, kind)
+    assert mass.sum() == pytest.approx(face_areas(disk.mesh.vertices, disk.mesh.faces).sum(), rel=1e-12)
+
+
+@settings(deadline=None, max_examples=20)
+@given(disk=holed_disks())
+def test_angles_of_a_triangle_sum_to_pi(disk: HoledDisk) -> None:
+    angles = internal_angles(disk.mesh.vertices, disk.mesh.faces)
+    np.testing.assert_allclose(angles.sum(axis=1), np.pi, rtol=1e-7)

@@ -1,0 +1,79 @@
+"""Half-edges, watertightness, components, coincident vertices."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.mesh import (
+    HalfEdges,
+    boundary_edges,
+    coincident_vertices,
+    face_components,
+    is_watertight,
+    referenced_vertices,
+)
+from tests.strategies import HoledDisk, holed_disks
+
+
+def test_twins_of_a_tetrahedron_run_the_other_way(tetrahedron: np.ndarray) -> None:
+    half_edges = HalfEdges.of(tetrahedron)
+    assert (half_edges.counts == 2).all()
+    assert len(half_edges.counts) == 6
+    np.testing.assert_array_equal(half_edges.origin, half_edges.target[half_edges.twin])
+    np.testing.assert_array_equal(half_edges.twin[half_edges.twin], np.arange(12))
+
+
+def test_opposite_corner_is_the_third_vertex() -> None:
+    np.testing.assert_array_equal(HalfEdges.of(np.array([[7, 8, 9]])).opposite, [9, 7, 8])
+
+
+def test_boundary_edges_keep_the_direction_of_their_face() -> None:
+    edges = boundary_edges(np.array([[0, 1, 2], [2, 1, 3]]))
+    assert {tuple(edge) for edge in edges.tolist()} == {(0, 1), (1, 3), (3, 2), (2, 0)}
+
+
+def test_closed_tetrahedron_is_watertight(tetrahedron: np.ndarray) -> None:
+    assert is_watertight(tetrahedron)
+
+
+def test_missing_face_is_not_watertight(tetrahedron: np.ndarray) -> None:
+    assert not is_watertight(tetrahedron[:3])
+
+
+def test_flipped_face_is_not_watertight(tetrahedron: np.ndarray) -> None:
+    tetrahedron[0] = tetrahedron[0, ::-1]
+    assert not is_watertight(tetrahedron)
+
+
+def test_fin_on_an_edge_is_not_watertight(tetrahedron: np.ndarray) -> None:
+    fin = np.array([[0, 1, 4], [1, 0, 4]])
+    assert not is_watertight(np.vstack([tetrahedron, fin]))
+
+
+def test_nothing_is_not_watertight() -> None:
+    assert not is_watertight(np.empty((0, 3), dtype=np.int64))
+
+
+def test_pieces_touching_in_a_vertex_are_two_components() -> None:
+    labels = face_components(np.array([[0, 1, 2], [0, 3, 4], [1, 5, 2]]))
+    np.testing.assert_array_equal(labels, [0, 1, 0])
+
+
+@settings(deadline=None, max_examples=20)
+@given(disk=holed_disks())
+def test_a_holed_disk_is_one_component(disk: HoledDisk) -> None:
+    assert (face_components(disk.mesh.faces) == 0).all()
+
+
+def test_referenced_vertices() -> None:
+    np.testing.assert_array_equal(referenced_vertices(np.array([[0, 3, 1]]), vertices=5), [1, 1, 0, 1, 0])
+
+
+@settings(deadline=None, max_examples=50)
+@given(rows=st.lists(st.tuples(*[st.sampled_from([0.0, -0.0, 1.0])] * 3), max_size=40))
+def test_coincident_vertices_equal_a_direct_search(rows: list[tuple[float, ...]]) -> None:
+    points = np.array(rows).reshape(-1, 3)
+    expected = [rows.index(row) for row in rows]  # −0.0 == 0.0 in tuples too
+    np.testing.assert_array_equal(coincident_vertices(points), expected)

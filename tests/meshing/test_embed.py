@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
+from spinor_geom.errors import DomainError, OptionError
+from spinor_geom.measures import self_intersections, triangle_quality
+from spinor_geom.meshing import mesh_patch
+from spinor_geom.meshing.embed import inner_positions
+from tests.exact_solutions import ENNEPER, PLANE, exact_solution
+
+
+def check_is_a_patch(patch, solution):
+    """A disk over the loop: boundary bit-equal and in order, every face once and on the surface's own side."""
+    m, n, loop = patch.boundary_size, len(patch.vertices), solution.loop
+    assert m == len(loop)
+    assert np.array_equal(patch.vertices[:m], loop.points)
+    assert len(patch.faces) == 2 * n - 2 - m
+    half = patch.faces.ravel() * n + np.roll(patch.faces, -1, axis=1).ravel()
+    assert len(np.unique(half)) == len(half)
+    boundary = np.setdiff1d(half, (half % n) * n + half // n)
+    assert np.array_equal(np.sort(boundary), np.sort(np.arange(m) * n + (np.arange(m) + 1) % m))
+    corners = patch.vertices[patch.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    exact = solution.surface.normal(patch.points[patch.faces].mean(axis=1))
+    assert ((normal * exact).sum(axis=1) > 0).all()
+
+
+@pytest.mark.parametrize("vertices", [8, 33, 100, 230])
+def test_enneper_patch_is_a_good_mesh_on_the_surface(vertices):
+    solution = exact_solution(ENNEPER, vertices)
+    patch = mesh_patch(solution)
+    check_is_a_patch(patch, solution)
+    # 1e-12: round-off of an integral over up to a hundred edges
+    inner = patch.vertices[vertices:]
+    assert inner == pytest.approx(solution.surface.position(patch.points[vertices:]).reshape(-1, 3), abs=1e-12)
+    quality = triangle_quality(patch.vertices, patch.faces)
+    assert quality.min > 20
+    assert quality.first_percentile > 30
+    assert len(self_intersections(patch.vertices, patch.faces)) == 0
+
+
+def test_positions_are_exact_where_the_patch_falls_into_parts():
+    # a dumb-bell: its two inner parts are joined by a neck one triangle wide
+    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    rim = 0.8 * np.cos(t) + 1j * np.sin(t) * (0.03 + 0.5 * np.cos(t) ** 2)
+    surface = exact_solution(ENNEPER, 60).surface
+    plane = triangulate_polygon(rim, graded_size(rim))
+    inner = plane.edges[plane.edges[:, 0] >= 60] - 60
+    count = len(plane.points) - 60
+    assert connected_components(coo_array((np.ones(len(inner)), inner.T), shape=(count, count)), directed=False)[0] == 2
+    expected = surface.position(plane.points[60:])
+    assert inner_positions(surface, plane) == pytest.approx(expected, abs=1e-12)
+
+
+def test_patch_area_converges_to_the_exact_area_at_order_two():
+    counts = np.array([30, 60, 120])
+    error = []
+    for count in counts:
+        solution = exact_solution(ENNEPER, int(count))
+        error.append(1 - mesh_patch(solution).area / (7 * np.pi / 3))
+    assert np.polyfit(np.log(counts), np.log(error), 1)[0] == pytest.approx(-2, abs=0.3)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, 2.0])
+def test_inner_edges_are_as_long_as_asked_for(share):
+    solution = exact_solution(ENNEPER, 80)
+    target = share * solution.loop.mean_edge_length
+    patch = mesh_patch(solution, target)
+    check_is_a_patch(patch, solution)
+    faces = patch.faces[(patch.faces >= 80).all(axis=1)]
+    # well away from the rim, where the edges are the loop's own
+    faces = faces[np.abs(patch.points[faces]).max(axis=1) < 0.6]
+    corners = patch.vertices[faces]
+    length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    assert np.median(length) == pytest.approx(target, rel=0.2)
+    assert length.max() < 1.7 * target
+
+
+def test_uneven_loop_gives_good_triangles_away_from_its_short_edges():
+    t = np.linspace(0, 1, 120, endpoint=False)
+    solution = exact_solution(ENNEPER, t + 0.12 * np.sin(2 * np.pi * t))
+    patch = mesh_patch(solution)
+    check_is_a_patch(patch, solution)
+    short = np.flatnonzero(solution.loop.edge_lengths < solution.loop.mean_edge_length)
+    faces, smallest = patch.faces, triangle_quality(patch.vertices, patch.faces).smallest_angles
+    touches = (np.isin(faces, short) & (np.roll(faces, -1, axis=1) == (faces + 1) % 120)).any(axis=1)
+    assert (smallest[~touches] >= 20).mean() >= 0.99
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_scale_of_space_does_not_matter(scale):
+    reference, scaled = exact_solution(ENNEPER, 60), exact_solution(ENNEPER, 60, scale=scale)
+    patch = mesh_patch(scaled)
+    check_is_a_patch(patch, scaled)
+    assert len(patch.vertices) == pytest.approx(len(mesh_patch(reference).vertices), rel=0.05)
+
+
+def test_triangle_gives_one_face():
+    solution = exact_solution(PLANE, 3)
+    patch = mesh_patch(solution)
+    check_is_a_patch(patch, solution)
+    assert len(patch.faces) == 1
+
+
+def test_square_whose_edges_are_the_target_gives_two_faces():
+    solution = exact_solution(PLANE, 4)
+    check_is_a_patch(mesh_patch(solution), solution)
+    assert len(mesh_patch(solution).faces) == 2
+
+
+def test_plane_patch_has_the_polygon_s_area():
+    patch = mesh_patch(exact_solution(PLANE, 40))
+    assert patch.area == pytest.approx(20 * np.sin(2 * np.pi / 40), rel=1e-13)
+
+
+def test_number_of_vertices_follows_the_target_and_not_a_wild_stretch():
+    # λ = |1 + 40 z²⁰|² is 1 in the middle and 1,600 at the rim
+    solution = exact_solution(((1, 0), *((0, 0),) * 19, (40, 0)), 50)
+    patch = mesh_patch(solution)
+    check_is_a_triangulation_of_disk(patch)
+    assert len(patch.vertices) < 20_000
+
+
+def check_is_a_triangulation_of_disk(patch):
+    assert len(patch.faces) == 2 * len(patch.vertices) - 2 - patch.boundary_size
+
+
+@pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf])
+def test_edge_length_that_is_not_positive_is_refused(length):
+    with pytest.raises(OptionError):
+        mesh_patch(exact_solution(PLANE, 8), length)
+
+
+def test_loop_points_that_cross_in_the_domain_are_refused():
+    solution = exact_solution(PLANE, 8)
+    object.__setattr__(
+        solution, "loop_points_in_domain", lambda: np.exp(2j * np.pi * np.array([0, 2, 1, 3, 4, 5, 6, 7]) / 8)
+    )
+    with pytest.raises(DomainError):
+        mesh_patch(solution)

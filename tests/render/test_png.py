@@ -1,0 +1,100 @@
+"""The PNG: really drawn, patch in its own colour on the right only; clear errors where it cannot be drawn."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom.cli.main import main
+from spinor_geom.errors import MissingPackageError, RenderError
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.optional import require
+from spinor_geom.render import png
+from spinor_geom.render.scene import FillScene, fill_scene
+from tests.fill.shapes import tube
+
+
+@pytest.fixture(scope="module")
+def scene() -> FillScene:
+    return fill_scene(fill_hole(tube(), return_report=True)[1])
+
+
+def pixels(path: Path) -> np.ndarray:
+    """(height, width, 3) of a PNG, top row first."""
+    import pyvista
+
+    image = pyvista.read(path)
+    width, height, _ = image.dimensions
+    return np.asarray(image.active_scalars).reshape(height, width, -1)[::-1, :, :3].astype(int)
+
+
+def test_the_patch_is_orange_and_only_on_the_right(scene: FillScene, tmp_path: Path) -> None:
+    path = tmp_path / "picture.png"
+    png.write_png(scene, path)
+    image = pixels(path)
+    assert image.shape == (png.HEIGHT, png.WIDTH, 3)
+    red, green, blue = np.moveaxis(image, -1, 0)
+    orange = (red > 1.4 * green) & (green > 1.4 * blue) & (red > 120)
+    left, right = orange[:, : png.WIDTH // 2], orange[:, png.WIDTH // 2 :]
+    assert right.mean() > 0.05
+    assert left.mean() < 0.001
+    white = (image == 255).all(axis=-1)
+    assert 0.2 < white.mean() < 0.9
+    assert [item.name for item in tmp_path.iterdir()] == ["picture.png"]
+
+
+def failing(status: int, said: str) -> object:
+    return lambda command, **_: subprocess.CompletedProcess(command, status, "", said)
+
+
+@pytest.mark.parametrize(
+    ("status", "said", "words"),
+    [
+        (-11, "WARN| libOSMesa not found", "no usable OpenGL library"),
+        (1, "ImportError: libGL.so.1: cannot open shared object file", "no usable OpenGL library"),
+        (1, "Traceback\nMemoryError: out of memory", "MemoryError: out of memory"),
+        (1, "", "status 1"),
+    ],
+)
+def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
+    scene: FillScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, status: int, said: str, words: str
+) -> None:
+    monkeypatch.setattr(png.subprocess, "run", failing(status, said))
+    with pytest.raises(RenderError, match=words):
+        png.write_png(scene, tmp_path / "picture.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_drawing_that_hangs_is_a_typed_error(
+    scene: FillScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def hangs(command: list[str], **options: float) -> None:
+        raise subprocess.TimeoutExpired(command, options["timeout"])
+
+    monkeypatch.setattr(png.subprocess, "run", hangs)
+    with pytest.raises(RenderError, match="longer than"):
+        png.write_png(scene, tmp_path / "picture.png")
+
+
+def test_a_missing_package_is_named_with_its_extra() -> None:
+    with pytest.raises(MissingPackageError, match=r"pip install 'spinor-geom\[render\]'"):
+        require("no_such_package_at_all", extra="render")
+
+
+def test_the_command_says_so_before_it_works(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    arguments = [
+        "fill",
+        str(tmp_path / "mesh.obj"),
+        "-o",
+        str(tmp_path / "o.obj"),
+        "--picture",
+        str(tmp_path / "p.png"),
+    ]
+    assert main(arguments) == 2
+    assert "pyvista is not installed" in capsys.readouterr().err

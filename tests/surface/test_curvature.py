@@ -1,0 +1,94 @@
+"""Curvature by automatic differentiation: measured, not assumed."""
+
+import numpy as np
+import torch
+
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.gallery import catenoid, helicoid, polynomial
+from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.curvature import fundamental_forms
+
+
+def points(domain, n, seed=0):
+    """Random points of Ω, up to its boundary."""
+    rng = np.random.default_rng(seed)
+    mesh = domain.triangulation
+    faces = mesh.points[mesh.faces[rng.integers(len(mesh.faces), size=n)]]
+    return (faces * rng.dirichlet([1, 1, 1], size=n)).sum(axis=1)
+
+
+def test_sphere_has_curvature_towards_its_inner_normal():
+    def sphere(x, y):
+        return 2 * torch.stack([torch.sin(x) * torch.cos(y), torch.sin(x) * torch.sin(y), torch.cos(x)], dim=-1)
+
+    x, y = torch.tensor([0.3, 1.0, 2.0], dtype=torch.float64), torch.tensor([0.1, 2.0, -1.0], dtype=torch.float64)
+    forms = fundamental_forms(sphere, x, y)
+    np.testing.assert_allclose(forms.normal, sphere(x, y) / 2, atol=1e-15)
+    np.testing.assert_allclose(forms.mean, -0.5, atol=1e-14)  # it bends away from the outer normal
+    np.testing.assert_allclose(forms.gauss, 0.25, atol=1e-14)
+
+
+def test_forms_by_formula_equal_those_by_autodiff_of_the_position():
+    known = polynomial([1, 0.3j, 0.2], [0.1, 1, -0.4j, 0.2])
+    surface = known.surface.requires_grad_(False)
+    z = torch.from_numpy(points(surface.domain, 150))
+    measured = fundamental_forms(lambda x, y: surface.position(torch.complex(x, y)), z.real, z.imag)
+    scale = surface.conformal_factor(z).square()[:, None, None]
+    np.testing.assert_allclose(measured.first / scale, surface.first_fundamental_form(z) / scale, atol=1e-13)
+    np.testing.assert_allclose(measured.second, surface.second_fundamental_form(z), atol=1e-12)
+    np.testing.assert_allclose(measured.normal, surface.normal(z), atol=1e-13)
+    np.testing.assert_allclose(measured.gauss, surface.gauss_curvature(z), atol=1e-12)
+
+
+def test_exact_surfaces_have_no_mean_curvature():
+    for known in (polynomial([1], [0, 1]), polynomial([1, 0.5], [0.2, 0.4, 0.3]), catenoid(0.5), helicoid(2.0, 1.0)):
+        z = points(known.surface.domain, 300)
+        scale = np.sqrt(-known.surface.gauss_curvature(z)).max()  # the size of the principal curvatures
+        assert np.abs(known.surface.mean_curvature(z)).max() < 1e-12 * max(scale, 1.0)
+
+
+class NotHolomorphic(torch.nn.Module):
+    """p = 1, q = z̄: the integral of φ over a segment then is no minimal surface."""
+
+    kind = "not holomorphic"
+
+    def value(self, z):
+        return torch.stack([torch.ones_like(z), z.conj()], dim=-1)
+
+
+def test_a_model_that_is_not_holomorphic_shows_its_mean_curvature():
+    surface = SpinorSurface(NotHolomorphic(), PlaneDomain.disk(n=32))
+    z = points(surface.domain, 50)
+    assert np.median(np.abs(surface.mean_curvature(z))) > 1e-2
+
+
+def test_mean_curvature_scales_with_the_inverse_length():
+    surface = SpinorSurface(NotHolomorphic(), PlaneDomain.disk(n=32))
+    z = points(surface.domain, 20)
+    np.testing.assert_allclose(
+        surface.transform(scale=10.0).mean_curvature(z) * 10, surface.mean_curvature(z), rtol=1e-9
+    )
+
+
+def test_mean_curvature_shows_the_error_of_a_coarse_quadrature_and_falls_with_its_order():
+    known = polynomial([1, 0.5, 0.3], [0.2, 0.4, 0.3, 0.5])
+    z = points(known.surface.domain, 40)
+    for name, order in (("trapezoid", 2), ("simpson", 4)):
+        sizes = np.array([2, 4, 8])
+        worst = [
+            np.abs(
+                SpinorSurface(known.surface.model, known.surface.domain, quadrature=name, order=int(n)).mean_curvature(
+                    z
+                )
+            ).max()
+            for n in sizes
+        ]
+        slope = -np.polyfit(np.log(sizes), np.log(worst), 1)[0]
+        assert worst[-1] > 1e-10  # the error is seen, not hidden
+        assert abs(slope - order) < 0.15
+
+
+def test_points_at_anchors_and_at_the_root_are_ordinary():
+    surface = polynomial([1, 0.5], [0.2, 0.4, 0.3]).surface
+    z = np.append(surface.domain.triangulation.points[::7], [surface.root, 0])
+    assert np.abs(surface.mean_curvature(z)).max() < 1e-12

@@ -1,0 +1,342 @@
+"""Positions, areas, similarities and training of SpinorSurface."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.errors import DomainError, DtypeError, OptionError
+from spinor_geom.gallery import catenoid, enneper, helicoid, plane_disk, polynomial
+from spinor_geom.holomorphic import CauchyNetwork, PowerSeries
+from spinor_geom.surface import SpinorSurface
+
+
+def inside(domain, n, seed=0):
+    rng = np.random.default_rng(seed)
+    mesh = domain.triangulation
+    faces = mesh.points[mesh.faces[rng.integers(len(mesh.faces), size=n)]]
+    return (faces * rng.dirichlet([1, 1, 1], size=n)).sum(axis=1)
+
+
+def cauchy_surface(degree=6, count=24, seed=0):
+    """A Cauchy network with random read-outs on the unit disk, its poles outside."""
+    rim = torch.from_numpy(np.exp(2j * np.pi * np.arange(200) / 200))
+    network = CauchyNetwork.orthonormal_on(
+        rim,
+        torch.ones(200, dtype=torch.float64),
+        poles=1.4 * torch.from_numpy(np.exp(2j * np.pi * np.arange(count) / count)),
+        scales=torch.full((count,), 0.4, dtype=torch.float64),
+        degree=degree,
+    )
+    generator = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        network.readout.copy_(torch.randn(network.readout.shape, dtype=torch.complex128, generator=generator))
+    return SpinorSurface(network, PlaneDomain.disk())
+
+
+KNOWN = [enneper(1.0), catenoid(0.5), helicoid(1.0, 1.0), plane_disk(0.7), polynomial([1, 0.5j], [0.2, 1, 0.3])]
+
+
+@pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.name)
+def test_positions_equal_the_closed_formula(known):
+    domain = known.surface.domain
+    z = np.concatenate([inside(domain, 200), domain.boundary.point(np.arange(90) / 90)])
+    size = np.ptp(known.position(z), axis=0).max()
+    np.testing.assert_allclose(known.surface.position(z), known.position(z), atol=1e-14 * max(size, 1))
+
+
+def test_positions_of_a_cauchy_network_do_not_depend_on_the_path():
+    surface = cauchy_surface()
+    a, b = inside(surface.domain, 40, 1), inside(surface.domain, 40, 2)
+    stations = a + np.linspace(0, 1, 17)[:, None] * (b - a)
+    direct = surface.integrate(stations[:-1], stations[1:]).sum(axis=0)
+    np.testing.assert_allclose(surface.position(b) - surface.position(a), direct, atol=1e-13 * np.abs(direct).max())
+
+
+def horseshoe():
+    """An annulus with a narrow gap along the positive real axis, finely divided on the lower side of the gap only."""
+    t = np.linspace(0.01 * np.pi, 1.99 * np.pi, 60)
+    lower = np.linspace(1.2, 0.6, 12)[1:-1] * np.exp(1j * t[-1])
+    vertices = np.concatenate([1.2 * np.exp(1j * t), lower, 0.6 * np.exp(1j * t[::-1])])
+    corners = np.zeros(len(vertices), dtype=bool)
+    corners[[0, 59, 70, 129]] = True
+    return PlaneDomain.from_boundary(vertices, corners)
+
+
+class CutInTheGap(torch.nn.Module):
+    """φ = (1, −i, 0)·(−z)^{−1/2}, with the root's cut along the positive real axis."""
+
+    def value(self, z):
+        return torch.stack([(-z).sqrt().rsqrt(), torch.zeros_like(z)], dim=-1)
+
+
+def test_positions_in_a_domain_with_a_gap_do_not_cross_it():
+    domain = horseshoe()
+    z = inside(domain, 2000)
+    vertices = domain.triangulation.points
+    nearest = vertices[np.abs(z[:, None] - vertices).argmin(axis=1)]
+    assert (nearest.imag * z.imag < 0)[z.real > 0].any()  # the nearest vertex of all is across the gap
+    surface = SpinorSurface(CutInTheGap(), domain)
+    exact = -2 * (np.sqrt(-z) - np.sqrt(-surface.root))
+    position = surface.position(z)
+    np.testing.assert_allclose(position[:, 0], exact.real, atol=1e-12)
+    np.testing.assert_allclose(position[:, 1], exact.imag, atol=1e-12)
+
+
+@pytest.mark.parametrize("bad", [complex("nan"), complex("inf"), complex(0, float("nan"))])
+def test_points_must_be_finite(bad):
+    with pytest.raises(DomainError, match="finite"):
+        enneper(0.8).surface.position(np.array([0, bad]))
+
+
+@pytest.mark.parametrize("shape", [(), (5,), (2, 3), (0,), (3, 0, 2)])
+def test_every_method_keeps_the_shape_of_the_points(shape):
+    surface = enneper(0.8).surface
+    z = np.full(shape, 0.3 + 0.1j)
+    tails = {
+        "position": (3,),
+        "normal": (3,),
+        "spinors": (2,),
+        "spinor_derivatives": (2,),
+        "conformal_factor": (),
+        "gauss_map": (),
+        "gauss_curvature": (),
+        "mean_curvature": (),
+        "first_fundamental_form": (2, 2),
+        "second_fundamental_form": (2, 2),
+    }
+    for name, tail in tails.items():
+        array = getattr(surface, name)(z)
+        tensor = getattr(surface, name)(torch.tensor(z))
+        assert isinstance(array, np.ndarray)
+        assert isinstance(tensor, torch.Tensor)
+        assert array.shape == tuple(tensor.shape) == shape + tail
+        np.testing.assert_array_equal(array, tensor.detach().numpy())
+    f, g = surface.weierstrass_data(z)
+    assert f.shape == g.shape == shape
+
+
+def test_real_tensors_are_refused_and_real_arrays_are_points_of_the_real_axis():
+    surface = enneper(0.8).surface
+    with pytest.raises(DtypeError):
+        surface.position(torch.zeros(3, dtype=torch.float64))
+    np.testing.assert_array_equal(surface.position(np.array([0.5])), surface.position(np.array([0.5 + 0j])))
+
+
+def test_positions_pass_through_the_transforms_of_torch():
+    surface = enneper(0.8).surface.requires_grad_(False)
+    z = torch.from_numpy(inside(surface.domain, 6))
+    xy = torch.view_as_real(z)
+    jacobian = torch.func.vmap(torch.func.jacfwd(lambda v: surface.position(torch.complex(v[0], v[1]))))(xy)
+    np.testing.assert_allclose(jacobian.mT @ jacobian, surface.first_fundamental_form(z), atol=1e-14)
+    single = torch.func.jacrev(lambda v: surface.position(torch.complex(v[0], v[1])))(xy[0])
+    np.testing.assert_allclose(single, jacobian[0], atol=1e-15)
+
+
+# --- area -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.name)
+def test_area_equals_the_exact_one(known):
+    assert abs(known.surface.area() / known.area - 1) < 1e-13
+
+
+def test_area_of_a_cauchy_network_equals_the_double_integral():
+    surface = cauchy_surface()
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    radius, weight = (nodes + 1) / 2, weights / 2
+    z = radius[:, None] * np.exp(2j * np.pi * np.arange(128) / 128)
+    double = (surface.conformal_factor(z) ** 2 * (2 * np.pi / 128) * (radius * weight)[:, None]).sum()
+    assert abs(surface.area() / double - 1) < 1e-11
+
+
+def test_area_does_not_change_with_the_constant_and_scales_with_the_square():
+    surface = polynomial([1, 0.5j], [0.2, 1, 0.3]).surface
+    assert abs(surface.transform(translation=[100.0, 0.0, 0.0]).area() / surface.area() - 1) < 1e-14
+    assert abs(surface.transform(scale=1e3).area() / surface.area() - 1e6) < 1e-7
+
+
+# --- associates and similarities --------------------------------------------------------------------------------------
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(-7, 7))
+def test_associates_are_isometric_and_share_normals(angle):
+    surface = polynomial([1, 0.5j], [0.2, 1, 0.3]).surface
+    other = surface.associate(angle)
+    z = inside(surface.domain, 30)
+    np.testing.assert_allclose(
+        other.first_fundamental_form(z), surface.first_fundamental_form(z), rtol=1e-13, atol=1e-14
+    )
+    np.testing.assert_allclose(other.normal(z), surface.normal(z), atol=1e-14)
+    np.testing.assert_allclose(other.gauss_curvature(z), surface.gauss_curvature(z), rtol=1e-12)
+    assert abs(other.area() / surface.area() - 1) < 1e-13
+    np.testing.assert_array_equal(other.position(np.array(surface.root)), surface.position(np.array(surface.root)))
+
+
+def test_conjugate_of_the_catenoid_is_the_helicoid():
+    surface = catenoid(0.5).surface
+    neck = catenoid(0.5).position(np.array(0j))[0]
+    conjugate = surface.associate(np.pi / 2)
+    z = inside(surface.domain, 50)
+    x, y = z.real, z.imag
+    exact = neck * np.stack([-np.sinh(x) * np.sin(y), np.sinh(x) * np.cos(y), -y], axis=-1)
+    shift = conjugate.position(z[:1]) - exact[:1]
+    np.testing.assert_allclose(conjugate.position(z), exact + shift, atol=1e-13)
+
+
+def test_an_associate_by_a_full_turn_is_the_surface_itself():
+    surface = polynomial([1, 0.5j], [0.2, 1, 0.3]).surface
+    z = inside(surface.domain, 20)
+    np.testing.assert_allclose(surface.associate(2 * np.pi).position(z), surface.position(z), atol=1e-14)
+    np.testing.assert_allclose(surface.associate(2 * np.pi).spinors(z), -surface.spinors(z), atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_similarities_act_on_positions_normals_and_area(seed, scale):
+    surface = cauchy_surface(seed=seed)
+    rng = np.random.default_rng(seed)
+    rotation, translation = Rotation.random(rng=rng).as_matrix(), scale * rng.normal(size=3)
+    moved = surface.transform(rotation, scale, translation)
+    z = inside(surface.domain, 30)
+    expected = scale * surface.position(z) @ rotation.T + translation
+    np.testing.assert_allclose(moved.position(z), expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(moved.normal(z), surface.normal(z) @ rotation.T, atol=1e-12)
+    assert abs(moved.area() / (scale**2 * surface.area()) - 1) < 1e-12
+    again = moved.transform(rotation.T, 1 / scale, -rotation.T @ translation / scale)
+    np.testing.assert_allclose(again.position(z), surface.position(z), atol=1e-12 * np.abs(surface.position(z)).max())
+
+
+def test_derived_surfaces_have_their_own_parameters():
+    surface = enneper(0.8).surface
+    moved = surface.transform(translation=[1.0, 0.0, 0.0])
+    before = moved.position(np.array([0.1j]))
+    with torch.no_grad():
+        surface.model.coefficients.mul_(2)
+        surface.constant.add_(1)
+    np.testing.assert_array_equal(moved.position(np.array([0.1j])), before)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"rotation": np.diag([1.0, 1.0, -1.0])},
+        {"rotation": np.diag([1.0, 2.0, 1.0])},
+        {"rotation": np.eye(2)},
+        {"scale": 0.0},
+        {"scale": -1.0},
+        {"scale": float("nan")},
+        {"scale": float("inf")},
+        {"translation": [1.0, 2.0]},
+    ],
+)
+def test_what_is_no_similarity_is_refused(options):
+    with pytest.raises(OptionError):
+        plane_disk().surface.transform(**options)
+
+
+@pytest.mark.parametrize("options", [{"quadrature": "euler"}, {"order": 0}, {"quadrature": "simpson", "order": 3}])
+def test_bad_quadrature_is_refused(options):
+    with pytest.raises((OptionError, TypeError)):
+        SpinorSurface(PowerSeries(torch.ones(1, 2, dtype=torch.complex128)), PlaneDomain.disk(n=16), **options)
+
+
+def test_a_constant_that_is_not_a_point_is_refused():
+    with pytest.raises(OptionError):
+        SpinorSurface(PowerSeries(torch.ones(1, 2, dtype=torch.complex128)), PlaneDomain.disk(n=16), (0.0, 0.0))
+
+
+# --- convergence of the paper's quadratures ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "order"), [("trapezoid", 2), ("simpson", 4)])
+def test_position_error_falls_at_the_order_of_the_rule(name, order):
+    known = polynomial([1, 0.5, 0.3], [0.2, 0.4, 0.3, 0.5])
+    z = inside(known.surface.domain, 50)
+    sizes = np.array([2, 4, 8])
+    error = [
+        np.abs(
+            SpinorSurface(
+                known.surface.model, known.surface.domain, known.surface.constant, quadrature=name, order=int(n)
+            ).position(z)
+            - known.position(z)
+        ).max()
+        for n in sizes
+    ]
+    slope = -np.polyfit(np.log(sizes), np.log(error), 1)[0]
+    assert abs(slope - order) < 0.1
+
+
+# --- training ---------------------------------------------------------------------------------------------------------
+
+
+def position_loss(surface, z, target):
+    return (surface.position(z) - target).square().sum(dim=-1).mean()
+
+
+def untrained(seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    start = 0.1 * torch.randn(4, 2, dtype=torch.complex128, generator=generator)
+    start[0, 0] += 1
+    return SpinorSurface(PowerSeries(start), PlaneDomain.disk(n=32))
+
+
+def test_adam_reduces_a_position_loss():
+    surface, known = untrained(), enneper(1.0)
+    z = torch.from_numpy(np.exp(2j * np.pi * np.arange(24) / 24))
+    target = torch.from_numpy(known.position(z.numpy()))
+    optimiser = torch.optim.Adam(surface.parameters(), lr=0.03)
+    first = float(position_loss(surface, z, target).detach())
+    for _ in range(60):
+        optimiser.zero_grad()
+        loss = position_loss(surface, z, target)
+        loss.backward()
+        optimiser.step()
+    assert float(loss.detach()) < 0.02 * first
+
+
+def test_lbfgs_recovers_enneper_from_its_rim():
+    surface, known = untrained(), enneper(1.0)
+    z = torch.from_numpy(np.exp(2j * np.pi * np.arange(24) / 24))
+    target = torch.from_numpy(known.position(z.numpy()))
+    optimiser = torch.optim.LBFGS(
+        surface.parameters(), max_iter=60, tolerance_grad=1e-12, line_search_fn="strong_wolfe"
+    )
+
+    def closure():
+        optimiser.zero_grad()
+        loss = position_loss(surface, z, target)
+        loss.backward()
+        return loss
+
+    optimiser.step(closure)
+    assert float(position_loss(surface, z, target).detach()) < 1e-9
+    inner = inside(surface.domain, 20)
+    np.testing.assert_allclose(surface.position(inner), known.position(inner), atol=1e-4)
+
+
+def test_gradients_by_parameters_and_points_are_right():
+    surface = untrained()
+    z = torch.tensor([0.3 + 0.2j, -0.5j], dtype=torch.complex128, requires_grad=True)
+    coefficients = surface.model.coefficients
+
+    def position(z, coefficients, constant):
+        parameters = {"model.coefficients": coefficients, "constant": constant}
+        return torch.func.functional_call(_Position(surface), {f"surface.{k}": v for k, v in parameters.items()}, (z,))
+
+    assert torch.autograd.gradcheck(position, (z, coefficients, surface.constant))
+
+
+class _Position(torch.nn.Module):
+    """functional_call calls a module, so the position becomes one."""
+
+    def __init__(self, surface):
+        super().__init__()
+        self.surface = surface
+
+    def forward(self, z):
+        return self.surface.position(z)

@@ -1,0 +1,180 @@
+"""Saved surfaces come back bit for bit, and nothing else comes back at all."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load as from_bytes
+from safetensors.torch import save as to_bytes
+
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.errors import StorageError
+from spinor_geom.gallery import catenoid, enneper
+from spinor_geom.holomorphic import MODELS, CauchyNetwork
+from spinor_geom.surface import SpinorSurface
+
+
+def cauchy_surface():
+    domain = PlaneDomain.from_boundary(
+        np.concatenate(
+            [np.arange(10) / 10, 1 + 1j * np.arange(10) / 10, 1 + 1j - np.arange(10) / 10, 1j - 1j * np.arange(10) / 10]
+        ),
+        np.arange(40) % 10 == 0,
+    )
+    rim = torch.from_numpy(domain.boundary.point(np.arange(160) / 160))
+    centre = 0.5 + 0.5j
+    network = CauchyNetwork.orthonormal_on(
+        rim,
+        torch.ones(160, dtype=torch.float64),
+        poles=centre + 1.3 * (rim[::8] - centre),
+        scales=torch.full((20,), 0.2, dtype=torch.float64),
+        degree=5,
+    )
+    with torch.no_grad():
+        network.readout.copy_(
+            torch.randn(network.readout.shape, dtype=torch.complex128, generator=torch.Generator().manual_seed(3))
+        )
+    return SpinorSurface(network, domain, (1.0, 2.0, 1 / 3), quadrature="simpson", order=8)
+
+
+SURFACES = {
+    "series": lambda: enneper(0.8).surface.associate(0.3).transform(scale=0.1),
+    "series, spline domain": lambda: catenoid(0.5).surface,
+    "cauchy": cauchy_surface,
+}
+
+
+def test_every_kind_of_model_is_tested():
+    assert {make().model.kind for make in SURFACES.values()} == set(MODELS)
+
+
+@pytest.mark.parametrize("make", SURFACES.values(), ids=SURFACES.keys())
+def test_round_trip_is_bit_exact(make, tmp_path):
+    surface = make()
+    surface.save(tmp_path / "surface.safetensors")
+    loaded = SpinorSurface.load(tmp_path / "surface.safetensors")
+    for name, tensor in surface.state_dict().items():
+        assert torch.equal(loaded.state_dict()[name], tensor), name
+    assert set(loaded.state_dict()) == set(surface.state_dict())
+    for name in ("points", "faces", "boundary_size"):
+        np.testing.assert_array_equal(
+            getattr(loaded.domain.triangulation, name), getattr(surface.domain.triangulation, name)
+        )
+    np.testing.assert_array_equal(loaded.domain.log_scale, surface.domain.log_scale)
+    t = np.arange(50) / 50
+    np.testing.assert_array_equal(loaded.domain.boundary.point(t), surface.domain.boundary.point(t))
+    z = surface.domain.triangulation.points[::3] * 0.999
+    np.testing.assert_array_equal(loaded.position(z), surface.position(z))
+    np.testing.assert_array_equal(loaded.mean_curvature(z), surface.mean_curvature(z))
+    assert loaded.area() == surface.area()
+
+
+def test_loaded_surface_can_be_trained(tmp_path):
+    enneper(0.8).surface.save(tmp_path / "surface.safetensors")
+    loaded = SpinorSurface.load(tmp_path / "surface.safetensors")
+    loaded.position(torch.tensor([0.3 + 0.1j], dtype=torch.complex128)).sum().backward()
+    assert all(parameter.grad is not None for parameter in loaded.parameters())
+
+
+def test_saving_replaces_a_file(tmp_path):
+    path = tmp_path / "surface.safetensors"
+    enneper(0.8).surface.save(path)
+    enneper(0.5).surface.save(path)
+    assert SpinorSurface.load(path).domain.boundary.radius == 0.5
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_saving_over_the_file_it_was_loaded_from(tmp_path):
+    path = tmp_path / "surface.safetensors"
+    enneper(0.8).surface.save(path)
+    loaded = SpinorSurface.load(path)
+    loaded.save(path)
+    z = np.array([0.1, 0.2j])
+    np.testing.assert_array_equal(SpinorSurface.load(path).position(z), loaded.position(z))
+
+
+class Foreign(torch.nn.Module):
+    kind = "foreign"
+
+    def value(self, z):
+        return torch.stack([torch.ones_like(z), z], dim=-1)
+
+
+def test_unknown_model_is_refused_before_a_file_is_made(tmp_path):
+    with pytest.raises(StorageError, match="foreign"):
+        SpinorSurface(Foreign(), PlaneDomain.disk(n=16)).save(tmp_path / "surface.safetensors")
+    assert list(tmp_path.iterdir()) == []
+
+
+def saved(tmp_path):
+    path = tmp_path / "surface.safetensors"
+    enneper(0.8).surface.save(path)
+    return path
+
+
+def rewrite(path, *, metadata=None, description=None, drop=None, replace=None):
+    """Writes the file again with something changed."""
+    data = path.read_bytes()
+    size = int.from_bytes(data[:8], "little")
+    meta = json.loads(data[8 : 8 + size])["__metadata__"]
+    if description:
+        meta["description"] = json.dumps({**json.loads(meta["description"]), **description})
+    tensors = {name: tensor for name, tensor in from_bytes(data).items() if name != drop}
+    path.write_bytes(to_bytes({**tensors, **(replace or {})}, {**meta, **(metadata or {})}))
+
+
+def test_rewriting_without_a_change_still_loads(tmp_path):
+    path = saved(tmp_path)
+    rewrite(path)
+    SpinorSurface.load(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"metadata": {"version": "2"}},
+        {"metadata": {"version": "x"}},
+        {"metadata": {"format": "something else"}},
+        {"metadata": {"description": "{"}},
+        {"metadata": {"description": "[]"}},
+        {"drop": "constant"},
+        {"drop": "domain/points"},
+        {"drop": "model/coefficients"},
+        {"replace": {"constant": torch.zeros(2, dtype=torch.float64)}},
+        {"replace": {"domain/faces": torch.full((4, 3), 10**6)}},
+        {"replace": {"model/coefficients": torch.zeros(7, 2, 2, dtype=torch.float64)}},
+        {"replace": {"model/extra": torch.zeros(1)}},
+        {"replace": {"spinor_map": torch.zeros(3, 2, 2, dtype=torch.float64)}},
+        {"description": {"model": {"kind": "unknown", "config": {}}}},
+        {"description": {"model": {"kind": "series", "config": {}}}},
+        {"description": {"boundary": {"kind": "ellipse"}}},
+        {"description": {"boundary_size": 3}},
+        {"description": {"quadrature": "euler"}},
+        {"description": {"order": 0}},
+        {"description": {"order": "many"}},
+    ],
+    ids=str,
+)
+def test_damaged_or_foreign_descriptions_are_refused(change, tmp_path):
+    path = saved(tmp_path)
+    rewrite(path, **change)
+    with pytest.raises(StorageError, match="surface"):
+        SpinorSurface.load(path)
+
+
+def test_truncated_files_are_refused(tmp_path):
+    data = saved(tmp_path).read_bytes()
+    for length in (0, 4, 100, len(data) // 2, len(data) - 1):
+        path = tmp_path / "cut"
+        path.write_bytes(data[:length])
+        with pytest.raises(StorageError, match="cut"):
+            SpinorSurface.load(path)
+
+
+def test_other_files_and_missing_ones_are_refused(tmp_path):
+    pickle = tmp_path / "model.pt"
+    torch.save({"a": torch.zeros(3)}, pickle)
+    for path in (pickle, tmp_path / "missing", tmp_path):
+        with pytest.raises(StorageError):
+            SpinorSurface.load(path)

@@ -1,0 +1,288 @@
+"""Every kind of bad input gives a correct result or a typed error that names the element."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom.cli.main import main
+from spinor_geom.errors import (
+    DegenerateFaceError,
+    DuplicateFaceError,
+    DuplicateVertexError,
+    InconsistentOrientationError,
+    MeshFileError,
+    MeshShapeError,
+    NonFiniteVertexError,
+    NonManifoldEdgeError,
+    SpinorGeomError,
+    UnknownMeshTypeError,
+    VertexIndexError,
+)
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.mesh.topology import is_watertight
+from tests.fill.shapes import folded_quad, tube
+
+Pair = tuple[np.ndarray, np.ndarray]
+
+
+def with_nan() -> Pair:
+    vertices, faces = tube()
+    vertices[5, 1] = np.nan
+    return vertices, faces
+
+
+def with_infinity() -> Pair:
+    vertices, faces = tube()
+    vertices[5] = np.inf
+    return vertices, faces
+
+
+def with_index_out_of_range() -> Pair:
+    vertices, faces = tube()
+    faces[7, 2] = 48
+    return vertices, faces
+
+
+def with_negative_index() -> Pair:
+    vertices, faces = tube()
+    faces[7, 0] = -1
+    return vertices, faces
+
+
+def with_degenerate_face() -> Pair:
+    vertices, faces = tube()
+    return vertices, np.vstack([faces, [3, 3, 4]])
+
+
+def with_duplicate_face() -> Pair:
+    vertices, faces = tube()
+    return vertices, np.vstack([faces, faces[9, [1, 2, 0]]])
+
+
+def with_flipped_face() -> Pair:
+    vertices, faces = tube()
+    faces[9] = faces[9, ::-1]
+    return vertices, faces
+
+
+def with_three_faces_at_a_rim_edge() -> Pair:
+    vertices, faces = tube()
+    a, b = faces[0, 0], faces[0, 2]
+    fin = np.array([[a, b, 48], [b, a, 49]])
+    return np.vstack([vertices, [[3.0, 0.0, 0.0], [3.0, 1.0, 0.0]]]), np.vstack([faces, fin])
+
+
+def as_soup() -> Pair:
+    vertices, faces = tube()
+    return vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3)
+
+
+def with_flat_vertices() -> Pair:
+    vertices, faces = tube()
+    return vertices[:, :2], faces
+
+
+def with_real_faces() -> Pair:
+    vertices, faces = tube()
+    return vertices, faces + 0.5
+
+
+REFUSED: list[tuple[Callable[[], Pair], type[SpinorGeomError], str]] = [
+    (with_nan, NonFiniteVertexError, "vertex 5"),
+    (with_infinity, NonFiniteVertexError, "vertex 5"),
+    (with_index_out_of_range, VertexIndexError, "face 7 names vertex 48"),
+    (with_negative_index, VertexIndexError, "face 7 names vertex -1"),
+    (with_degenerate_face, DegenerateFaceError, "face 64"),
+    (with_duplicate_face, DuplicateFaceError, r"9, 64"),
+    (with_flipped_face, InconsistentOrientationError, "9"),
+    (with_three_faces_at_a_rim_edge, NonManifoldEdgeError, "faces"),
+    (as_soup, DuplicateVertexError, "--merge"),
+    (with_flat_vertices, MeshShapeError, "vertices"),
+    (with_real_faces, MeshShapeError, "faces"),
+]
+
+
+@pytest.mark.parametrize(("broken", "error", "words"), REFUSED)
+def test_a_broken_mesh_is_refused_by_name(broken: Callable[[], Pair], error: type[SpinorGeomError], words: str) -> None:
+    with pytest.raises(error, match=words):
+        fill_hole(broken())
+    with pytest.raises(error, match=words):
+        boundary_loops(broken())
+
+
+@pytest.mark.parametrize("thing", [None, 3, "a pair", {"v": 1}, np.zeros((3, 3)), (1, 2, 3)])
+def test_what_is_no_mesh_is_refused(thing: object) -> None:
+    with pytest.raises((UnknownMeshTypeError, MeshFileError, OSError)):
+        fill_hole(thing)
+
+
+def test_unreferenced_vertices_do_no_harm() -> None:
+    vertices, faces = tube()
+    extra = np.vstack([vertices, [[9.0, 9.0, 9.0], [8.0, 8.0, 8.0]]])
+    (new_vertices, new_faces), report = fill_hole((extra, faces), return_report=True)
+    assert report.watertight
+    np.testing.assert_array_equal(new_vertices[:50], extra)
+    assert not np.isin([48, 49], new_faces).any()
+
+
+def test_a_bow_tie_vertex_is_split_into_two_holes() -> None:
+    # two folded quads that share one vertex
+    vertices, faces = folded_quad()
+    other = np.vstack([vertices[1:] + np.array([3.0, 0.0, 0.0]), vertices[:1]])
+    pair = np.vstack([vertices, other[:3]]), np.vstack([faces, [[0, 4, 6], [4, 5, 6]]])
+    loops = boundary_loops(pair)
+    assert [len(loop) for loop in loops] == [4, 4]
+    assert all(0 in loop.vertex_ids for loop in loops)
+    filled, report = fill_hole(pair, return_report=True)
+    assert report.watertight
+    assert is_watertight(filled[1])
+
+
+def test_a_zero_width_slit_is_named_and_left_open() -> None:
+    vertices, faces = tube(16, 5)
+    # cut along three edges of one side line: the middle vertices double, at the same positions
+    line = np.array([16, 32, 48])
+    double = np.arange(80, 83)
+    right = np.isin(faces, line).any(axis=1) & (faces % 16 < 8).all(axis=1)
+    faces[right] = np.where(np.isin(faces[right], line[1:2]), double[1], faces[right])
+    vertices = np.vstack([vertices, vertices[line]])
+    _, report = fill_hole((vertices, faces), return_report=True)
+    (slit,) = (outcome for outcome in report.loops if len(outcome.loop) == 4)
+    assert not slit.filled
+    assert "zero-width slit" in slit.reason
+    assert sum(outcome.filled for outcome in report.loops) == 2
+
+
+def test_a_hole_on_a_line_is_named_and_left_open() -> None:
+    # a T-junction: vertex 4 lies on the edge from 0 to 1 of the neighbouring face
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -1, 0], [0.5, 0, 0], [-1, 0, 0], [2, 0, 0]])
+    faces = np.array([[0, 1, 2], [0, 3, 4], [3, 1, 4], [0, 2, 5], [0, 5, 3], [1, 6, 2], [1, 3, 6]])
+    (_, _), report = fill_hole((vertices, faces), return_report=True)
+    line = next(outcome for outcome in report.loops if len(outcome.loop) == 3)
+    assert not line.filled
+    assert "no area" in line.reason
+
+
+def test_a_seam_between_two_pieces_is_named_and_left_open() -> None:
+    # two open boxes with their rims on each other along two sides only
+    vertices, faces = tube(8, 2)
+    other = vertices[:8].copy()
+    other[2:7] += [-0.4, 0.0, -0.6]
+    apex = np.array([[0.0, 0.0, -2.0]])
+    a = np.arange(8) + 16
+    cup = np.column_stack([np.roll(a, -1), a, np.full(8, 24)])
+    pair = np.vstack([vertices, other, apex]), np.vstack([faces, cup])
+    _, report = fill_hole(pair, return_report=True)
+    reasons = [outcome.reason for outcome in report.loops if not outcome.filled]
+    assert len(reasons) == 2
+    assert all("seam" in reason for reason in reasons)
+
+
+def test_a_lone_triangle_is_named_and_left_open() -> None:
+    vertices, faces = tube()
+    pair = np.vstack([vertices, np.eye(3) + 4.0]), np.vstack([faces, [48, 49, 50]])
+    _, report = fill_hole(pair, return_report=True)
+    (lone,) = (outcome for outcome in report.loops if not outcome.filled)
+    assert "outline of face 64" in lone.reason
+
+
+def write(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def obj_text(pair: Pair) -> str:
+    vertices, faces = pair
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    return "\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n"
+
+
+BAD_FILES: list[tuple[str, str | bytes]] = [
+    ("missing.obj", ""),
+    ("empty.ply", b""),
+    ("garbage.ply", b"\x00\x01\x02 not a mesh at all"),
+    ("garbage.glb", b"glTF\xff\xff"),
+    ("broken.obj", "v 0 0 zero\nf 1 2 3\n"),
+    ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
+    ("mesh.xyz", "0 0 0\n"),
+    ("curve.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2 3 1\n"),
+    ("nan.obj", obj_text(with_nan())),
+    ("soup.obj", obj_text(as_soup())),
+    ("flipped.obj", obj_text(with_flipped_face())),
+]
+
+
+@pytest.mark.parametrize(("name", "content"), BAD_FILES)
+@pytest.mark.parametrize("command", ["fill", "loops"])
+def test_a_bad_file_gives_one_sentence_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str, name: str, content: str | bytes
+) -> None:
+    path = tmp_path / name if name.startswith("missing") else write(tmp_path / name, content)
+    output = tmp_path / "out" / "filled.obj"
+    status = main([command, str(path), *(["-o", str(output)] if command == "fill" else [])])
+    said = capsys.readouterr()
+    assert status == 2
+    assert said.out == ""
+    assert said.err.startswith("spinor-geom: ")
+    assert said.err.count("\n") == 1
+    assert "Traceback" not in said.err
+    assert not output.parent.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fill"], "IN"),
+        (["fill", "mesh.obj"], "--output"),
+        (["fill", "mesh.obj", "-o", "o.obj", "--loop", "first"], "not a list of numbers"),
+        (["fill", "mesh.obj", "-o", "o.obj", "--loop=-1"], "negative"),
+        (["fill", "mesh.obj", "-o", "o.obj", "--tolerance", "0"], "not a positive number"),
+        (["fill", "mesh.obj", "-o", "o.obj", "--edge-length", "nan"], "not a positive number"),
+        (["fill", "mesh.obj", "-o", "o.obj", "--max-perimeter", "long"], "not a positive number"),
+        (["mend", "mesh.obj"], "invalid choice"),
+        ([], "COMMAND"),
+    ],
+)
+def test_bad_arguments_are_explained_and_give_status_2(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_loop_number_that_does_not_exist_gives_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path / "tube.obj", obj_text(tube()))
+    assert main(["fill", str(path), "-o", str(tmp_path / "o.obj"), "--loop", "5"]) == 2
+    assert "loop 5 does not exist" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["-o", "--report"])
+def test_an_output_that_cannot_be_written_gives_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    path = write(tmp_path / "tube.obj", obj_text(tube()))
+    outputs = {"-o": tmp_path / "o.obj", option: path / "below.obj"}
+    assert main(["fill", str(path), *(str(word) for pair in outputs.items() for word in pair)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("spinor-geom: ")
+    assert os.fspath(path) in said
+
+
+def test_an_unknown_output_format_is_refused_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_late(*_: object, **__: object) -> None:
+        pytest.fail("the solver ran")
+
+    monkeypatch.setattr("spinor_geom.fill.one_loop.solve_plateau", too_late)
+    path = write(tmp_path / "tube.obj", obj_text(tube()))
+    assert main(["fill", str(path), "-o", str(tmp_path / "o.docx")]) == 2
+    assert ".docx" in capsys.readouterr().err

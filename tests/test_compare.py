@@ -1,0 +1,67 @@
+import json
+
+import numpy as np
+import pytest
+
+from spinor_geom.compare import MOST_CURVATURE_POINTS, compare
+from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
+from spinor_geom.meshing import mesh_patch
+from tests.exact_solutions import ENNEPER, PLANE, exact_solution
+
+
+@pytest.fixture(scope="module")
+def enneper():
+    """Enneper's surface over |z| ≤ 0.8, far inside its range of stability, against the discrete one."""
+    return compare(exact_solution(ENNEPER, 40, radius=0.8))
+
+
+def test_exact_surface_has_its_closed_form_area_and_no_mean_curvature(enneper):
+    r2 = 0.64
+    assert enneper.exact_area == pytest.approx(np.pi * r2 * (1 + r2 + r2**2 / 3), rel=1e-12)
+    # round-off of second derivatives
+    assert enneper.exact_curvature.max < 1e-10
+    assert enneper.exact_curvature.rms <= enneper.exact_curvature.max
+
+
+def test_both_meshes_are_near_the_surface_and_each_other(enneper):
+    # 40 chords of the rim lower the area by 0.7 %
+    assert enneper.patch_area == pytest.approx(enneper.exact_area, rel=0.02)
+    assert enneper.baseline_area == pytest.approx(enneper.exact_area, rel=0.02)
+    assert enneper.baseline_curvature.max > 0
+    # both meshes' sagitta at edges of 0.15 and curvature 1 is about 0.01
+    assert 0 < enneper.hausdorff.mean < enneper.hausdorff.max < 0.05
+
+
+def test_table_and_dictionary_hold_the_figures(enneper):
+    table = str(enneper)
+    for word in ("area", "|H| max", "|H| rms", "distance max", "libigl", f"{enneper.exact_area:.8g}"):
+        assert word in table
+    figures = json.loads(json.dumps(enneper.to_dict()))
+    assert figures["hausdorff"]["max"] == enneper.hausdorff.max
+    assert figures["hausdorff"]["forward"]["mean"] == enneper.hausdorff.forward.mean
+    assert figures["exact_curvature"]["max"] == enneper.exact_curvature.max
+    assert figures["solution_seconds"] == 0.25
+
+
+def test_plane_is_the_same_for_both_methods():
+    comparison = compare(exact_solution(PLANE, 16))
+    assert comparison.hausdorff.max < 1e-12
+    assert comparison.patch_curvature.max < 1e-11
+    assert comparison.patch_area == pytest.approx(comparison.baseline_area, rel=1e-12)
+
+
+def test_given_baseline_and_patch_are_used():
+    solution = exact_solution(ENNEPER, 24, radius=0.5)
+    patch = mesh_patch(solution, 0.5 * solution.loop.mean_edge_length)
+    baseline = discrete_minimal_surface(solution.loop, target_edge_length=0.5 * solution.loop.mean_edge_length)
+    comparison = compare(solution, baseline, patch=patch)
+    assert comparison.patch_vertices == len(patch.vertices)
+    assert comparison.baseline_vertices == len(baseline.vertices)
+    assert comparison.baseline_area == baseline.area
+
+
+def test_second_derivatives_are_taken_at_a_limited_number_of_points():
+    solution = exact_solution(ENNEPER, 64, radius=0.5)
+    comparison = compare(solution, target_edge_length=0.4 * solution.loop.mean_edge_length)
+    assert comparison.patch_vertices > 2 * MOST_CURVATURE_POINTS
+    assert comparison.exact_curvature_points == MOST_CURVATURE_POINTS

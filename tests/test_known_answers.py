@@ -1,0 +1,79 @@
+"""Figures known to 12 digits and more, each by two ways: closed form here, quadrature of p and q in the library."""
+
+import math
+
+import numpy as np
+import pytest
+
+from spinor_geom import gallery
+
+# area by closed form or 25-digit quadrature; π, elliptic integrals and hyperbolic functions only
+SURFACE_AREAS = [
+    (lambda: gallery.enneper(0.5), 0.998110165984257227),
+    (lambda: gallery.enneper(1.0), 7 * math.pi / 3),
+    (lambda: gallery.enneper(1.5), 34.9011308859741093),
+    (lambda: gallery.enneper(math.sqrt(3)), 21 * math.pi),
+    (lambda: gallery.polynomial([1, 0.5], [0, 0.5]), 11 * math.pi / 6),
+    (lambda: gallery.polynomial([1], [0, 1 / 3, 1 / 2]), 25703 * math.pi / 19440),
+    (lambda: gallery.polynomial([1, 0, 0.25], [0.2, 0.4]), 649783 * math.pi / 480000),
+    (lambda: gallery.helicoid(1.0, 1.0), 7.211799724207046965),
+    (lambda: gallery.helicoid(2.0, 1.0), 18.58494406536481366),
+    (lambda: gallery.helicoid(2.0, 1.0, both_sides=True), 2 * 18.58494406536481366),
+    (lambda: gallery.catenoid(0.25), 3.10811242123163774),
+    (lambda: gallery.catenoid(0.5), 5.99179697580228191),
+    (lambda: gallery.catenoid(0.6), 6.99964256762198862),
+    (lambda: gallery.plane_disk(2.0), 4 * math.pi),
+]
+
+
+@pytest.mark.parametrize(("make", "area"), SURFACE_AREAS, ids=lambda value: None if callable(value) else f"{value:.6g}")
+def test_surface_areas(make, area):
+    known = make()
+    assert abs(known.area / area - 1) < 1e-14  # the gallery's closed formula
+    assert abs(known.surface.area() / area - 1) < 1e-12  # ½ ∮ r · Im(φ dz)
+
+
+CURVE_AREAS = [
+    (gallery.schwarz_d_quadrilateral(), 0.6396307855855032331),
+    (gallery.schwarz_d_hexagon(), 1.918892356756509699),
+    (gallery.schwarz_p_hexagon(), 2.345102884044167260),
+    (gallery.schwarz_p_quadrilateral(), 0.3908504806740278767),
+    (gallery.twisted_circle(), 3.32087142904707),
+    (gallery.tennis_seam(0.8), 4.36461878664500),
+    (gallery.tennis_seam(0.75), 4.66497038914645),
+    (gallery.scherk(3.0), 29.2319867716447538),
+    (gallery.ellipse(8.0), 8 * math.pi),
+]
+
+
+@pytest.mark.parametrize(("curve", "area"), CURVE_AREAS, ids=lambda value: getattr(value, "name", None))
+def test_curve_areas(curve, area):
+    assert abs(curve.disks[0].area / area - 1) < 1e-14
+
+
+def test_unstable_disk_of_the_tennis_seam_is_told_apart():
+    stable, symmetric = gallery.tennis_seam(0.75).disks
+    assert stable.stable
+    assert not symmetric.stable
+    assert abs(symmetric.area - 4.66975749646780) < 1e-13
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_polynomial_areas_equal_the_double_integral(seed):
+    rng = np.random.default_rng(seed)
+    p, q = rng.normal(size=(2, 5)) + 1j * rng.normal(size=(2, 5))
+    known = gallery.polynomial(p, q)
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    radius, weight = (nodes + 1) / 2, weights / 2
+    z = radius[:, None] * np.exp(2j * np.pi * np.arange(64) / 64)
+    double = (known.surface.conformal_factor(z) ** 2 * (2 * np.pi / 64) * (radius * weight)[:, None]).sum()
+    assert abs(known.area / double - 1) < 1e-13
+    assert abs(known.surface.area() / double - 1) < 1e-13
+
+
+def test_scherk_areas_equal_the_double_integral():
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    for side in (1.0, 2.0, 2.5, 3.0):
+        x, w = nodes * side / 2, weights * side / 2
+        slope = 1 + np.tan(x)[:, None] ** 2 + np.tan(x) ** 2
+        assert abs(w @ np.sqrt(slope) @ w / gallery.scherk(side).disks[0].area - 1) < 1e-12

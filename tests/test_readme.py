@@ -1,0 +1,81 @@
+"""Every command and code block of the README does what the README says."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from sybil import Sybil
+from sybil.parsers.markdown import PythonCodeBlockParser
+
+from spinor_geom.adapters import read_mesh
+from spinor_geom.cli.main import main
+from spinor_geom.fill.loops import boundary_loops
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+
+
+@pytest.fixture
+def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that looks like a clone with nothing made in it yet."""
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def shell_commands() -> list[list[str]]:
+    """Every command of the README's shell blocks, in order."""
+    blocks = re.findall(r"^```sh\n(.*?)^```$", README.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return [shlex.split(part) for block in blocks for part in block.replace("\\\n", " ").split("&&")]
+
+
+def test_the_readme_s_commands_are_install_fill_install_test() -> None:
+    assert [command[:4] for command in shell_commands()] == [
+        ["python", "-m", "pip", "install"],
+        ["spinor-geom", "fill", "data/demosthenes_low_res.obj", "-o"],
+        ["python", "-m", "pip", "install"],
+        ["pytest", "-n", "2"],
+    ]
+
+
+def test_the_first_command_leaves_mesh_report_and_picture(clone: Path) -> None:
+    (fill,) = (command for command in shell_commands() if command[0] == "spinor-geom")
+    assert main(fill[1:]) == 0
+    left = {path.name: path.stat().st_size for path in (clone / "out").iterdir()}
+    assert set(left) == {"filled.obj", "report.json", "picture.png"}
+    assert all(size > 0 for size in left.values())
+    assert boundary_loops(clone / "out" / "filled.obj") == []
+
+
+def test_other_commands_in_the_text_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    inline = re.findall(r"`(spinor-geom [^`]+)`", README.read_text(encoding="utf-8"))
+    assert inline
+    for words in map(shlex.split, inline):
+        with pytest.raises(SystemExit) as stop:
+            main([words[1], "--help"])
+        assert stop.value.code == 0
+    assert "usage" in capsys.readouterr().out
+
+
+def test_python_blocks_run_one_after_the_other(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (clone / "out").mkdir()
+    document = Sybil(parsers=[PythonCodeBlockParser()]).parse(README)
+    examples = list(document.examples())
+    assert len(examples) >= 2
+    for example in examples:
+        example.evaluate()
+    assert read_mesh(clone / "out" / "filled.ply").path is not None
+
+
+def test_files_that_the_readme_names_exist() -> None:
+    text = README.read_text(encoding="utf-8")
+    for name in [*re.findall(r"\b(?:data|benchmarks|docs)/[\w./-]+\w", text), "constraints-cpu.txt", "LICENSE"]:
+        assert (ROOT / name).exists(), name
+
+
+def test_the_readme_fits_one_screen() -> None:
+    lines = README.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 80

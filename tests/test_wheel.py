@@ -1,0 +1,96 @@
+"""What the wheel holds, and that it works where the source is not."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from email.parser import Parser
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    # from a copy: building leaves folders behind, and takes stale ones in
+    source = tmp_path_factory.mktemp("source")
+    for name in ("spinor_geom", "adapters"):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    target = tmp_path_factory.mktemp("wheel")
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--no-deps",
+        "--no-build-isolation",
+        "--quiet",
+        "-w",
+        target,
+        source,
+    ]
+    subprocess.run([str(word) for word in command], check=True, timeout=120)
+    (built,) = target.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name for name in archive.namelist() if ".dist-info/" not in name}
+    expected = {str(path.relative_to(ROOT)) for path in (ROOT / "spinor_geom").rglob("*.py")}
+    expected |= {f"spinor_geom/{path.relative_to(ROOT)}" for path in (ROOT / "adapters").rglob("*.py")}
+    assert held == expected | {"spinor_geom/py.typed"}
+
+
+def test_the_wheel_has_its_licence_and_its_command(unpacked: Path) -> None:
+    (info,) = unpacked.glob("*.dist-info")
+    metadata = Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
+    assert metadata["Name"] == "spinor-geom"
+    assert metadata["License-Expression"] == "MIT"
+    assert "MIT License" in (info / "licenses" / "LICENSE").read_text(encoding="utf-8")
+    assert "spinor-geom = spinor_geom.cli.main:main" in (info / "entry_points.txt").read_text(encoding="utf-8")
+
+
+def test_torch_is_bounded_so_that_an_install_stays_without_cuda(unpacked: Path) -> None:
+    (info,) = unpacked.glob("*.dist-info")
+    metadata = Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
+    requirements = metadata.get_all("Requires-Dist")
+    assert requirements is not None
+    assert any(line.startswith("torch") and "<2.14" in line for line in requirements)
+    assert (ROOT / "constraints-cpu.txt").read_text(encoding="utf-8").split() == ["torch==2.13.0+cpu"]
+
+
+def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path) -> None:
+    mesh = tmp_path / "corner.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\n")
+    environment = {**os.environ, "PYTHONPATH": str(unpacked)}
+    program = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", program, *arguments],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=True,
+        ).stdout
+        for arguments in (["loops", str(mesh)], ["--version"])
+    ]
+    assert [line.split("\t")[:2] for line in said[0].splitlines()[1:]] == [["0", "3"]]
+    assert said[1] == "spinor-geom 0.1.0\n"
