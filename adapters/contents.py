@@ -128,3 +128,9 @@ def single_precision(values: np.ndarray) -> np.ndarray:
             "write .obj, .ply or .off, or scale the mesh"
         )
     return values.astype(np.float32)
+
+
+def unit_vectors(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Vectors of length 1 in the same directions; zero stays zero."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0))

@@ -77,8 +77,7 @@ def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.nda
     limits = np.iinfo(dtype)
     # 2**63 - 1 is no float64, and its neighbour 2**63 no int64: the largest float64 below the limit bounds instead
     highest = np.nextafter(float(limits.max), 0.0) if float(limits.max) > limits.max else float(limits.max)
-    rounded = np.clip(np.rint(np.nan_to_num(values)), float(limits.min), highest)
-    return rounded.astype(dtype)
+    return np.asarray(np.clip(np.rint(np.nan_to_num(values)), float(limits.min), highest), dtype=dtype)
 
 
 def grown_attribute(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarray:

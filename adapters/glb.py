@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from spinor_geom.adapters.contents import Addition, FileContents, malformed, single_precision
+from spinor_geom.adapters.contents import Addition, FileContents, malformed, single_precision, unit_vectors
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer, Json
 from spinor_geom.adapters.polygons import Polygons
@@ -65,8 +66,8 @@ class Piece:
             return values
         with np.errstate(over="ignore", invalid="ignore"):  # a position that is not finite is reported later
             if semantic == "POSITION":
-                return values @ self.transform[:3, :3].T + self.transform[:3, 3]
-            return _unit(values @ np.linalg.inv(self.transform[:3, :3]))
+                return np.asarray(values @ self.transform[:3, :3].T + self.transform[:3, 3])
+            return unit_vectors(values @ np.linalg.inv(self.transform[:3, :3]))
 
     def encoded(self, semantic: str, values: Float[np.ndarray, "n k"]) -> np.ndarray:
         """The inverse of `decoded`, rounded to what the file stores."""
@@ -77,7 +78,7 @@ class Piece:
             if semantic == "POSITION":
                 values = (values - self.transform[:3, 3]) @ np.linalg.inv(self.transform[:3, :3]).T
             elif semantic == "NORMAL":
-                values = _unit(values @ self.transform[:3, :3])
+                values = unit_vectors(values @ self.transform[:3, :3])
         if semantic in self.normalized and semantic != "COLOR_0":
             values = values * np.iinfo(dtype).max
         return cast_values(values, dtype)
@@ -140,7 +141,7 @@ def read_glb(data: bytes, path: Path | None) -> FileContents:
         NAMES.get(semantic, semantic): np.concatenate([piece.decoded(semantic) for piece in pieces])
         for semantic in shared
     }
-    color_dtype = pieces[0].rows["COLOR_0"].dtype if "color" in attributes else np.dtype(np.float32)
+    color_dtype: np.dtype[Any] = pieces[0].rows["COLOR_0"].dtype if "color" in attributes else np.dtype(np.float32)
     return FileContents(
         vertices=vertices,
         polygons=Polygons.of_triangles(np.concatenate([piece.faces + piece.start for piece in pieces])),
@@ -269,13 +270,13 @@ def _triangles(indices: Int[np.ndarray, " n"], mode: int) -> Int[np.ndarray, "f 
     faces = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
     faces[1::2] = faces[1::2, [1, 0, 2]]
     # strips name a vertex twice to jump to another place
-    return faces[(faces != np.roll(faces, -1, axis=1)).all(axis=1)]
+    return np.asarray(faces[(faces != np.roll(faces, -1, axis=1)).all(axis=1)])
 
 
 def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
     """A node's transform to its parent's coordinates."""
     if "matrix" in node:
-        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+        return np.array(node["matrix"], dtype=np.float64).reshape((4, 4), order="F")
     transform = np.eye(4)
     x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
     rotation = np.array(
@@ -288,12 +289,6 @@ def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
     transform[:3, :3] = rotation * np.array(node.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
     transform[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
     return transform
-
-
-def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Vectors of length 1 in the same directions; zero stays zero."""
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
 
 
 def _shared_semantics(pieces: list[Piece]) -> list[str]:

@@ -101,8 +101,10 @@ class GlbContainer:
             MeshFileError: the data lies outside of the file, is compressed, or is shorter than announced.
         """
         item = self.tree["accessors"][accessor]
-        dtype, width, count = np.dtype(COMPONENTS[item["componentType"]]), WIDTHS[item["type"]], item["count"]
+        dtype: np.dtype[Any] = np.dtype(COMPONENTS[item["componentType"]])
+        width, count = WIDTHS[item["type"]], item["count"]
         sparse = item.get("sparse")
+        rows: np.ndarray
         if "bufferView" in item:
             stride = self.tree["bufferViews"][item["bufferView"]].get("byteStride", width * dtype.itemsize)
             rows = self._rows(item["bufferView"], item.get("byteOffset", 0), count, dtype, width, stride, accessor)
@@ -116,7 +118,7 @@ class GlbContainer:
             return rows
         rows = rows.copy()
         where, what, number = sparse["indices"], sparse["values"], sparse["count"]
-        index_type = np.dtype(COMPONENTS[where["componentType"]])
+        index_type: np.dtype[Any] = np.dtype(COMPONENTS[where["componentType"]])
         places = self._rows(
             where["bufferView"], where.get("byteOffset", 0), number, index_type, 1, index_type.itemsize, accessor
         )
@@ -138,7 +140,7 @@ class GlbContainer:
         if count < 0 or offset < 0 or stride < row or (count and offset + (count - 1) * stride + row > len(content)):
             problem = f"announces {count} rows, more than buffer view {view} holds"
             raise malformed(self.path, f"accessor {accessor}", problem, "check that the file is complete")
-        return np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize))
+        return np.asarray(np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize)))
 
     def store(self, rows: np.ndarray, *, instead_of: int | None, target: int, bounds: bool = False) -> int:
         """Put rows (n, k) in the file and describe them by an accessor.

@@ -203,7 +203,7 @@ class _Rows:
         """How many lines that begin with `counted` stand before each line that begins with `key`."""
         is_counted = np.array([own == counted for own in self._keys], dtype=bool)
         is_key = np.array([own == key for own in self._keys], dtype=bool)
-        return np.cumsum(is_counted)[is_key]
+        return np.asarray(np.cumsum(is_counted)[is_key])
 
 
 def _logical_lines(data: bytes) -> tuple[list[bytes], Sequence[int]]:

@@ -113,7 +113,7 @@ def _gathered(
     before = np.cumsum(lengths) - lengths
     within = np.arange(int(lengths.sum())) - np.repeat(before, lengths)
     first = np.repeat(starts, lengths) + within * dtype.itemsize
-    return buffer[first[:, None] + np.arange(dtype.itemsize)].reshape(-1).view(dtype)
+    return np.asarray(buffer[first[:, None] + np.arange(dtype.itemsize)].reshape(-1).view(dtype))
 
 
 def read_ascii(data: bytes, position: int, element: PlyElement, path: Path | None) -> tuple[Scalars, Lists, int]:

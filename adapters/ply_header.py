@@ -86,7 +86,7 @@ class PlyHeader:
                 name = re.escape(element.name.encode("latin-1"))
                 pattern = rb"((?:^|[\r\n])[ \t]*element[ \t]+" + name + rb"[ \t]+)\d+"
                 total = str(element.count + counts[element.name]).encode("ascii")
-                text = re.sub(pattern, lambda match, total=total: match[1] + total, text, count=1)
+                text = re.sub(pattern, rb"\g<1>" + total, text, count=1)
         return text
 
 

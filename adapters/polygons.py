@@ -125,7 +125,7 @@ def _least_agreement(vertices: Float[np.ndarray, "v 3"], fans: Int[np.ndarray, "
     """The least of the inner products of a fan's triangle area vectors with their sum."""
     a, b, c = np.moveaxis(vertices[fans], 2, 0)
     areas = np.cross(b - a, c - a)
-    return np.einsum("mtx,mx->mt", areas, areas.sum(axis=1)).min(axis=1)
+    return np.asarray(np.einsum("mtx,mx->mt", areas, areas.sum(axis=1)).min(axis=1))
 
 
 def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[Int[np.ndarray, " _"], ...]:

@@ -11,17 +11,21 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 @runtime_checkable
 class Adapter(Protocol):
-    """Translates one kind of mesh object to a `TriangleMesh`, and appends to it.
+    """Translates one kind of mesh object to a `TriangleMesh`, and appends to it."""
 
-    Attributes:
-        name: how error messages call what this adapter takes.
-        types: the types it serves, each as "package.Class" (the top-level package and the class's own name), or
-            "pair of package.Class" for a tuple or list (vertices, faces) of two such objects. Subclasses are served
-            too.
-    """
+    @property
+    def name(self) -> str:
+        """How error messages call what this adapter takes."""
+        ...
 
-    name: str
-    types: tuple[str, ...]
+    @property
+    def types(self) -> tuple[str, ...]:
+        """The types it serves, each as "package.Class": the top-level package and the class's own name.
+
+        "pair of package.Class" stands for a tuple or list (vertices, faces) of two such objects. Subclasses are served
+        too.
+        """
+        ...
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
         """The triangles of `obj`, its vertices all and in its own order."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import struct
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import FileContents, malformed, numbers, single_precision
+from spinor_geom.adapters.contents import FileContents, malformed, numbers, single_precision, unit_vectors
 from spinor_geom.adapters.polygons import Polygons
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -59,7 +60,7 @@ def encode_stl(contents: FileContents) -> bytes:
     facets = np.zeros(len(faces), dtype=FACET)
     facets["normal"] = normals
     facets["corners"] = single_precision(corners)
-    return SOLID.encode("ascii").ljust(HEADER, b"\0") + np.uint32(len(faces)).tobytes() + facets.tobytes()
+    return SOLID.encode("ascii").ljust(HEADER, b"\0") + struct.pack("<I", len(faces)) + facets.tobytes()
 
 
 def _binary_corners(data: bytes) -> Float[np.ndarray, "f 3 3"] | None:
@@ -100,5 +101,4 @@ def _normals(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"]:
     size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
     corners = np.divide(corners, size, out=np.zeros_like(corners), where=size > 0)
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(areas, axis=1, keepdims=True)
-    return np.divide(areas, lengths, out=np.zeros_like(areas), where=lengths > 0)
+    return unit_vectors(areas)

@@ -47,7 +47,8 @@ class TrimeshAdapter:
             faces,
             vertex_attributes={name: real_columns(values) for name, values in carried.items()},
         )
-        if obj.visual.kind != "texture":
+        visual: Any = obj.visual
+        if visual.kind != "texture":
             return mesh
         appearance = [mesh.vertex_attributes[name] for name in ("uv", "normal", "color") if name in carried]
         closed, _ = close_seams(mesh.faces, seam_representatives(mesh.vertices, appearance))
@@ -111,10 +112,11 @@ def _carried(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
 
 
 def _visual_attributes(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
-    if mesh.visual.kind == "vertex":
-        return {"color": np.asarray(mesh.visual.vertex_colors)}
-    if mesh.visual.kind == "texture":
-        return {name: np.asarray(values) for name, values in mesh.visual.vertex_attributes.items()}
+    visual: Any = mesh.visual
+    if visual.kind == "vertex":
+        return {"color": np.asarray(visual.vertex_colors)}
+    if visual.kind == "texture":
+        return {name: np.asarray(values) for name, values in visual.vertex_attributes.items()}
     return {}
 
 
@@ -127,14 +129,15 @@ def _grown_visual(mesh: trimesh.Trimesh, grown: dict[str, np.ndarray], *, new_fa
     """A copy of the mesh's visual with the grown attributes and one entry for each new face."""
     from trimesh.visual import ColorVisuals
 
-    if mesh.visual.kind == "vertex":
+    old: Any = mesh.visual
+    if old.kind == "vertex":
         return ColorVisuals(vertex_colors=grown["color"])
-    if mesh.visual.kind == "face":
-        return ColorVisuals(face_colors=_repeated(np.asarray(mesh.visual.face_colors), new_faces))
-    if mesh.visual.kind != "texture":
+    if old.kind == "face":
+        return ColorVisuals(face_colors=_repeated(np.asarray(old.face_colors), new_faces))
+    if old.kind != "texture":
         return None
-    visual = mesh.visual.copy()
-    for name in mesh.visual.vertex_attributes:
+    visual = old.copy()
+    for name in old.vertex_attributes:
         if name in grown:
             visual.vertex_attributes[name] = grown[name]
     if visual.face_materials is not None:

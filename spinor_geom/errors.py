@@ -32,7 +32,8 @@ class VertexIndexError(MeshError):
 
     def __init__(self, *, face: int, index: int, vertices: int) -> None:
         super().__init__(
-            f"face {face} names vertex {index}, but the mesh has vertices 0 to {vertices - 1}; correct the face's indices",
+            f"face {face} names vertex {index}, but the mesh has vertices 0 to {vertices - 1}; "
+            "correct the face's indices",
             face=face,
             index=index,
             vertices=vertices,
@@ -94,8 +95,9 @@ class DuplicateVertexError(MeshError):
 
     def __init__(self, *, vertices: Sequence[int], count: int) -> None:
         super().__init__(
-            f"{count} boundary edges lie on one another, first at vertices {tuple(vertices)}: the faces do not share their "
-            "vertices; merge vertices of equal position first (TriangleMesh.merged(), or --merge on the command line)",
+            f"{count} boundary edges lie on one another, first at vertices {tuple(vertices)}: the faces do not share "
+            "their vertices; merge vertices of equal position first (TriangleMesh.merged(), or --merge on the command "
+            "line)",
             vertices=tuple(vertices),
             count=count,
         )
@@ -127,8 +129,8 @@ class ZeroWidthSlitError(LoopError):
 
     def __init__(self, *, fraction: float, vertices: Sequence[int]) -> None:
         super().__init__(
-            f"{fraction:.0%} of the loop is a zero-width slit (its two sides have the same positions, first at vertices "
-            f"{tuple(vertices)}); merge the vertices of equal position instead of filling it",
+            f"{fraction:.0%} of the loop is a zero-width slit (its two sides have the same positions, first at "
+            f"vertices {tuple(vertices)}); merge the vertices of equal position instead of filling it",
             fraction=fraction,
             vertices=tuple(vertices),
         )
@@ -139,8 +141,8 @@ class SeamError(LoopError):
 
     def __init__(self, *, edge: Sequence[int], count: int) -> None:
         super().__init__(
-            f"{count} edges of the loop lie on edges of another loop, first {tuple(edge)}: a seam between pieces that do "
-            "not share their vertices, not only a hole; merge the vertices of equal position first",
+            f"{count} edges of the loop lie on edges of another loop, first {tuple(edge)}: a seam between pieces that "
+            "do not share their vertices, not only a hole; merge the vertices of equal position first",
             edge=tuple(edge),
             count=count,
         )

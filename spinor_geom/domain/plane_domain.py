@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse.csgraph import dijkstra
 
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
 from spinor_geom.errors import OptionError
@@ -193,28 +193,33 @@ class PlaneDomain:
 
     @cached_property
     def paths(self) -> PathTree:
-        """Breadth-first tree over the triangulation's edges, from the vertex nearest to the centroid of the interior."""
+        """Tree over the triangulation's edges from the inner vertex nearest to the middle.
+
+        It is a tree of shortest paths in which an edge that touches ∂Ω counts many times its length: near ∂Ω the poles of
+        p and q are near too, and integrals along it cost digits. So boundary vertices are leaves where they can be.
+        """
         points, faces = self.triangulation.points, self.triangulation.faces
         n, m = len(points), self.triangulation.boundary_size
-        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-        graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
+        edges = self.triangulation.edges
+        on_boundary = (edges < m).sum(axis=1)
+        cost = np.abs(points[edges[:, 1]] - points[edges[:, 0]]) * np.array([1.0, 1e3, 1e6])[on_boundary]
+        graph = coo_array((cost, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
         candidates = np.arange(m, n) if n > m else np.arange(n)
         root = int(candidates[np.argmin(np.abs(points[candidates] - points[candidates].mean()))])
-        order, parent = breadth_first_order(graph + graph.T, root, directed=False)
+        _, parent = dijkstra(graph, directed=False, indices=root, return_predecessors=True)
         parent = parent.astype(np.int64)
         parent[root] = root
-        return PathTree(root=root, parent=parent, levels=_levels(order.astype(np.int64), parent))
+        return PathTree(root=root, parent=parent, levels=_levels(root, parent))
 
 
-def _levels(order: Int[np.ndarray, " n"], parent: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, "_"], ...]:
-    """Splits a breadth-first order into its levels."""
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    before = rank[parent[order]]  # non-decreasing: where in the order each vertex's parent stands
+def _levels(root: int, parent: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, "_"], ...]:
+    """The vertices by their number of edges from the root."""
+    level = np.full(len(parent), -1)
+    level[root] = 0
     levels: list[Int[np.ndarray, "_"]] = []
-    start = 1
-    while start < len(order):
-        end = int(np.searchsorted(before, start, side="left"))
-        levels.append(order[start:end])
-        start = end
-    return tuple(levels)
+    while True:
+        reached = np.flatnonzero((level < 0) & (level[parent] == len(levels)))
+        if not len(reached):
+            return tuple(levels)
+        level[reached] = len(levels) + 1
+        levels.append(reached)

@@ -95,6 +95,7 @@ def fill_loop(
         attributes = patch_attributes(mesh.vertex_attributes, loop, patch, surface)
         clock.lap("attributes")
     except SpinorGeomError as error:
+        clock.lap("failed")
         outcome = LoopOutcome(
             index=place,
             loop=loop,

@@ -26,7 +26,7 @@ class LoopOutcome:
         vertices_added: new vertices of its patch.
         faces_added: new faces of its patch.
         edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead.
-        timings: seconds by stage ("solve", "mesh", "attributes").
+        timings: seconds by stage ("solve", "mesh", "attributes", or "failed" for the stage that was not finished).
     """
 
     index: int

@@ -42,14 +42,3 @@ def arnoldi_polynomials(z: Complex[Tensor, "*pts"], hessenberg: Complex[Tensor, 
         v = z * columns[k] - torch.stack(columns, dim=-1) @ hessenberg[: k + 1, k]
         columns.append(v / hessenberg[k + 1, k])
     return torch.stack(columns, dim=-1)
-
-
-def arnoldi_derivatives(
-    z: Complex[Tensor, "*pts"], values: Complex[Tensor, "*pts d1"], hessenberg: Complex[Tensor, "d1 d"]
-) -> Complex[Tensor, "*pts d1"]:
-    """Their derivatives, from the recurrence differentiated once."""
-    columns = [torch.zeros_like(z)]
-    for k in range(hessenberg.shape[1]):
-        v = values[..., k] + z * columns[k] - torch.stack(columns, dim=-1) @ hessenberg[: k + 1, k]
-        columns.append(v / hessenberg[k + 1, k])
-    return torch.stack(columns, dim=-1)

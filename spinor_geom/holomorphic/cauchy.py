@@ -10,7 +10,8 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.errors import DtypeError
-from spinor_geom.holomorphic.arnoldi import arnoldi_derivatives, arnoldi_hessenberg, arnoldi_polynomials
+from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials
+from spinor_geom.holomorphic.newton import leja_points, newton_derivative, newton_matrix, newton_value
 
 
 class CauchyNetwork(torch.nn.Module):
@@ -23,6 +24,8 @@ class CauchyNetwork(torch.nn.Module):
         hessenberg: (degree + 1, degree), recurrence of the polynomials.
         poles: (K,), scales: (K,): ζ_k and d_k.
         mixing: (degree + 1 + K, n), raw features to orthonormal ones.
+        leja: (degree + 1,), interpolation points of the polynomials' Newton form.
+        newton: (degree + 1, degree + 1), coefficients in the orthogonal polynomials to those of the Newton form.
         readout: (n, 2), the trainable read-outs of p and q.
     """
 
@@ -31,6 +34,8 @@ class CauchyNetwork(torch.nn.Module):
     poles: Tensor
     scales: Tensor
     mixing: Tensor
+    leja: Tensor
+    newton: Tensor
 
     def __init__(
         self,
@@ -39,6 +44,8 @@ class CauchyNetwork(torch.nn.Module):
         poles: Complex[Tensor, " k"],
         scales: Float[Tensor, " k"],
         mixing: Complex[Tensor, "r n"],
+        leja: Complex[Tensor, " d1"],
+        newton: Complex[Tensor, "d1 d1"],
         readout: Complex[Tensor, "n 2"] | None = None,
     ) -> None:
         """Raises DtypeError where poles, mixing or read-out are not complex."""
@@ -52,6 +59,8 @@ class CauchyNetwork(torch.nn.Module):
         self.register_buffer("poles", poles)
         self.register_buffer("scales", scales)
         self.register_buffer("mixing", mixing)
+        self.register_buffer("leja", leja)
+        self.register_buffer("newton", newton)
         self.readout = torch.nn.Parameter(readout.clone())
 
     @classmethod
@@ -84,7 +93,9 @@ class CauchyNetwork(torch.nn.Module):
         _, s, vh = torch.linalg.svd(r, full_matrices=False)
         keep = s > cutoff * s[0]
         mixing = vh.mH[:, keep] / s[keep]
-        return cls(hessenberg=hessenberg, poles=poles, scales=scales, mixing=mixing)
+        leja = leja_points(z, degree + 1)
+        newton = newton_matrix(leja, arnoldi_polynomials(leja, hessenberg))
+        return cls(hessenberg=hessenberg, poles=poles, scales=scales, mixing=mixing, leja=leja, newton=newton)
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
         """The shared hidden layer at z, orthonormal on the nodes it was made for."""
@@ -92,15 +103,20 @@ class CauchyNetwork(torch.nn.Module):
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
-        # mixing @ readout first: a product with 2 columns instead of one with n
-        return _raw_features(z, self.hessenberg, self.poles, self.scales) @ (self.mixing @ self.readout)
+        polynomial, units = self._coefficients()
+        return newton_value(z, self.leja, polynomial) + (self.scales / (z[..., None] - self.poles)) @ units
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
-        polynomials = arnoldi_polynomials(z, self.hessenberg)
-        slopes = arnoldi_derivatives(z, polynomials, self.hessenberg)
-        units = -self.scales / (z[..., None] - self.poles).square()
-        return torch.cat([slopes, units], dim=-1) @ (self.mixing @ self.readout)
+        polynomial, units = self._coefficients()
+        return newton_derivative(z, self.leja, polynomial) - (self.scales / (z[..., None] - self.poles) ** 2) @ units
+
+    def _coefficients(self) -> tuple[Complex[Tensor, "d1 2"], Complex[Tensor, "k 2"]]:
+        """Coefficients of p and q: of the polynomials' Newton form, and of the raw Cauchy units."""
+        raw = self.mixing @ self.readout
+        split = len(self.leja)
+        # the orthogonal polynomials take O(degree²) a point, Newton's form O(degree)
+        return self.newton @ raw[:split], raw[split:]
 
     def config(self) -> dict[str, Any]:
         """Degree, number of poles and number of mixed features."""
@@ -119,6 +135,8 @@ class CauchyNetwork(torch.nn.Module):
             poles=torch.zeros(poles, dtype=torch.complex128),
             scales=torch.zeros(poles, dtype=torch.float64),
             mixing=torch.zeros(degree + 1 + poles, features, dtype=torch.complex128),
+            leja=torch.zeros(degree + 1, dtype=torch.complex128),
+            newton=torch.zeros(degree + 1, degree + 1, dtype=torch.complex128),
         )
 
 

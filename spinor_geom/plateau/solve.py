@@ -31,6 +31,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
 _MAX_ROUNDS = 3
+# Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
+_PATH_ORDER = 16
 # A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
 _STALL, _STALL_LAST = 0.2, 0.05
 # The fit goes on to this share of the tolerance: its last steps cost little and the interior gains.
@@ -189,11 +191,12 @@ def _rim(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Fitted:
-    """The best round of a fit: its discretisation, its state, its residual at unit size, and the steps of all rounds."""
+    """The best round of a fit: its discretisation, its state, its residual at unit size, its number, all rounds' steps."""
 
     stage: Discretisation
     fit: Fit
     residual: Residual
+    rounds: int
     history: tuple[Iteration, ...]
 
 
@@ -225,7 +228,7 @@ def _fit_and_refine(
         history += fit.history
         if best is not None and residual.rms >= best.residual.rms:
             return replace(best, history=history)
-        best = _Fitted(stage=stage, fit=fit, residual=residual, history=history)
+        best = _Fitted(stage=stage, fit=fit, residual=residual, rounds=_MAX_ROUNDS - remaining, history=history)
         if residual.rms <= allowed or len(history) >= max_iterations:
             break
         finer = stage.refined(residual.energy, allowed)
@@ -243,7 +246,7 @@ def _surface(fitted: _Fitted, loop: BoundaryLoop) -> SpinorSurface:
     network, device = stage.network, fit.readout.device
     with torch.no_grad():
         network.readout.copy_(fit.readout * loop.diagonal**0.5)
-    surface = SpinorSurface(network, stage.domain).to(device)
+    surface = SpinorSurface(network, stage.domain, order=_PATH_ORDER * fitted.rounds).to(device)
     # the fit counts positions from the boundary, the surface from its root: compare them at a few boundary points
     some = torch.arange(0, len(stage.panels.t), max(1, len(stage.panels.t) // 8), device=device)
     fitted_points = (stage.problem.positions(fit.readout) + fit.constant)[some] * loop.diagonal

@@ -24,18 +24,22 @@ _BLOCK = 1 << 21
 class Anchors:
     """Finds, for points of Ω, a vertex of the triangulation that they see along a straight segment inside Ω.
 
-    That is the nearest vertex of the triangle that holds the point, not the nearest vertex of all: that one may lie
-    across a gap of Ω. A point outside all triangles (between ∂Ω and its polygon) takes the nearest boundary vertex.
+    That is the nearest corner of the triangle that holds the point, not the nearest vertex of all: that one may lie
+    across a gap of Ω. Inner corners come before those on ∂Ω: near ∂Ω the poles are near too. A point outside all
+    triangles (between ∂Ω and its polygon) belongs to the triangle at the nearest boundary edge.
     """
 
     def __init__(self, domain: PlaneDomain) -> None:
         mesh = domain.triangulation
         self._points, self._faces = mesh.points, mesh.faces
         self._corners = mesh.points[mesh.faces]
+        self._on_boundary = mesh.faces < mesh.boundary_size
         centres = self._corners.mean(axis=1)
         self._centres = cKDTree(np.stack([centres.real, centres.imag], axis=1))
-        boundary = mesh.points[: mesh.boundary_size]
-        self._boundary = cKDTree(np.stack([boundary.real, boundary.imag], axis=1))
+        start, end = mesh.faces, np.roll(mesh.faces, -1, axis=1)
+        self._rim_faces, side = np.nonzero((start < mesh.boundary_size) & (end == (start + 1) % mesh.boundary_size))
+        rim = (mesh.points[start] + mesh.points[end])[self._rim_faces, side] / 2
+        self._rim = cKDTree(np.stack([rim.real, rim.imag], axis=1))
 
     def nearest(self, z: Complex[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Index of the anchor of each point.
@@ -55,10 +59,11 @@ class Anchors:
         for start in range(0, len(missing), step):
             some = missing[start : start + step]
             face[some] = self._containing(z[some], np.broadcast_to(everything, (len(some), len(everything))))
-        closest = np.abs(self._corners[face] - z[:, None]).argmin(axis=1)
+        outside = np.flatnonzero(face < 0)
+        face[outside] = self._rim_faces[self._rim.query(plane[outside])[1]]
+        distance = np.abs(self._corners[face] - z[:, None])
+        closest = np.where(self._on_boundary[face], distance + 2 * distance.max(initial=0.0), distance).argmin(axis=1)
         anchor = self._faces[face, closest]
-        outside = face < 0
-        anchor[outside] = self._boundary.query(plane[outside])[1]
         return np.asarray(anchor, dtype=np.int64)
 
     def _containing(self, z: Complex[np.ndarray, " n"], candidates: Int[np.ndarray, "n k"]) -> Int[np.ndarray, " n"]:
