@@ -33,11 +33,7 @@ class Addition:
 
 @runtime_checkable
 class Source(Protocol):
-    """A file as it was read, able to give back its own bytes with something appended.
-
-    Attributes:
-        suffix: the format, as ".obj".
-    """
+    """A file as it was read, able to give back its own bytes with something appended."""
 
     @property
     def suffix(self) -> str:

@@ -58,7 +58,8 @@ class ObjSource:
                 all_indices = np.concatenate(
                     [self.corner_indices[name], np.arange(first, first + len(addition.vertices))]
                 )
-                corners.append(all_indices[addition.faces] + 1)
+                # a vertex in no face has none: any valid number will do
+                corners.append(np.maximum(all_indices[addition.faces], 0) + 1)
         lines.append(f"g {GROUP}")
         lines += _face_lines(np.stack(corners, axis=2), skip_uv="uv" not in self.corner_indices)
         newline = _newline(self.data)
@@ -143,15 +144,17 @@ class _Rows:
         self.path = path
         lines, self._line_numbers = _logical_lines(data)
         commented = b"#" in data
-        self._rows: list[Row] = [(line.partition(b"#")[0] if commented else line).split() for line in lines]
-        self._keys = [row[0] if row else b"" for row in self._rows]
-        self._chosen: dict[bytes, list[Row]] = {}
+        self._keys: list[bytes] = []
+        self._by_key: dict[bytes, list[Row]] = {key: [] for key in (b"v", b"vt", b"vn", b"f", b"l")}
+        for row in ((line.partition(b"#")[0] if commented else line).split() for line in lines):
+            key = row[0] if row else b""
+            self._keys.append(key)
+            if key in self._by_key:
+                self._by_key[key].append(row)
 
     def of(self, key: bytes) -> list[Row]:
-        """The lines that begin with a word."""
-        if key not in self._chosen:
-            self._chosen[key] = [row for row, own in zip(self._rows, self._keys, strict=True) if own == key]
-        return self._chosen[key]
+        """The lines that begin with a word, which is one of v, vt, vn, f, l."""
+        return self._by_key[key]
 
     def error(self, key: bytes, number: int, problem: str, advice: str) -> MeshFileError:
         """The error at line `number` of those that begin with a word."""
@@ -236,19 +239,17 @@ def _newline(data: bytes) -> bytes:
 def _split_corners(words: list[bytes]) -> Int[np.ndarray, "n 3"] | None:
     """Corners "v", "v/vt", "v//vn" or "v/vt/vn" as they stand in the file, 0 where not given; None if malformed."""
     text = b" ".join(words)
-    slashes = text.count(b"/")
+    slashes = words[0].count(b"/") if words else 0
+    # what is left without the numbers tells whether all corners have one form, much faster than looking at each
+    is_uniform = text.translate(None, b"-0123456789") == b" ".join([b"/" * slashes] * len(words))
     corners = np.zeros((len(words), 3), dtype=np.int64)
     try:
-        if slashes == 0:
-            corners[:, 0] = list(map(int, words))
-            return corners
-        per_word, rest = divmod(slashes, len(words))
-        if rest == 0 and per_word <= 2 and all(word.count(b"/") == per_word for word in words):
+        if is_uniform and slashes <= 2:
             flat = list(map(int, text.replace(b"//", b"/0/").replace(b"/", b" ").split()))
-            if len(flat) == (per_word + 1) * len(words):
-                corners[:, : per_word + 1] = np.array(flat).reshape(-1, per_word + 1)
+            if len(flat) == (slashes + 1) * len(words):
+                corners[:, : slashes + 1] = np.array(flat, dtype=np.int64).reshape(-1, slashes + 1)
                 return corners
-        return np.array(list(map(_corner, words)), dtype=np.int64)
+        return np.array(list(map(_corner, words)), dtype=np.int64).reshape(-1, 3)
     except (ValueError, OverflowError):
         return None
 

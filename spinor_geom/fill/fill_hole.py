@@ -17,6 +17,7 @@ from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solve import Cauchy
+from spinor_geom.plateau.threads import one_thread
 
 MeshT = TypeVar("MeshT")
 
@@ -129,7 +130,8 @@ def fill_hole(
     if isinstance(loop, BoundaryLoop):
         loops[places[0]] = loop  # keeps the corners that the caller gave it
     clock.lap("loops")
-    outcomes, patches = _fill_loops(triangles, loops, reasons, options, on_loop)
+    with one_thread():
+        outcomes, patches = _fill_loops(triangles, loops, reasons, options, on_loop)
     clock.lap("fill")
     extension = stitch(triangles, patches)
     filled = extend(source, extension)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Complex, Float
+from scipy.linalg.blas import dsyrk
 from torch import Tensor
 
 from spinor_geom.plateau.problem import PlateauProblem
@@ -16,7 +17,9 @@ from spinor_geom.plateau.solution import Iteration
 _MAX_TRIALS = 14
 # A linearisation serves for further steps while each brings the squared residual below this share: it costs many times
 # what a step costs.
-_KEEP = 0.1
+_KEEP = 0.4
+# Below the residual that is allowed, steps that gain less than this share of its square are not worth their time.
+_STALL_BELOW_ALLOWED = 0.6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,6 +47,7 @@ def gauss_newton(
     slide: Float[Tensor, " nodes"],
     *,
     goal: float,
+    allowed: float,
     max_iterations: int,
     stall: float,
     first_index: int = 1,
@@ -59,6 +63,7 @@ def gauss_newton(
         readout: start.
         slide: start, increasing around the circle.
         goal: RMS residual at which to stop.
+        allowed: RMS residual below which only fast convergence goes on.
         max_iterations: limit.
         stall: a step with a new linearisation that lowers the squared residual by less than this share is the last.
         first_index: number of the first step in the records.
@@ -79,7 +84,8 @@ def gauss_newton(
                 on_iteration(history[-1])
         if state.energy > _KEEP * before:
             # a step with an old linearisation that gains little asks for a new one; one with a new one is the last
-            if fresh and state.energy > (1 - stall) * before:
+            least = stall if state.energy > allowed**2 else _STALL_BELOW_ALLOWED
+            if fresh and state.energy > (1 - least) * before:
                 break
             linear, fresh = _Linear.at(problem, state, root), True
         else:
@@ -124,7 +130,7 @@ class _Linear:
     """
 
     rows: Tensor  # (2·nodes, k)
-    normal_matrix: Tensor  # (k, k)
+    normal_matrix: Tensor  # (k, k), lower triangle
 
     @classmethod
     def at(cls, problem: PlateauProblem, state: _State, root: Float[Tensor, "nodes 1"]) -> _Linear:
@@ -141,11 +147,19 @@ class _Linear:
             row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
             blocks.append(torch.cat([row.real, -row.imag, e], dim=1))
         rows = torch.cat(blocks)
-        return cls(rows=rows, normal_matrix=rows.T @ rows)
+        return cls(rows=rows, normal_matrix=_gram(rows))
 
     def gradient(self, state: _State, root: Float[Tensor, "nodes 1"]) -> Float[Tensor, " k"]:
         residual = [(root * normal * state.error).sum(1) for normal in _normals(state.tangent)]
         return self.rows.T @ torch.cat(residual)
+
+
+def _gram(rows: Float[Tensor, "m k"]) -> Float[Tensor, "k k"]:
+    """Lower triangle of rowsᵀ·rows, the costliest product of a fit."""
+    if rows.is_cuda:
+        return rows.T @ rows
+    # torch has no symmetric product: BLAS's own does half the work. Its upper triangle by columns is the lower by rows.
+    return torch.from_numpy(dsyrk(1.0, rows.numpy().T).T)
 
 
 def _displacement(

@@ -219,6 +219,7 @@ def _fit_and_refine(
             readout,
             slide,
             goal=_BELOW_TOLERANCE * allowed,
+            allowed=allowed,
             max_iterations=max_iterations - len(history),
             stall=_STALL_LAST if remaining == 0 else _STALL,
             first_index=len(history) + 1,

@@ -193,6 +193,12 @@ def test_texture_and_normals_of_single_vertices_are_carried(tmp_path: Path) -> N
     assert is_closed(closed.mesh)
 
 
+def test_new_face_at_a_vertex_without_texture_coordinate_is_valid(tmp_path: Path) -> None:
+    file = parsed(TRIANGLE + "v 9 9 9\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
+    one = type(lid())(vertices=np.zeros((0, 3)), faces=np.array([[1, 0, 3]]), face_loops=np.array([0]))
+    assert again(file.extended(one), tmp_path).mesh.faces.tolist() == [[0, 1, 2], [1, 0, 3]]
+
+
 def test_normals_alone_leave_the_texture_place_empty(tmp_path: Path) -> None:
     text = CUBE.partition("f")[0] + "".join(f"vn 0 0 {i}\n" for i in range(8))
     text += "".join("f " + " ".join(f"{i}//{i}" for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
