@@ -119,8 +119,8 @@ def read_glb(data: bytes, path: Path | None) -> FileContents:
     """All triangles of a GLB file's scene, in the scene's coordinates.
 
     Primitives follow one another in the order of the nodes. A mesh that several nodes show is read once for each. Skins
-    and morph targets are at rest. Positions whose vertices differ in any attribute, or belong to different primitives
-    of one node (which differ in material), are seams; nodes are not joined.
+    and morph targets are at rest. Edges along which any attribute differs, and those between the primitives of one node
+    (which differ in material), are seams and are closed; nodes are not joined.
 
     Raises:
         MeshFileError: malformed, truncated, compressed (Draco, meshopt), with data outside of the file, or without
@@ -316,7 +316,10 @@ def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) ->
         start, stop = own[0].start, own[-1].stop
         primitive = np.concatenate([np.full((piece.stop - piece.start, 1), piece.primitive) for piece in own])
         appearance = [np.concatenate([piece.rows[name] for piece in own]) for name in _shared_semantics(own)]
-        representatives[start:stop] = start + seam_representatives(vertices[start:stop], [primitive, *appearance])
+        faces = Polygons.of_triangles(np.concatenate([piece.faces + (piece.start - start) for piece in own]))
+        representatives[start:stop] = start + seam_representatives(
+            vertices[start:stop], faces, [primitive, *appearance]
+        )
     return representatives
 
 

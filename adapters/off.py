@@ -120,14 +120,14 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
     color_scale = 1.0
     if "color" in attributes:
         color_scale = 255.0 if source.integer_colors else color_scale_of(attributes["color"])
+    polygons = _polygons([rows[line] for line in face_lines], face_lines, vertex_count, path)
+    appearance = [attributes[name] for name in ("uv", "normal") if name in attributes]
     return FileContents(
         vertices=table[:, :3],
-        polygons=_polygons([rows[line] for line in face_lines], face_lines, vertex_count, path),
+        polygons=polygons,
         attributes=attributes,
         color_scale=color_scale,
-        representatives=seam_representatives(
-            table[:, :3], [attributes[name] for name in ("uv", "normal") if name in attributes]
-        ),
+        representatives=seam_representatives(table[:, :3], polygons, appearance),
         source=source,
     )
 

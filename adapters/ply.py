@@ -158,13 +158,14 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
         for attribute, names in groups.items()
     }
     source = PlySource(data=data, header=header, vertices=vertices, faces=faces, groups=groups)
-    corners, sizes = faces.lists[source.corner_list]
+    polygons = _checked_polygons(*faces.lists[source.corner_list], len(points), path)
+    appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
     return FileContents(
         vertices=points,
-        polygons=_checked_polygons(corners, sizes, len(points), path),
+        polygons=polygons,
         attributes=attributes,
         color_scale=_color_scale(vertices, groups),
-        representatives=seam_representatives(points, [attributes[name] for name in ("uv", "normal") if name in groups]),
+        representatives=seam_representatives(points, polygons, appearance),
         source=source,
     )
 

@@ -14,6 +14,7 @@ from spinor_geom.adapters.extending import (
     most_frequent_row,
     real_columns,
 )
+from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import close_seams, seam_representatives
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -27,7 +28,7 @@ class TrimeshAdapter:
 
     The attributes are called "color" (0 to 255), "uv", "normal" (where normals were given or have been computed) and
     by the names in `vertex_attributes`; one of these that clashes gets the prefix "attribute ". On a mesh with a
-    texture (`TextureVisuals`) positions whose vertices differ in texture coordinates, normals or colours are seams.
+    texture (`TextureVisuals`) edges along which texture coordinates, normals or colours differ are seams and are closed.
     """
 
     name = "trimesh.Trimesh"
@@ -51,7 +52,9 @@ class TrimeshAdapter:
         if visual.kind != "texture":
             return mesh
         appearance = [mesh.vertex_attributes[name] for name in ("uv", "normal", "color") if name in carried]
-        closed, _ = close_seams(mesh.faces, seam_representatives(mesh.vertices, appearance))
+        closed, _ = close_seams(
+            mesh.faces, seam_representatives(mesh.vertices, Polygons.of_triangles(mesh.faces), appearance)
+        )
         return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes)
 
     def extend(self, obj: trimesh.Trimesh, extension: MeshExtension) -> trimesh.Trimesh:

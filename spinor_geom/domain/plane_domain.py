@@ -15,6 +15,9 @@ from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, tr
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.curve import piecewise_cubic
 
+# Panels that halve towards a corner resolve its singularity to 2⁻¹⁶ of an edge.
+_CORNER_LEVELS = 16
+
 
 @runtime_checkable
 class Boundary(Protocol):
@@ -190,6 +193,17 @@ class PlaneDomain:
             turn = np.angle(np.roll(d, -1, axis=1) * np.conj(d)).sum(axis=1)
             inside[start : start + 4096] = turn > np.pi
         return inside.reshape(z.shape)
+
+    @cached_property
+    def panel_breaks(self) -> Float[np.ndarray, " b"]:
+        """Ends of quadrature panels on ∂Ω, 0 to 1: its vertices, and points that halve the way to each corner repeatedly."""
+        t, corners = self.boundary.parameters, np.flatnonzero(self.boundary.corners)
+        halving = 0.5 ** np.arange(1, _CORNER_LEVELS + 1)
+        width = np.diff(t)
+        after = t[corners, None] + width[corners, None] * halving
+        end = np.where(corners == 0, 1.0, t[corners])
+        before = end[:, None] - width[corners - 1][:, None] * halving
+        return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))
 
     @cached_property
     def paths(self) -> PathTree:

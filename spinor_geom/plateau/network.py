@@ -24,8 +24,6 @@ _EQUATIONS_SMOOTH = 2.0
 _EQUATIONS_REFINED = 2.5
 _SMOOTH_TURN = np.radians(12.0)
 _FEWEST_NODES_PER_PANEL = 4
-# Levels of panels that halve towards a corner.
-_CORNER_LEVELS = 16
 _MAX_FEATURES = 420
 
 
@@ -70,7 +68,7 @@ class Discretisation:
             domain,
             curve,
             poles=place_poles(domain, offset=offset),
-            breaks=_breaks(domain),
+            breaks=domain.panel_breaks,
             degree=min(degree, max(8, 2 * edges)),
             equations=_EQUATIONS_SMOOTH if smooth else _EQUATIONS_ROUGH,
         )
@@ -153,14 +151,3 @@ def interpolate_matching(matching: Float[np.ndarray, "n 2"], t: Float[np.ndarray
     """S at parameters t of ∂Ω, linear between the pairs and continued around the circle."""
     around = np.concatenate([matching[-1:] - 1, matching, matching[:1] + 1])
     return np.asarray(np.interp(t, around[:, 0], around[:, 1]))
-
-
-def _breaks(domain: PlaneDomain) -> Float[np.ndarray, " b"]:
-    """Panel ends: the boundary's vertices, and points that halve the way to each corner again and again."""
-    t, corners = domain.boundary.parameters, np.flatnonzero(domain.boundary.corners)
-    halving = 0.5 ** np.arange(1, _CORNER_LEVELS + 1)
-    width = np.diff(t)
-    after = t[corners, None] + width[corners, None] * halving
-    end = np.where(corners == 0, 1.0, t[corners])
-    before = end[:, None] - width[corners - 1][:, None] * halving
-    return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))

@@ -35,8 +35,8 @@ _MAX_ROUNDS = 3
 _PATH_ORDER = 16
 # A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
 _STALL, _STALL_LAST = 0.2, 0.05
-# The fit goes on to this share of the tolerance: its last steps cost little and the interior gains.
-_BELOW_TOLERANCE = 1e-2
+# The fit may go on to this share of the tolerance: while it converges fast, steps cost little and every digit is real.
+_BELOW_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -160,7 +160,7 @@ class SpinorSurface(torch.nn.Module):
     def area(self) -> float:
         """Area of the whole surface by an integral over ∂Ω alone, A = ½ ∮ (r − c) · Im(φ dz)."""
         boundary = self.domain.boundary
-        panels = Panels.on(boundary, boundary.parameters, self.order)
+        panels = Panels.on(boundary, self.domain.panel_breaks, self.order)
         z, dz, weight = (torch.from_numpy(a).to(self.spinor_map.device) for a in (panels.z, panels.dz, panels.weights))
         with torch.no_grad():
             integrand = self._in_blocks(self._phi, z) * dz[:, None]

@@ -92,11 +92,42 @@ def test_polylines_are_chained(pieces: list[list[int]], curves: list[list[int]])
     assert [curve.tolist() for curve in found] == curves
 
 
-def test_seam_takes_the_lowest_vertex_and_leaves_equal_ones_apart() -> None:
-    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, -0.0], [1, 0, 0], [2, 0, 0]])
-    uv = np.array([[0.0], [0.5], [1.0], [0.5], [0.0]])
-    assert seam_representatives(points, [uv]).tolist() == [0, 1, 0, 3, 4]
-    assert seam_representatives(points, []).tolist() == [0, 1, 2, 3, 4]
+# two triangles on both sides of the edge from (0, 0, 0) to (1, 0, 0), each with its own vertices
+SPLIT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, -0.0, 0], [1, -1, 0]])
+SIDES = [[0, 1, 2], [3, 4, 5]]
+
+
+def representatives(uv: list[float], faces: list[list[int]] = SIDES) -> list[int]:
+    return seam_representatives(SPLIT, polygons(*faces), [np.array(uv)[:, None]]).tolist()
+
+
+def test_seam_takes_the_lowest_vertex() -> None:
+    assert representatives([0, 0, 0, 1, 1, 0]) == [0, 1, 2, 1, 0, 5]
+
+
+def test_equal_vertices_stay_apart() -> None:
+    assert representatives([0, 0, 0, 0, 0, 0]) == [0, 1, 2, 3, 4, 5]
+    assert seam_representatives(SPLIT, polygons(*SIDES), []).tolist() == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_seam_that_ends_at_equal_vertices_is_a_slit() -> None:
+    assert representatives([0, 0, 0, 1, 0, 0]) == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_seam_may_end_at_a_shared_vertex() -> None:
+    assert representatives([0, 0, 0, 1, 1, 0], [[0, 1, 2], [3, 0, 5]]) == [0, 1, 2, 1, 4, 5]
+
+
+def test_pieces_that_touch_in_a_vertex_or_face_each_other_wrongly_stay_apart() -> None:
+    assert representatives([0, 0, 0, 1, 1, 0], [[0, 1, 2], [4, 3, 5]]) == [0, 1, 2, 3, 4, 5]
+    assert representatives([0, 0, 0, 1, 1, 0], [[0, 1, 2], [4, 2, 5]]) == [0, 1, 2, 3, 4, 5]
+
+
+def test_three_edges_in_one_place_are_ambiguous() -> None:
+    points = np.concatenate([SPLIT, SPLIT[[1, 0]], [[0, 0, 1.0]]])
+    three = polygons(*SIDES, [6, 7, 8])
+    uv = np.arange(9.0)[:, None]
+    assert seam_representatives(points, three, [uv]).tolist() == list(range(9))
 
 
 def test_sliver_at_a_pole_is_left_out_and_a_broken_face_is_not() -> None:
