@@ -16,8 +16,7 @@ from spinor_geom.mesh.topology import boundary_edges, coincident_vertices
 def seam_representatives(
     vertices: Float[np.ndarray, "v 3"], polygons: Polygons, appearance: Iterable[Shaped[np.ndarray, "v _"]]
 ) -> Int[np.ndarray, " v"]:
-    """For every vertex the one that stands for its place: itself, or along a seam the lowest index that it is joined
-    to.
+    """For every vertex the one that stands for its place: itself, or along a seam the lowest of those joined there.
 
     A seam is a pair of boundary edges that lie on each other in opposite directions, with no third one there, and whose
     ends are shared or lie where vertices of one position differ in appearance (texture coordinates, normals). So pieces
@@ -52,7 +51,7 @@ def seam_representatives(
 
 
 def _edge_pairs(edges: Int[np.ndarray, "b 2"]) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-    """The places in a list of directed edges of every edge and its reverse, where these two are all between their ends."""
+    """Where in a list of directed edges an edge and its reverse stand, if no third one has the same two ends."""
     low, high = edges.min(axis=1), edges.max(axis=1)
     order = np.lexsort((high, low))
     starts = np.flatnonzero(np.diff(low[order], prepend=-1) | np.diff(high[order], prepend=-1))

@@ -28,7 +28,7 @@ class TrimeshAdapter:
 
     The attributes are called "color" (0 to 255), "uv", "normal" (where normals were given or have been computed) and
     by the names in `vertex_attributes`; one of these that clashes gets the prefix "attribute ". On a mesh with a
-    texture (`TextureVisuals`) edges along which texture coordinates, normals or colours differ are seams and are closed.
+    texture (`TextureVisuals`) edges along which texture coordinates, normals or colours differ are seams, and closed.
     """
 
     name = "trimesh.Trimesh"

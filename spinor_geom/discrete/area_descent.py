@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse.linalg as spl
 from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csc_array
 
-from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+from spinor_geom.mesh.operators import cotangent_laplacian, face_areas, factor_symmetric
 
 # Harmonic steps converge slowly near a loss of stability, Newton steps need a good start: hand over at this change.
 _HAND_OVER = 1e-3
@@ -30,14 +29,9 @@ def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"])
     """Values at all vertices, harmonic at those after the first m, which are given."""
     m = len(boundary)
     if laplacian.shape[0] == m:
-        return boundary.copy()
+        return np.array(boundary)
     factor = factor_symmetric(laplacian[m:, m:])
-    return np.concatenate([boundary, factor.solve(-(laplacian[m:, :m] @ boundary))])
-
-
-def factor_symmetric(matrix: csc_array) -> spl.SuperLU:
-    """Sparse factor without row exchanges, so that the signs of U's diagonal are those of the eigenvalues."""
-    return spl.splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return np.asarray(np.concatenate([boundary, factor.solve(-(laplacian[m:, :m] @ boundary))]))
 
 
 def descend_area(
@@ -92,7 +86,7 @@ def descend_area(
 
 
 def _harmonic_step(x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int) -> Float[np.ndarray, "n 3"]:
-    return harmonic_extension(cotangent_laplacian(x, faces), x[:m]) - x
+    return np.asarray(harmonic_extension(cotangent_laplacian(x, faces), x[:m]) - x)
 
 
 def _newton_step(x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int) -> Float[np.ndarray, "n 3"]:
@@ -103,7 +97,7 @@ def _newton_step(x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: 
     vertex_normal = np.stack(
         [np.bincount(faces.ravel(), np.repeat(cross[:, k], 3), minlength=n) for k in range(3)], axis=1
     )
-    vertex_normal /= np.maximum(np.linalg.norm(vertex_normal, axis=1), 1e-300)[:, None]
+    vertex_normal = vertex_normal / np.maximum(np.linalg.norm(vertex_normal, axis=1), 1e-300)[:, None]
     # slivers have no area to gain: their second derivative must not drown that of their neighbours
     longest = np.max(np.sum((corner - np.roll(corner, 1, axis=1)) ** 2, axis=2), axis=1)
     twice_area = np.maximum(np.linalg.norm(cross, axis=1), 1e-4 * longest)

@@ -36,8 +36,8 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]
         flat = flatten_boundary(edge, turning, _laplacian(angles, triangles, len(corners)), clearance=1.0)
     except DomainError as error:
         raise FirstFillError(
-            f"no first fill was found for a loop of {len(points)} points: its least-area triangulation does not unfold into a simple "
-            "polygon"
+            f"no first fill was found for a loop of {len(points)} points: its least-area triangulation does not unfold "
+            "into a simple polygon; check that the loop does not cross itself"
         ) from error
     if len(kept) == len(points):
         return flat.boundary
@@ -101,11 +101,13 @@ def _angles(distance: Float[np.ndarray, "n n"], triangles: Int[np.ndarray, "t 3"
     i, j, k = triangles.T
     a, b, c = distance[j, k], distance[k, i], distance[i, j]
 
-    def angle(opposite, left, right):  # type: ignore[no-untyped-def]
+    def angle(
+        opposite: Float[np.ndarray, " t"], left: Float[np.ndarray, " t"], right: Float[np.ndarray, " t"]
+    ) -> Float[np.ndarray, " t"]:
         # half-angle form: no loss of digits at 0 and π
         top = np.maximum(opposite**2 - (left - right) ** 2, 0.0)
         bottom = np.maximum((left + right) ** 2 - opposite**2, 0.0)
-        return 2 * np.arctan2(np.sqrt(top), np.sqrt(bottom))
+        return np.asarray(2 * np.arctan2(np.sqrt(top), np.sqrt(bottom)))
 
     return np.stack([angle(a, b, c), angle(b, c, a), angle(c, a, b)], axis=1)
 

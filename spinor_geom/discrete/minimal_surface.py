@@ -63,9 +63,9 @@ def discrete_minimal_surface(
     """A discrete disk of stationary area over any closed loop.
 
     "libigl": the loop's minimum-area triangulation is unfolded, the plane polygon triangulated, and the inner vertices
-    moved by Pinkall-Polthier iteration; the surface is then flattened again, which gives a nearly conformal domain, meshed
-    anew there and brought to a stationary area. Triangles are as long as the loop's edges beside it and grow with the
-    distance from it, so their number grows like the loop's length.
+    moved by Pinkall-Polthier iteration; the surface is then flattened again, which gives a nearly conformal domain,
+    meshed anew there and brought to a stationary area by Newton's method along the normals. Triangles are as long as
+    the loop's edges beside it and grow with the distance from it, so their number grows like the loop's length.
     "pymeshlab": its close-holes filter, isotropic remeshing, and cotangent smoothing of the inner vertices.
 
     Args:
@@ -153,6 +153,6 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float) -> S
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         _, near = tree.query(np.column_stack([z.real, z.imag]))
-        return np.minimum(graded(z), target / stretch[near])
+        return np.asarray(np.minimum(graded(z), target / stretch[near]))
 
     return size

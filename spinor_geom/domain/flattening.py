@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse.linalg as spl
 from jaxtyping import Complex, Float, Int
-from scipy.sparse import csc_array
 
 from spinor_geom.errors import DomainError
-from spinor_geom.mesh.operators import cotangent_laplacian, internal_angles
+from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric, internal_angles
 
 # Strengths of straightening, weakest first: weight of |u|² against the evenness of the smoothed curvature.
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
@@ -26,7 +25,7 @@ class Flattening:
 
     Attributes:
         boundary: the images of the disk's boundary vertices, counter-clockwise.
-        log_scale: u at those vertices: logarithm of the length in the plane per length on the disk, mean of the two edges.
+        log_scale: u at those vertices: logarithm of the length in the plane per length on the disk, mean of two edges.
         clearance: smallest distance across the outside between far parts of the boundary, in local edge lengths
             (infinite where no two parts come near).
     """
@@ -57,7 +56,7 @@ def dirichlet_to_neumann(
     turning = defect[:m] - np.pi
     if len(vertices) == m:
         return np.asarray(laplacian.toarray()), turning
-    inner = _factor(laplacian[m:, m:])
+    inner = factor_symmetric(laplacian[m:, m:])
     coupling = laplacian[:m, m:]
     solved = inner.solve(np.column_stack([coupling.T.toarray(), defect[m:]]))
     neumann = laplacian[:m, :m].toarray() - coupling @ solved[:, :m]
@@ -73,10 +72,10 @@ def flatten(
 ) -> Flattening:
     """Flattens a discrete disk conformally, with boundary scale 1 where the result is a simple polygon.
 
-    Where two parts of the boundary cross, or come nearer than `clearance` edges across the outside, u is the minimiser of
-    α|u|²/ℓ² + |S(k₀ + Λu)/ds − 2π/ℓ|² with a Gaussian smoothing S along the boundary of length ℓ: it straightens the slow
-    winding and leaves corners alone. α is lowered until the boundary is clear. Small lobes, as ragged rims have them, are
-    drawn in instead (see `untangled`).
+    Where two parts of the boundary cross, or come nearer than `clearance` edges across the outside, u is the minimiser
+    of α|u|²/ℓ² + |S(k₀ + Λu)/ds − 2π/ℓ|² with a Gaussian smoothing S along the boundary of length ℓ: it straightens the
+    slow winding and leaves corners alone. α is lowered until the boundary is clear. Small lobes, as ragged rims have
+    them, are drawn in where that does not help (see `untangled`).
 
     Args:
         vertices: boundary vertices first, in boundary order.
@@ -125,11 +124,14 @@ def flatten_boundary(
         if best is not None:
             return best
     raise DomainError(
-        f"no simple plane domain was found for a boundary of {len(edge)} vertices: it stays crossed however it is straightened"
+        f"no simple plane domain was found for a boundary of {len(edge)} vertices: it stays crossed however it is "
+        "straightened; check that the loop does not cross itself"
     )
 
 
-def _candidates(edge, turning, neumann):  # type: ignore[no-untyped-def]
+def _candidates(
+    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: Float[np.ndarray, "m m"]
+) -> Iterator[Float[np.ndarray, " m"]]:
     """Boundary log scales to try, the nearest to 0 first."""
     yield np.zeros(len(edge))
     if not np.isfinite(neumann).all():
@@ -164,7 +166,7 @@ def lay_out(
     closed = length * (1 - rows.T @ np.linalg.solve(gram, rows @ length))
     if closed.min() <= 0:
         return None
-    return np.concatenate([[0.0], np.cumsum(closed * direction)[:-1]])
+    return np.asarray(np.concatenate([[0.0], np.cumsum(closed * direction)[:-1]]))
 
 
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
@@ -193,7 +195,8 @@ def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] |
     The vertices of each lobe are drawn towards the chord that closes it until it is gone. Ragged rims of scans unfold
     with such lobes; any simple domain will do there, and only a few edges are moved.
     """
-    z, m = polygon.copy(), len(polygon)
+    z: Complex[np.ndarray, " m"] = polygon.copy()
+    m = len(polygon)
     for _ in range(_UNTANGLING_ROUNDS):
         pairs = crossing_edges(z)
         if not len(pairs):
@@ -241,7 +244,3 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
             first = start + int(np.argmax(outside))
             return float(relative[i[first], j[first]])
     return np.inf
-
-
-def _factor(matrix: csc_array) -> spl.SuperLU:
-    return spl.splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -196,7 +196,7 @@ class PlaneDomain:
 
     @cached_property
     def panel_breaks(self) -> Float[np.ndarray, " b"]:
-        """Ends of quadrature panels on ∂Ω, 0 to 1: its vertices, and points that halve the way to each corner repeatedly."""
+        """Ends of quadrature panels on ∂Ω, from 0 to 1: its vertices, and points that halve the way to each corner."""
         t, corners = self.boundary.parameters, np.flatnonzero(self.boundary.corners)
         halving = 0.5 ** np.arange(1, _CORNER_LEVELS + 1)
         width = np.diff(t)
@@ -209,10 +209,10 @@ class PlaneDomain:
     def paths(self) -> PathTree:
         """Tree over the triangulation's edges from the inner vertex nearest to the middle.
 
-        It is a tree of shortest paths in which an edge that touches ∂Ω counts many times its length: near ∂Ω the poles of
-        p and q are near too, and integrals along it cost digits. So boundary vertices are leaves where they can be.
+        It is a tree of shortest paths in which an edge that touches ∂Ω counts many times its length: near ∂Ω the poles
+        of p and q are near too, and integrals along it cost digits. So boundary vertices are leaves where they can be.
         """
-        points, faces = self.triangulation.points, self.triangulation.faces
+        points = self.triangulation.points
         n, m = len(points), self.triangulation.boundary_size
         edges = self.triangulation.edges
         on_boundary = (edges < m).sum(axis=1)
@@ -220,8 +220,8 @@ class PlaneDomain:
         graph = coo_array((cost, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
         candidates = np.arange(m, n) if n > m else np.arange(n)
         root = int(candidates[np.argmin(np.abs(points[candidates] - points[candidates].mean()))])
-        _, parent = dijkstra(graph, directed=False, indices=root, return_predecessors=True)
-        parent = parent.astype(np.int64)
+        _, before = dijkstra(graph, directed=False, indices=np.array(root), return_predecessors=True)
+        parent = before.ravel().astype(np.int64)
         parent[root] = root
         return PathTree(root=root, parent=parent, levels=_levels(root, parent))
 

@@ -54,7 +54,7 @@ def rule(name: RuleName, n: int) -> Rule:
 
 @lru_cache(maxsize=32)
 def cumulative_matrix(order: int) -> Float[np.ndarray, "g g"]:
-    """Matrix S with (S f)_i = integral from 0 to the i-th Gauss node of the polynomial through f at the g Gauss nodes."""
+    """Matrix S: (S f)_i is the integral from 0 to Gauss node i of the polynomial through the values f at the nodes."""
     x, _ = np.polynomial.legendre.leggauss(order)
     values = np.polynomial.legendre.legvander(x, order - 1)
     integrals = np.stack(

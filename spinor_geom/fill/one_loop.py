@@ -28,6 +28,8 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import Cauchy, solve_plateau
 
 MAX_SLIT_FRACTION = 0.5
+# A patch whose surface misses the loop by more, as RMS share of the mean edge, would be wrong beside its rim.
+MAX_RESIDUAL_PER_EDGE = 0.1
 MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
 
 
@@ -82,6 +84,8 @@ def fill_loop(
         refuse_what_is_no_hole(loop, taken)
         solution = solve_plateau(loop, model=options.model, tolerance=options.tolerance)
         refuse_empty(loop, 2 * solution.area / loop.perimeter)
+        if not solution.boundary_residual.rms_per_edge <= MAX_RESIDUAL_PER_EDGE:
+            raise SurfaceError(f"no surface was found that follows the loop; the best: {solution.reason}")
         clock.lap("solve")
         surface = solution.surface
 

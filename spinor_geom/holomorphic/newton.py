@@ -35,7 +35,8 @@ def newton_matrix(points: Complex[Tensor, " k"], values: Complex[Tensor, "k k"])
     """
     differences = (points[:, None] - points[:-1]) / _capacity(points)
     products = torch.cat([torch.ones_like(points)[:, None], differences.cumprod(dim=1)], dim=1)
-    return torch.linalg.solve_triangular(products.tril(), values, upper=False)
+    coefficients: Tensor = torch.linalg.solve_triangular(products.tril(), values, upper=False)
+    return coefficients
 
 
 def newton_value(

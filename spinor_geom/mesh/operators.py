@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csc_array
+from scipy.sparse.linalg import SuperLU, splu
 
 # igl is imported inside the functions: reading meshes and finding loops does not need it
 
@@ -22,6 +23,11 @@ def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarra
     import igl
 
     return csc_array(-igl.cotmatrix(*_for_igl(vertices, faces)))
+
+
+def factor_symmetric(matrix: csc_array) -> SuperLU:
+    """Sparse LU of a symmetric matrix without row exchanges: U's diagonal has the signs of the eigenvalues."""
+    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def mass_matrix(

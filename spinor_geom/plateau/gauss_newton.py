@@ -141,7 +141,7 @@ class _Linear:
         blocks = []
         for normal in _normals(state.tangent):
             e = root * normal
-            # e · Re ∫ δφ dz with δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) is the real part of these times δp, δq
+            # δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)): e · Re ∫ δφ dz is the real part of these times δp, δq
             along = torch.complex(e[:, 0], -e[:, 1])[:, None]
             upright = e[:, 2:]
             row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)

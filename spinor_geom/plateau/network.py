@@ -16,8 +16,8 @@ from spinor_geom.holomorphic.poles import Poles, place_poles, refining_poles
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 
-# Equations per unknown. With 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and the
-# iteration wanders off; from 4 on both agree. On smooth loops 2 is enough.
+# Equations per unknown. With 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and
+# the iteration wanders off; from 4 on both agree. On smooth loops 2 is enough.
 _EQUATIONS_ROUGH = 4.0
 _EQUATIONS_SMOOTH = 2.0
 # A refined network starts from a good fit and does not wander off.

@@ -10,7 +10,8 @@ from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
+from torch import Tensor
 
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
@@ -72,14 +73,16 @@ def solve_plateau(
 ) -> PlateauSolution:
     """A minimal disk over a closed curve: exactly minimal, its boundary on Γ as nearly as the model allows.
 
-    A discrete disk over the loop is flattened with its boundary lengths kept, which gives Ω; p and q start from the disk's
-    frames along ∂Ω and are fitted by Gauss-Newton with the slide along Γ eliminated. Γ is the cubic spline through all of
-    the loop's points, with its corners kept.
+    A discrete disk over the loop is flattened with its boundary lengths kept, which gives Ω; p and q start from the
+    disk's frames along ∂Ω and are fitted by Gauss-Newton with the slide along Γ eliminated, in up to three rounds, each
+    with more Cauchy units where the residual is. Γ is the cubic spline through all of the loop's points, with its
+    corners kept.
 
     Args:
         loop: the curve, from a mesh or `BoundaryLoop.from_points`.
         model: "cauchy" for `Cauchy()`, or its options.
-        tolerance: RMS distance of the surface's boundary from Γ in mean loop edges at which the result counts as converged.
+        tolerance: RMS distance of the surface's boundary from Γ, in mean loop edges, below which the result counts as
+            converged.
         max_iterations: limit on Gauss-Newton steps.
         device: where the linear algebra runs; the surface is returned there.
         on_iteration: called after each step.
@@ -191,7 +194,7 @@ def _rim(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Fitted:
-    """The best round of a fit: its discretisation, its state, its residual at unit size, its number, all rounds' steps."""
+    """The best round: its discretisation, its fit, its residual at unit size, its number, and the steps of all."""
 
     stage: Discretisation
     fit: Fit
@@ -249,11 +252,12 @@ def _surface(fitted: _Fitted, loop: BoundaryLoop) -> SpinorSurface:
         network.readout.copy_(fit.readout * loop.diagonal**0.5)
     surface = SpinorSurface(network, stage.domain, order=_PATH_ORDER * fitted.rounds).to(device)
     # the fit counts positions from the boundary, the surface from its root: compare them at a few boundary points
-    some = torch.arange(0, len(stage.panels.t), max(1, len(stage.panels.t) // 8), device=device)
-    fitted_points = (stage.problem.positions(fit.readout) + fit.constant)[some] * loop.diagonal
+    some = torch.arange(0, len(stage.panels.t), max(1, len(stage.panels.t) // 16), device=device)
+    boundary = (stage.problem.positions(fit.readout) + fit.constant)[some] * loop.diagonal
     with torch.no_grad():
-        offset = (fitted_points - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])).mean(0)
-        surface.constant.copy_(offset + torch.as_tensor(loop.centroid, device=device))
+        offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
+        # the median: at a point right beside a pole the path integral has fewer digits
+        surface.constant.copy_(offset.median(0).values + torch.as_tensor(loop.centroid, device=device))
     return surface
 
 

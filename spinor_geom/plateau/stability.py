@@ -23,8 +23,8 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     """Verdict of the second variation ∫ |∇u|² + 2Kλ²u² dx dy over u with u = 0 on ∂Ω.
 
     The total curvature ∫|K| dA decides first: below 2π the disk is stable. Otherwise the eigenvalues μ of
-    −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated; the disk is stable
-    if the smallest is above 1. The difference of the meshes is the margin within which the verdict is "undecided".
+    −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated; the disk is
+    stable if the smallest is above 1. The difference of the meshes is the margin within which it is "undecided".
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
@@ -83,7 +83,7 @@ class _Mesh:
 
     @property
     def inner(self) -> Bool[np.ndarray, " n"]:
-        return np.isnan(self.parameter)
+        return np.asarray(np.isnan(self.parameter))
 
     def refined(self, domain: PlaneDomain) -> _Mesh:
         """Every triangle in four; new boundary points on ∂Ω, or on the sides where ∂Ω would turn a triangle over."""
@@ -115,7 +115,7 @@ class _Mesh:
         return self._assembled(local)
 
     def mass(self, density: Float[np.ndarray, " k"]) -> csc_array:
-        """∫ density·u·v by the edge midpoint rule; the density is given at vertices that begin with the refined mesh's."""
+        """∫ density·u·v by the edge midpoint rule; its first entries belong to the refined mesh's vertices."""
         area = _areas(self.points, self.faces)
         ab, bc, ca = (density[self._sides + len(self.points)] * (area / 12)[:, None]).T
         local = np.stack(

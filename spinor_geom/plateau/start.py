@@ -22,6 +22,7 @@ def lifted_spinors(
         vertices: the first m are the boundary, in order.
         faces: counter-clockwise.
         boundary: the images of the boundary vertices in Ω.
+        device: of the result.
     """
     m = len(boundary)
     start, end = faces, np.roll(faces, -1, axis=1)

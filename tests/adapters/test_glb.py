@@ -380,3 +380,9 @@ def test_a_changed_byte_is_read_or_refused_with_a_typed_error(place: int, value:
         parsed(bytes(data))
     except (MeshFileError, NonFiniteVertexError):
         return
+
+
+def test_second_texture_set_survives_a_new_file(tmp_path: Path) -> None:
+    second = np.random.default_rng(2).uniform(size=(8, 2)).astype(np.float32)
+    parsed(glb_file([{**CUBE, "TEXCOORD_1": second}])).merged().write(tmp_path / "a.glb")
+    assert np.array_equal(read_mesh(tmp_path / "a.glb").mesh.vertex_attributes["TEXCOORD_1"], second)

@@ -120,7 +120,9 @@ def test_a_seam_may_end_at_a_shared_vertex() -> None:
 
 def test_pieces_that_touch_in_a_vertex_or_face_each_other_wrongly_stay_apart() -> None:
     assert representatives([0, 0, 0, 1, 1, 0], [[0, 1, 2], [4, 3, 5]]) == [0, 1, 2, 3, 4, 5]
-    assert representatives([0, 0, 0, 1, 1, 0], [[0, 1, 2], [4, 2, 5]]) == [0, 1, 2, 3, 4, 5]
+    points = np.concatenate([SPLIT, [[0, -1, 0]]])
+    uv = np.array([[0], [0], [0], [1], [1], [0], [0]])
+    assert seam_representatives(points, polygons([0, 1, 2], [4, 6, 5]), [uv]).tolist() == list(range(7))
 
 
 def test_three_edges_in_one_place_are_ambiguous() -> None:
