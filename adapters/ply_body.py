@@ -174,6 +174,8 @@ def _equal_rows(rows: list[list[bytes]], element: PlyElement) -> dict[str, tuple
         values = _typed(table[:, at : at + length], item.dtype)
         columns[item.name] = (values.reshape(-1), np.full(len(rows), length))
         at += length
+    if at != width:
+        raise ValueError("too many words")
     return columns
 
 
@@ -202,6 +204,8 @@ def _split_row(row: list[bytes], element: PlyElement, values: list[list[float]],
         values[index] += map(float, row[at : at + length])
         lengths[index].append(length)
         at += length
+    if at != len(row):
+        raise ValueError("too many words")
 
 
 def _typed(values: np.ndarray, dtype: np.dtype[Any]) -> np.ndarray:
@@ -218,19 +222,19 @@ def _unreadable(
     data: bytes, position: int, rows: list[list[bytes]], element: PlyElement, path: Path | None
 ) -> MeshFileError:
     """The error at the first line that cannot be read."""
-    for number, row in enumerate(rows):
-        values: list[list[float]] = [[] for _ in element.properties]
-        try:
-            _split_row(row, element, values, [[] for _ in element.properties])
-            for item, own in zip(element.properties, values, strict=True):
-                _typed(np.array(own), item.dtype)
-        except (ValueError, IndexError, OverflowError):
-            text = b" ".join(row[:12]).decode("latin-1")
-            problem = f"cannot read {element.name} {number} from '{text}'"
-            filled = [index for index, line in enumerate(data[position:].split(b"\n"), start=1) if line.split()]
-            line = data.count(b"\n", 0, position) + filled[number]
-            return malformed(path, f"line {line}", problem, "correct the line")
-    return malformed(path, f"element '{element.name}'", "has numbers that cannot be read", "check the file")
+    number = next(number for number, row in enumerate(rows) if not _is_readable(row, element))
+    filled = [index for index, line in enumerate(data[position:].split(b"\n"), start=1) if line.split()]
+    line = data.count(b"\n", 0, position) + filled[number]
+    problem = f"cannot read {element.name} {number} from '{b' '.join(rows[number][:12]).decode('latin-1')}'"
+    return malformed(path, f"line {line}", problem, "correct the line")
+
+
+def _is_readable(row: list[bytes], element: PlyElement) -> bool:
+    try:
+        _columns([row], element)
+    except (ValueError, IndexError, OverflowError):
+        return False
+    return True
 
 
 def _too_short(element: PlyElement, record: int, path: Path | None) -> MeshFileError:

@@ -159,9 +159,8 @@ def _grown(curve: list[int], pieces: list[list[int]], ends: dict[int, list[int]]
     """A curve extended beyond its last vertex while a single other piece goes on from there."""
     curve = list(curve)
     while curve[0] != curve[-1] and len(ends[curve[-1]]) == 2:
-        follower = next((number for number in ends[curve[-1]] if number in unused), None)
-        if follower is None:
-            break
+        # one of the two is the curve's own last piece; were the other used, the curve would be closed
+        follower = next(number for number in ends[curve[-1]] if number in unused)
         unused.discard(follower)
         piece = pieces[follower]
         curve += (piece if piece[0] == curve[-1] else piece[::-1])[1:]

@@ -30,6 +30,7 @@ class Fit:
         readout: (n, 2), read-outs of p and q.
         constant: (3,), added to the positions that start at 0 at the first panel's start.
         slide: (nodes,), curve parameters of the nodes.
+        amounts: (k,), how far Ω should move along its modulus fields, to first order; included in the residual.
         residual: RMS distance of r from Γ(slide) at the nodes, by arc length of ∂Ω.
         history: a record of each iteration.
     """
@@ -37,6 +38,7 @@ class Fit:
     readout: Complex[Tensor, "n 2"]
     constant: Float[Tensor, "3"]
     slide: Float[Tensor, " nodes"]
+    amounts: Float[Tensor, " k"]
     residual: float
     history: tuple[Iteration, ...]
 
@@ -70,7 +72,8 @@ def gauss_newton(
         on_iteration: called after each accepted step.
     """
     root = problem.arc_weights.sqrt()[:, None]
-    state = _State.at(problem, readout, None, slide, root)
+    amounts = root.new_zeros(problem.fields.shape[1])
+    state = _State.at(problem, readout, None, slide, amounts, root)
     damping, history = 1e-2, []
     linear, fresh = _Linear.at(problem, state, root), True
     index = first_index
@@ -95,6 +98,7 @@ def gauss_newton(
         readout=state.readout,
         constant=state.constant,
         slide=state.slide,
+        amounts=state.amounts,
         residual=state.energy**0.5,
         history=tuple(history),
     )
@@ -105,28 +109,46 @@ class _State:
     readout: Tensor
     constant: Tensor
     slide: Tensor
+    amounts: Tensor
     error: Tensor  # r + c − Γ(s), (nodes, 3)
     tangent: Tensor  # Γ'(s), (nodes, 3)
     energy: float
 
     @classmethod
     def at(
-        cls, problem: PlateauProblem, readout: Tensor, constant: Tensor | None, slide: Tensor, root: Tensor
+        cls,
+        problem: PlateauProblem,
+        readout: Tensor,
+        constant: Tensor | None,
+        slide: Tensor,
+        amounts: Tensor,
+        root: Tensor,
     ) -> _State:
         point, tangent = problem.curve.point_and_derivative(slide)
         error = problem.positions(readout) - point
+        if len(amounts):
+            error = error + problem.moved(readout) @ amounts
         if constant is None:
             constant = -(root.square() * error).sum(0)
         error = error + constant
         energy = float((root * error).square().sum())
-        return cls(readout=readout, constant=constant, slide=slide, error=error, tangent=tangent, energy=energy)
+        return cls(
+            readout=readout,
+            constant=constant,
+            slide=slide,
+            amounts=amounts,
+            error=error,
+            tangent=tangent,
+            energy=energy,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Linear:
     """The residual projected on the normals of Γ, linearised.
 
-    Unknowns: real parts of the changes of both read-outs, their imaginary parts, the change of the constant.
+    Unknowns: real parts of the changes of both read-outs, their imaginary parts, the change of the constant, the
+    amounts by which Ω moves.
     """
 
     rows: Tensor  # (2·nodes, k)
@@ -138,6 +160,7 @@ class _Linear:
         pq = features @ state.readout
         by_p = problem.integrate((2 * pq[:, :1] * problem.dz[:, None]) * features)
         by_q = problem.integrate((2 * pq[:, 1:] * problem.dz[:, None]) * features)
+        moved = problem.moved(state.readout)
         blocks = []
         for normal in _normals(state.tangent):
             e = root * normal
@@ -145,7 +168,7 @@ class _Linear:
             along = torch.complex(e[:, 0], -e[:, 1])[:, None]
             upright = e[:, 2:]
             row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
-            blocks.append(torch.cat([row.real, -row.imag, e], dim=1))
+            blocks.append(torch.cat([row.real, -row.imag, e, torch.einsum("mi,mik->mk", e, moved)], dim=1))
         rows = torch.cat(blocks)
         return cls(rows=rows, normal_matrix=_gram(rows))
 
@@ -163,14 +186,18 @@ def _gram(rows: Float[Tensor, "m k"]) -> Float[Tensor, "k k"]:
 
 
 def _displacement(
-    problem: PlateauProblem, state: _State, change: Complex[Tensor, "n 2"], shift: Float[Tensor, "3"]
+    problem: PlateauProblem,
+    state: _State,
+    change: Complex[Tensor, "n 2"],
+    shift: Float[Tensor, "3"],
+    amounts: Float[Tensor, " k"],
 ) -> Float[Tensor, "nodes 3"]:
     """First-order change of the positions."""
     p, q = (problem.features @ state.readout).unbind(-1)
     dp, dq = (problem.features @ change).unbind(-1)
     first, second = p * dp, q * dq
     dphi = 2 * torch.stack([first - second, -1j * (first + second), q * dp + p * dq], dim=-1)
-    return problem.integrate(dphi * problem.dz[:, None]).real + shift
+    return problem.integrate(dphi * problem.dz[:, None]).real + shift + problem.moved(state.readout) @ amounts
 
 
 def _normals(tangent: Float[Tensor, "nodes 3"]) -> tuple[Float[Tensor, "nodes 3"], Float[Tensor, "nodes 3"]]:
@@ -200,11 +227,21 @@ def _damped_step(
         if int(info) == 0:
             step = -torch.cholesky_solve(gradient[:, None], factor)[:, 0]
             change = torch.complex(step[: 2 * n], step[2 * n : 4 * n]).reshape(2, n).T
-            moved = state.error + _displacement(problem, state, change, step[4 * n :])
+            shift, amounts = step[4 * n : 4 * n + 3], step[4 * n + 3 :]
+            moved = state.error + _displacement(problem, state, change, shift, amounts)
             # damped like the rest: where Γ turns sharply the full move along its tangent can lead away from it
             slide = state.slide + (state.tangent * moved).sum(1) / (speed2 * (1 + damping))
-            slide = torch.as_tensor(nearest_increasing(slide.cpu().numpy(), speed2.cpu().numpy()), device=slide.device)
-            trial = _State.at(problem, state.readout + change, state.constant + step[4 * n :], slide, root)
+            slide = torch.as_tensor(
+                nearest_increasing(slide.cpu().numpy(), speed2.cpu().numpy(), problem.slide_bounds), device=slide.device
+            )
+            trial = _State.at(
+                problem,
+                state.readout + change,
+                state.constant + shift,
+                slide,
+                state.amounts + amounts,
+                root,
+            )
             if trial.energy < state.energy:
                 return trial, damping
         damping = max(5 * damping, 1e-16)

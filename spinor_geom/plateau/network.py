@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -13,6 +13,7 @@ from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, place_poles, refining_poles
+from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 
@@ -33,6 +34,7 @@ class Discretisation:
 
     Attributes:
         domain: Ω.
+        pairs: corners of Ω and Γ.
         poles: poles outside Ω.
         degree: of the polynomials.
         equations: equations per unknown.
@@ -42,6 +44,7 @@ class Discretisation:
     """
 
     domain: PlaneDomain
+    pairs: CornerPairs
     poles: Poles
     degree: int
     equations: float
@@ -51,22 +54,31 @@ class Discretisation:
 
     @classmethod
     def first(
-        cls, domain: PlaneDomain, curve: CurveTensors, *, degree: int, offset: float, turning: float
+        cls,
+        domain: PlaneDomain,
+        curve: CurveTensors,
+        pairs: CornerPairs,
+        *,
+        degree: int,
+        offset: float,
+        turning: float,
     ) -> Discretisation:
         """One pole a boundary vertex, panels between the vertices and halving towards corners.
 
         Args:
             domain: Ω.
             curve: Γ.
+            pairs: corners of Ω and Γ.
             degree: highest degree of the polynomials.
             offset: of the poles, in local edges.
             turning: turning angle that nine in ten of the loop's points do not exceed: its roughness.
         """
         edges = len(domain.boundary.vertices)
-        smooth = turning < _SMOOTH_TURN and edges >= 64
+        smooth = turning < _SMOOTH_TURN and edges >= 64 and not domain.boundary.corners.any()
         return cls._of(
             domain,
             curve,
+            pairs,
             poles=place_poles(domain, offset=offset),
             breaks=domain.panel_breaks,
             degree=min(degree, max(8, 2 * edges)),
@@ -78,6 +90,7 @@ class Discretisation:
         cls,
         domain: PlaneDomain,
         curve: CurveTensors,
+        pairs: CornerPairs,
         *,
         poles: Poles,
         breaks: Float[np.ndarray, " b"],
@@ -97,12 +110,13 @@ class Discretisation:
         )
         return cls(
             domain=domain,
+            pairs=pairs,
             poles=poles,
             degree=degree,
             equations=equations,
             panels=panels,
             network=network,
-            problem=PlateauProblem.on_panels(panels, network, curve),
+            problem=PlateauProblem.on_panels(panels, network, curve, pairs),
         )
 
     def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
@@ -124,10 +138,39 @@ class Discretisation:
         return self._of(
             self.domain,
             self.problem.curve,
+            self.pairs,
             poles=self.poles + refining_poles(self.domain, chosen),
             breaks=np.sort(np.concatenate([breaks, chosen.mean(axis=1)])),
             degree=self.degree,
             equations=_EQUATIONS_REFINED,
+        )
+
+    @property
+    def has_moduli(self) -> bool:
+        """Whether Ω has more corners than a conformal map can place where it wants."""
+        return bool(np.count_nonzero(self.domain.boundary.corners) > 3)
+
+    def flexible(self) -> Discretisation:
+        """The same, with an unknown for each field along which Ω may move."""
+        fields = torch.as_tensor(ModulusFields.of(self.domain)(self.panels.z), device=self.problem.dz.device)
+        return replace(self, problem=replace(self.problem, fields=fields))
+
+    def moved(self, fit: Fit, *, offset: float) -> Discretisation:
+        """The discretisation of Ω moved along its modulus fields as a fit asks, poles placed anew.
+
+        Raises:
+            DomainError: the moved domain is not simple.
+        """
+        domain = ModulusFields.of(self.domain).moved(self.domain, fit.amounts.cpu().numpy())
+        parameters = domain.boundary.parameters
+        return self._of(
+            domain,
+            self.problem.curve,
+            CornerPairs(t=parameters[:-1][domain.boundary.corners], s=self.pairs.s),
+            poles=place_poles(domain, offset=offset),
+            breaks=np.interp(self.panels.breaks, self.domain.boundary.parameters, parameters),
+            degree=self.degree,
+            equations=self.equations,
         )
 
     def readout_of(self, spinors: Complex[Tensor, "nodes 2"]) -> Complex[Tensor, "n 2"]:
@@ -139,11 +182,12 @@ class Discretisation:
         return np.column_stack([self.panels.t, fit.slide.detach().cpu().numpy()])
 
     def transferred(self, other: Discretisation, fit: Fit) -> tuple[Complex[Tensor, "n 2"], Float[Tensor, " nodes"]]:
-        """Read-outs and slide here of a fit made with another discretisation of the same Ω."""
-        z = torch.as_tensor(self.panels.z, device=fit.readout.device)
+        """Read-outs and slide here of a fit made with another discretisation, of Ω or of a domain moved a little."""
+        t = np.interp(self.panels.t, self.domain.boundary.parameters, other.domain.boundary.parameters)
+        z = torch.as_tensor(other.domain.boundary.point(t), device=fit.readout.device)
         with torch.no_grad():
             spinors = other.network.features(z) @ fit.readout
-        slide = interpolate_matching(other.matching(fit), self.panels.t)
+        slide = interpolate_matching(other.matching(fit), t)
         return self.readout_of(spinors), torch.as_tensor(slide, device=z.device)
 
 

@@ -12,6 +12,7 @@ from torch import Tensor
 from spinor_geom.domain.panels import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.surface.formulas import phi
 
 
@@ -50,6 +51,8 @@ class PlateauProblem:
         weights: (nodes,), quadrature weights in t.
         widths: (panels,), lengths of the panels in t.
         cumulative: (order, order), integration matrix of a panel of length 1.
+        slide_bounds: (nodes, 2), lowest and highest curve parameter of each node.
+        fields: (nodes, k), fields along which Ω may move to change its moduli.
     """
 
     curve: CurveTensors
@@ -58,10 +61,14 @@ class PlateauProblem:
     weights: Float[Tensor, " nodes"]
     widths: Float[Tensor, " panels"]
     cumulative: Float[Tensor, "order order"]
+    slide_bounds: Float[np.ndarray, "nodes 2"]
+    fields: Complex[Tensor, "nodes k"]
 
     @classmethod
-    def on_panels(cls, panels: Panels, network: CauchyNetwork, curve: CurveTensors) -> PlateauProblem:
-        """The problem with the nodes of given panels."""
+    def on_panels(
+        cls, panels: Panels, network: CauchyNetwork, curve: CurveTensors, pairs: CornerPairs
+    ) -> PlateauProblem:
+        """The problem with the nodes of given panels, on a domain that does not move."""
         device = network.poles.device
         z = torch.tensor(panels.z, device=device)
         with torch.no_grad():
@@ -73,6 +80,8 @@ class PlateauProblem:
             weights=torch.tensor(panels.weights, device=device),
             widths=torch.tensor(np.diff(panels.breaks), device=device),
             cumulative=torch.tensor(panels.cumulative, device=device),
+            slide_bounds=pairs.slide_bounds(panels.t),
+            fields=torch.zeros(len(z), 0, dtype=z.dtype, device=device),
         )
 
     @property
@@ -91,6 +100,14 @@ class PlateauProblem:
         return (local + start[:, None]).reshape(f.shape)
 
     def positions(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3"]:
-        """R at the nodes, up to a constant: the real part of ∫ φ dz along ∂Ω."""
+        """Positions r at the nodes, up to a constant: the real part of ∫ φ dz along ∂Ω."""
+        return self.integrate(self.null_curve(readout) * self.dz[:, None]).real
+
+    def null_curve(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "nodes 3"]:
+        """φ at the nodes."""
         p, q = (self.features @ readout).unbind(-1)
-        return self.integrate(phi(p, q) * self.dz[:, None]).real
+        return phi(p, q)
+
+    def moved(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3 k"]:
+        """Change of r at the nodes when they move along each field: Re(φ v)."""
+        return (self.null_curve(readout)[:, :, None] * self.fields[:, None, :]).real

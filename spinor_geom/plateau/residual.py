@@ -45,7 +45,7 @@ def independent_residual(stage: Discretisation, fit: Fit, *, points: int) -> Res
     count = len(stage.panels.breaks) - 1
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
     dense = Panels.on(stage.domain.boundary, stage.panels.breaks, order)
-    problem = PlateauProblem.on_panels(dense, stage.network, stage.problem.curve)
+    problem = PlateauProblem.on_panels(dense, stage.network, stage.problem.curve, stage.pairs)
     r = problem.positions(fit.readout) + fit.constant
     slide = torch.as_tensor(interpolate_matching(stage.matching(fit), dense.t), device=r.device)
     limit = 0.5 / len(stage.panels.t)

@@ -7,19 +7,22 @@ from jaxtyping import Float
 from scipy.optimize import isotonic_regression
 
 
-def nearest_increasing(s: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The non-decreasing slide around the circle nearest to s, with s_n ≤ s_0 + 1.
+def nearest_increasing(
+    s: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], bounds: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
+    """The non-decreasing slide around the circle nearest to s, with s_n ≤ s_0 + 1, inside the bounds of each node.
 
     Shortening the whole step instead stalls at corners and on noisy curves.
 
     Args:
         s: parameters of the nodes in order; they may lie in any interval of about length 1.
         speed: |Γ'| at the nodes; the circle is cut where it is largest, where a change of s costs most.
+        bounds: lowest and highest s of each node, non-decreasing both.
     """
-    if (np.diff(np.append(s, s[0] + 1)) > 0).all():
-        return s
-    cut = int(np.argmax(speed))
-    line = np.concatenate([s[cut:], s[:cut] + 1])
-    line = isotonic_regression(line).x
-    line = np.minimum(line, line[0] + 1)
-    return np.concatenate([line[len(s) - cut :] - 1, line[: len(s) - cut]])
+    if (np.diff(np.append(s, s[0] + 1)) <= 0).any():
+        cut = int(np.argmax(speed))
+        line = np.concatenate([s[cut:], s[:cut] + 1])
+        line = isotonic_regression(line).x
+        line = np.minimum(line, line[0] + 1)
+        s = np.concatenate([line[len(s) - cut :] - 1, line[: len(s) - cut]])
+    return np.clip(s, *bounds.T)

@@ -19,6 +19,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
@@ -124,8 +125,10 @@ def _solve(
     with clock.stage("features"):
         tensors = CurveTensors.of(curve, device)
         turning = float(np.quantile(turning_angles(unit.points), 0.9))
+        corners = unit.corners[rim]
+        pairs = CornerPairs(t=domain.boundary.parameters[:-1][corners], s=curve.breaks[rim[corners]])
         stage = Discretisation.first(
-            domain, tensors, degree=options.degree, offset=options.pole_offset, turning=turning
+            domain, tensors, pairs, degree=options.degree, offset=options.pole_offset, turning=turning
         )
     with clock.stage("fit"):
         spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, device)
@@ -133,7 +136,10 @@ def _solve(
         readout = stage.readout_of(spinors[torch.as_tensor(edge, device=device)])
         knots = np.append(curve.breaks[rim], curve.breaks[rim[0]] + 1)
         slide = torch.as_tensor(np.interp(stage.panels.t, domain.boundary.parameters, knots), device=device)
-        fitted = _fit_and_refine(stage, readout, slide, unit, tolerance, max_iterations, on_iteration)
+        budget = _Budget(
+            allowed=tolerance * unit.mean_edge_length, max_iterations=max_iterations, on_iteration=on_iteration
+        )
+        fitted = _fit_and_refine(stage, readout, slide, budget, points=len(loop), offset=options.pole_offset)
     with clock.stage("surface"):
         surface = _surface(fitted, loop)
         area = surface.area()
@@ -150,7 +156,7 @@ def _solve(
         surface=surface,
         loop=loop,
         curve=BoundaryCurve.from_loop(loop),
-        domain=domain,
+        domain=fitted.stage.domain,
         matching=fitted.stage.matching(fitted.fit),
         boundary_residual=residual,
         area=area,
@@ -203,45 +209,90 @@ class _Fitted:
     history: tuple[Iteration, ...]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Budget:
+    """What a fit may cost: residual that is allowed at unit size, steps, and who hears of them."""
+
+    allowed: float
+    max_iterations: int
+    on_iteration: Callable[[Iteration], None] | None
+
+    def fit(
+        self,
+        stage: Discretisation,
+        readout: Complex[Tensor, "n 2"],
+        slide: Float[Tensor, " nodes"],
+        history: tuple[Iteration, ...],
+        *,
+        stall: float,
+    ) -> Fit:
+        return gauss_newton(
+            stage.problem,
+            readout,
+            slide,
+            goal=_BELOW_TOLERANCE * self.allowed,
+            allowed=self.allowed,
+            max_iterations=self.max_iterations - len(history),
+            stall=stall,
+            first_index=len(history) + 1,
+            on_iteration=self.on_iteration,
+        )
+
+
 def _fit_and_refine(
     stage: Discretisation,
     readout: Complex[Tensor, "n 2"],
     slide: Float[Tensor, " nodes"],
-    loop: BoundaryLoop,
-    tolerance: float,
-    max_iterations: int,
-    on_iteration: Callable[[Iteration], None] | None,
+    budget: _Budget,
+    *,
+    points: int,
+    offset: float,
 ) -> _Fitted:
     """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
-    allowed = tolerance * loop.mean_edge_length
     best: _Fitted | None = None
     for remaining in reversed(range(_MAX_ROUNDS)):
         history = best.history if best else ()
-        fit = gauss_newton(
-            stage.problem,
-            readout,
-            slide,
-            goal=_BELOW_TOLERANCE * allowed,
-            allowed=allowed,
-            max_iterations=max_iterations - len(history),
-            stall=_STALL_LAST if remaining == 0 else _STALL,
-            first_index=len(history) + 1,
-            on_iteration=on_iteration,
-        )
-        residual = independent_residual(stage, fit, points=len(loop))
+        fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
         history += fit.history
+        if best is None and fit.residual > budget.allowed and stage.has_moduli:
+            stage, fit, history = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+        residual = independent_residual(stage, fit, points=points)
         if best is not None and residual.rms >= best.residual.rms:
             return replace(best, history=history)
         best = _Fitted(stage=stage, fit=fit, residual=residual, rounds=_MAX_ROUNDS - remaining, history=history)
-        if residual.rms <= allowed or len(history) >= max_iterations:
+        if residual.rms <= budget.allowed or len(history) >= budget.max_iterations:
             break
-        finer = stage.refined(residual.energy, allowed)
+        finer = stage.refined(residual.energy, budget.allowed)
         if finer is None:
             break
         readout, slide = finer.transferred(stage, fit)
         stage = finer
     assert best is not None
     return best
+
+
+def _with_right_moduli(
+    stage: Discretisation,
+    readout: Complex[Tensor, "n 2"],
+    slide: Float[Tensor, " nodes"],
+    history: tuple[Iteration, ...],
+    budget: _Budget,
+    *,
+    offset: float,
+) -> tuple[Discretisation, Fit, tuple[Iteration, ...]]:
+    """A fit in which Ω may move, so that its corners can meet Γ's; the moves are made, and it is fitted again."""
+    last = np.inf
+    while True:
+        fit = budget.fit(stage.flexible(), readout, slide, history, stall=_STALL)
+        history += fit.history
+        if fit.residual > last / 2 or len(history) >= budget.max_iterations:
+            break
+        last = fit.residual
+        moved = stage.moved(fit, offset=offset)
+        readout, slide = moved.transferred(stage, fit)
+        stage = moved
+    fit = budget.fit(stage, fit.readout, fit.slide, history, stall=_STALL)
+    return stage, fit, history + fit.history
 
 
 def _surface(fitted: _Fitted, loop: BoundaryLoop) -> SpinorSurface:

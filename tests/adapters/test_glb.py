@@ -148,6 +148,28 @@ def test_patch_over_two_materials_goes_to_one_and_copies_the_rim(tmp_path: Path)
     assert tree_of((tmp_path / "again.glb").read_bytes())["materials"] == [{"name": "a"}, {"name": "b"}]
 
 
+@pytest.mark.parametrize("transform", [{}, {"scale": [1, 3, 0.1], "translation": [1, 2, 0.3]}])
+def test_rim_vertices_of_another_material_are_copied_bit_by_bit(tmp_path: Path, transform: dict) -> None:
+    random = np.random.default_rng(8)
+    normals = random.normal(size=(8, 3)).astype(np.float32)
+    halves = []
+    for part in (slice(0, 2), slice(2, 10)):
+        used, local = np.unique(FACES[part], return_inverse=True)
+        halves.append({"POSITION": VERTICES[used], "indices": local.reshape(-1, 1).astype(np.uint16)})
+    halves[0]["NORMAL"] = normals[np.unique(FACES[:2])]
+    halves[1]["NORMAL"] = normals
+    file = parsed(glb_file(halves, nodes=[{"mesh": 0, **transform}]))
+    rim = np.unique(boundary_edges(file.mesh.faces))
+    assert (rim < 4).sum() == 2
+    assert (rim >= 4).sum() == 2
+    closed = again(file.extended(lid_over(file.mesh)), tmp_path)
+    assert is_closed(closed.mesh)
+    first, second = read_glb((tmp_path / "again.glb").read_bytes(), None).source.pieces
+    grown = first if len(first.faces) > 2 else second
+    rows = {tuple(row) for row in normals.tolist()}
+    assert all(tuple(row) in rows for row in grown.rows["NORMAL"][:-1].tolist())
+
+
 def test_shared_accessors_of_other_primitives_stay_as_they_are(tmp_path: Path) -> None:
     data = glb_file([CUBE, CUBE])
 
@@ -304,6 +326,46 @@ def test_agrees_with_trimesh(tmp_path: Path) -> None:
     assert np.allclose(anew.visual.vertex_colors, other.visual.vertex_colors, atol=1)
 
 
+def test_foreign_chunk_instead_of_the_buffer_is_no_buffer() -> None:
+    start = 20 + struct.unpack_from("<I", GOOD, 12)[0]
+    with pytest.raises(MeshFileError, match="which has 0"):
+        parsed(GOOD[: start + 4] + b"XXXX" + GOOD[start + 8 :])
+
+
+def test_primitives_without_triangles_are_passed_over(tmp_path: Path) -> None:
+    empty = {"POSITION": VERTICES, "indices": INDICES[:0]}
+    few = {"POSITION": VERTICES[:2]}
+
+    def strip(tree: dict) -> None:
+        tree["meshes"][0]["primitives"][2]["mode"] = 5
+
+    file = parsed(with_tree(glb_file([empty, CUBE, few]), strip))
+    assert len(file.mesh.vertices) == 8
+    assert is_closed(again(file.extended(lid()), tmp_path).mesh)
+
+
+def test_rim_of_another_node_and_loose_patches_are_placed_in_space(tmp_path: Path) -> None:
+    nodes = [{"mesh": 0}, {"mesh": 1, "translation": [0, 0, 2]}]
+    data = glb_file([CUBE, {**CUBE, "NORMAL": VERTICES}])
+
+    def part(tree: dict) -> None:
+        first, second = tree["meshes"][0]["primitives"]
+        tree["meshes"] = [{"primitives": [first]}, {"primitives": [second]}]
+        tree["scenes"] = [{"nodes": [0, 1]}]
+        tree["nodes"] = nodes
+
+    file = parsed(with_tree(data, part))
+    bridge = type(lid())(
+        vertices=np.array([[9.0, 9, 9], [9, 8, 9], [8, 9, 9]]),
+        faces=np.array([[1, 5, 8], [16, 17, 18]]),
+        face_loops=np.array([0, 1]),
+    )
+    back = again(file.extended(bridge), tmp_path)
+    corners = back.mesh.vertices[back.mesh.faces]
+    for wanted in (file.mesh.vertices[[1, 5, 8]], bridge.vertices):
+        assert (corners == wanted).all(axis=(1, 2)).sum() == 1
+
+
 GOOD = glb_file([CUBE])
 
 
@@ -348,6 +410,15 @@ def test_malformed_json_names_the_place(change: object, said: str) -> None:
     assert str(caught.value).startswith("a.glb, ")
 
 
+def without_buffer() -> bytes:
+    length = 20 + struct.unpack_from("<I", GOOD, 12)[0]
+    return GOOD[:8] + struct.pack("<I", length) + GOOD[12:length]
+
+
+def cut_in_the_buffer() -> bytes:
+    return GOOD[:8] + struct.pack("<I", len(GOOD) - 8) + GOOD[12:-8]
+
+
 @pytest.mark.parametrize(
     ("data", "said"),
     [
@@ -358,6 +429,10 @@ def test_malformed_json_names_the_place(change: object, said: str) -> None:
         (GOOD[:12] + b"\xff\xff" + GOOD[14:], "byte 8: announces"),
         (GOOD[:20] + b"?" + GOOD[21:], "JSON: Expecting value"),
         (with_tree(GOOD, lambda tree: tree.clear()), "scene: has no triangles"),
+        (struct.pack("<4sIIII", b"glTF", 2, 22, 2, 0x4E4F534A) + b"[]", "JSON: is no object"),
+        (cut_in_the_buffer(), "bytes of binary data, but the file ends after"),
+        (without_buffer(), "buffer view 0: ends at byte 96 of the binary buffer, which has 0"),
+        (without_buffer() + b"\0\0\0\0other", "buffer view 0: ends at byte 96 of the binary buffer, which has 0"),
     ],
 )
 def test_malformed_containers_name_the_place(data: bytes, said: str) -> None:

@@ -90,6 +90,27 @@ def test_seams_of_a_glb_are_closed_with_texture_kept_in_obj(tmp_path: Path) -> N
     assert np.array_equal(np.array(lines, dtype=float), texture * [1.0, -1.0] + [0.0, 1.0])
 
 
+def test_attributes_go_from_obj_to_glb_as_far_as_there_is_a_place(tmp_path: Path) -> None:
+    random = np.random.default_rng(4)
+    uv, normals = random.uniform(size=(8, 2)), random.normal(size=(8, 3))
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
+    text += "".join(f"vt {u} {v}\n" for u, v in uv.tolist()) + "".join(
+        f"vn {a} {b} {c}\n" for a, b, c in normals.tolist()
+    )
+    text += "".join("f " + " ".join(f"{i}/{i}/{i}" for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
+    (tmp_path / "a.obj").write_text(text)
+    read_mesh(tmp_path / "a.obj").write(tmp_path / "a.glb")
+    attributes = read_mesh(tmp_path / "a.glb").mesh.vertex_attributes
+    assert np.allclose(attributes["uv"], uv, atol=1e-7)
+    assert np.array_equal(attributes["normal"], normals.astype(np.float32))
+    wide = "OFF\n3 1 0\n" + "0 0 0 1 2 3 4 5\n1 0 0 1 2 3 4 5\n0 1 0 1 2 3 4 5\n3 0 1 2\n"
+    (tmp_path / "wide.off").write_text(wide)
+    read_mesh(tmp_path / "wide.off").write(tmp_path / "wide.glb")
+    assert dict(read_mesh(tmp_path / "wide.glb").mesh.vertex_attributes) == {}
+    read_mesh(tmp_path / "wide.off").write(tmp_path / "wide.ply")
+    assert sorted(read_mesh(tmp_path / "wide.ply").mesh.vertex_attributes) == [f"extra_{k}" for k in range(5)]
+
+
 def test_failed_writing_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = read_mesh(cube_file(tmp_path))
     target = tmp_path / "target.ply"

@@ -134,6 +134,26 @@ def test_other_elements_and_comments_stay(tmp_path: Path) -> None:
     assert is_closed(closed.mesh)
 
 
+def test_text_lines_of_one_length_with_lists_of_another_are_read() -> None:
+    header = HEAD.replace("vertex 3", "vertex 5") + "element face 2\nproperty list uchar int vertex_indices\n"
+    header += "property list uchar int edges\nend_header\n"
+    body = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 2 0\n" + "3 0 1 2 2 7 7\n4 0 2 4 3 1 7\n"
+    assert parsed((header + body).encode()).polygons.rows() == [[0, 1, 2], [0, 2, 4, 3]]
+
+
+def test_empty_elements_are_skipped() -> None:
+    before = "element edge 0\nproperty int a\nproperty list uchar int b\nelement nothing 5"
+    for encoding in FORMATS:
+        assert parsed(ply(encoding, CUBE_POINTS, QUADS, before=before)).polygons.rows() == QUADS
+
+
+def test_negative_list_length_in_binary_is_refused() -> None:
+    data = ply("binary_little_endian", CUBE_POINTS, QUADS).replace(b"list uchar", b"list char")
+    for place in (-85, -17):
+        with pytest.raises(MeshFileError, match="announces 5"):
+            read_ply(data[:place] + b"\xfc" + data[place + 1 :], None)
+
+
 def test_lists_beside_the_corners_are_kept(tmp_path: Path) -> None:
     vertices, faces = open_cube()
     header = (
@@ -234,6 +254,9 @@ FACES = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
         (HEAD + FACES + "0 0 0\n1 0 q\n0 1 0\n3 0 1 2\n", "line 11: cannot read vertex 1 from '1 0 q'"),
         (HEAD + FACES + "0 0 0\n1 0 0\n\n0 1 0\n\n3 0 1\n", "line 15: cannot read face 0 from '3 0 1'"),
         (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 99999999999\n", "cannot read face 0"),
+        (HEAD + FACES + "0 0 0\n1 0 0 7\n0 1 0\n3 0 1 2\n", "line 11: cannot read vertex 1 from '1 0 0 7'"),
+        (HEAD + FACES + "0 0 0 a\n1 0 0 a\n0 1 0 a\n3 0 1 2\n", "line 10: cannot read vertex 0 from '0 0 0 a'"),
+        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n-3 0 1 2\n", "line 13: cannot read face 0"),
         (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "face 0: names vertex 3, but the file has vertices 0 to 2"),
         (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", "face 0: names vertex -1"),
         (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "face 0: has 2 corners"),

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from collections import Counter
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -99,6 +102,17 @@ SIDES = [[0, 1, 2], [3, 4, 5]]
 
 def representatives(uv: list[float], faces: list[list[int]] = SIDES) -> list[int]:
     return seam_representatives(SPLIT, polygons(*faces), [np.array(uv)[:, None]]).tolist()
+
+
+@given(st.lists(st.lists(st.integers(0, 9), min_size=2, max_size=4), min_size=1, max_size=12))
+def test_chaining_keeps_every_segment_and_ends_only_at_junctions(pieces: list[list[int]]) -> None:
+    def segments(curves: list[list[int]]) -> list[list[int]]:
+        return sorted(sorted(pair) for curve in curves for pair in pairwise(curve))
+
+    curves = [curve.tolist() for curve in chained([np.array(piece) for piece in pieces])]
+    assert segments(curves) == segments(pieces)
+    ends = Counter(end for piece in pieces for end in (piece[0], piece[-1]))
+    assert all(ends[end] != 2 for curve in curves if curve[0] != curve[-1] for end in (curve[0], curve[-1]))
 
 
 def test_seam_takes_the_lowest_vertex() -> None:

@@ -138,6 +138,14 @@ def test_stored_normals_are_carried_and_rounded_trip() -> None:
     assert "vertex_normals" not in without._cache
 
 
+def test_truth_values_and_face_materials_are_carried() -> None:
+    visual = TextureVisuals(uv=np.zeros((8, 2)), face_materials=np.array([0] * 7 + [1] * 3))
+    cube = plain(*open_cube(), visual=visual, vertex_attributes={"rim": np.array([True] * 5 + [False] * 3)})
+    closed = extend(cube, lid_for(to_mesh(cube)))
+    assert closed.vertex_attributes["rim"].tolist() == [True] * 5 + [False] * 3 + [True]
+    assert closed.visual.face_materials.tolist() == [0] * 7 + [1] * 3 + [0] * 4
+
+
 def test_attributes_that_clash_or_are_no_numbers() -> None:
     cube = plain(
         *open_cube(),

@@ -1,0 +1,91 @@
+"""Measures the figures that the project promises, and prints them as markdown tables beside their targets.
+
+Each group is measured in one run and makes tables of its own:
+
+- `curves`: Plateau's problem over curves and rims whose minimal surface is known,
+- `speed`: seconds of a solve by stage,
+- `meshes`: every hole of every mesh file in a folder,
+- `profile`: the functions that one fill spends its time in; only where it is asked for by name.
+
+`python benchmarks/figures.py --help` lists the options. Progress goes to standard error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from figure_curves import curves, speed
+from figure_meshes import SHIPPED, meshes, profile
+from figure_tables import Table, machine, replaced_section
+
+from spinor_geom.files import atomic_path
+
+README = Path(__file__).parent / "README.md"
+USUAL_GROUPS = ("curves", "speed", "meshes")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measures the groups that were asked for; returns the exit status, 0 also where a target is missed."""
+    options = parsed(arguments)
+    groups: dict[str, Callable[[], list[Table]]] = {
+        "curves": lambda: curves(options.only),
+        "speed": lambda: speed(options.only),
+        "meshes": lambda: meshes(options.only, options.data),
+        "profile": lambda: profile(options.profile_mesh),
+    }
+    parts = [machine()]
+    for name in dict.fromkeys(options.groups or USUAL_GROUPS):
+        parts += [str(table) for table in groups[name]() if table.rows]
+    section = "\n\n".join(parts) + "\n"
+    if options.write:
+        write_whole(README, replaced_section(README.read_text(encoding="utf-8"), section))
+    elif options.output is not None:
+        write_whole(options.output, section)
+    else:
+        sys.stdout.write(section)
+    return 0
+
+
+def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The command line's options."""
+    parser = argparse.ArgumentParser(description="Measures the project's figures and prints them as markdown tables.")
+    parser.add_argument(
+        "groups", nargs="*", metavar="GROUP", help=f"{', '.join(USUAL_GROUPS)} (the default: all three), profile"
+    )
+    parser.add_argument(
+        "--data", type=Path, default=SHIPPED, metavar="DIR", help="folder of mesh files (default: data/)"
+    )
+    parser.add_argument("--only", default="", metavar="TEXT", help="only cases and mesh files with this in their names")
+    parser.add_argument(
+        "--profile-mesh",
+        type=Path,
+        default=SHIPPED / "demosthenes_low_res.obj",
+        metavar="FILE",
+        help="mesh that the group profile fills",
+    )
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument("-o", "--output", type=Path, metavar="FILE", help="write there instead of standard output")
+    output.add_argument("--write", action="store_true", help="replace the tables in benchmarks/README.md")
+    options = parser.parse_args(arguments)
+    unknown = sorted(set(options.groups) - {*USUAL_GROUPS, "profile"})
+    if unknown:
+        parser.error(f"unknown group {', '.join(unknown)}; choose from {', '.join(USUAL_GROUPS)}, profile")
+    if not options.data.is_dir():
+        parser.error(f"{options.data} is not a folder")
+    if options.write:
+        # before minutes of measuring, not after
+        replaced_section(README.read_text(encoding="utf-8"), "")
+    return options
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Writes a text file so that it is either whole or as it was."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
