@@ -189,9 +189,8 @@ def shortfalls(record: MeshRecord) -> list[tuple[str, str]]:
         return [("all", short_reason(record.refusal))]
     reasons: dict[str, list[str]] = {}
     for reason in record.reasons:
-        text = short_reason(reason)
         # the same reason with other numbers is the same reason
-        reasons.setdefault(re.sub(r"\d[\d.e+-]*", "#", text), []).append(text)
+        reasons.setdefault(re.sub(r"\d[\d.e+-]*", "#", reason), []).append(short_reason(reason))
     lines = [(str(len(texts)), texts[0] + ("; …" if len(texts) > 1 else "")) for texts in reasons.values()]
     far = sorted((value for value in record.residuals if not value <= NEAR), reverse=True)
     if far:

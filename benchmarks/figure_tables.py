@@ -71,8 +71,10 @@ def figure_table(title: str, figures: Iterable[Figure]) -> Table:
 
 
 def short_reason(text: str) -> str:
-    """The part of a reason that says what is wrong, without the advice."""
+    """The part of a reason that says what is wrong, without the advice and, where it is long, the explanation."""
     text = text.split("; ")[0]
+    if len(text) > REASON_LENGTH:
+        text = text.split(": ")[0]
     return text if len(text) <= REASON_LENGTH else text[: REASON_LENGTH - 1].rstrip() + "…"
 
 

@@ -6,15 +6,13 @@ The names below are the public ones; each is imported on first use, so `import s
 from __future__ import annotations
 
 import importlib
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from spinor_geom.adapters import MeshFile as MeshFile
     from spinor_geom.adapters import read_mesh as read_mesh
-    from spinor_geom.compare import Comparison as Comparison
-    from spinor_geom.compare import compare as compare
+    from spinor_geom.comparison import Comparison as Comparison
+    from spinor_geom.comparison import compare as compare
     from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface as DiscreteMinimalSurface
     from spinor_geom.discrete.minimal_surface import discrete_minimal_surface as discrete_minimal_surface
     from spinor_geom.domain.plane_domain import PlaneDomain as PlaneDomain
@@ -38,7 +36,7 @@ _MODULES = {
     "BoundaryCurve": "spinor_geom.mesh.curve",
     "BoundaryLoop": "spinor_geom.mesh.boundary_loop",
     "CauchyNetwork": "spinor_geom.holomorphic.cauchy",
-    "Comparison": "spinor_geom.compare",
+    "Comparison": "spinor_geom.comparison",
     "DiscreteMinimalSurface": "spinor_geom.discrete.minimal_surface",
     "FillResult": "spinor_geom.fill.result",
     "LoopOutcome": "spinor_geom.fill.result",
@@ -51,7 +49,7 @@ _MODULES = {
     "SpinorSurface": "spinor_geom.surface.spinor_surface",
     "TriangleMesh": "spinor_geom.mesh.triangle_mesh",
     "boundary_loops": "spinor_geom.fill.loops",
-    "compare": "spinor_geom.compare",
+    "compare": "spinor_geom.comparison",
     "discrete_minimal_surface": "spinor_geom.discrete.minimal_surface",
     "fill_hole": "spinor_geom.fill.fill_hole",
     "mesh_patch": "spinor_geom.meshing.embed",
@@ -71,17 +69,6 @@ def __getattr__(name: str) -> Any:
     value = getattr(importlib.import_module(module), name)
     globals()[name] = value
     return value
-
-
-class _Package(ModuleType):
-    """Keeps `compare` the function: importing the submodule of that name would put the module in its place."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _MODULES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __dir__() -> list[str]:

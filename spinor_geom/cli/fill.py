@@ -87,7 +87,7 @@ def require_writable(path: Path) -> None:
 
 def add_comparisons(report: dict[str, Any], result: FillResult, edge_length: float | Literal["auto"]) -> None:
     """Compares each fill with its discrete minimal surface: printed, and put under its loop in the report."""
-    from spinor_geom.compare import compare
+    from spinor_geom.comparison import compare
 
     for outcome, entry in zip(result.loops, report["loops"], strict=True):
         if not outcome.filled or outcome.solution is None:

@@ -25,4 +25,4 @@ def nearest_increasing(
         line = isotonic_regression(line).x
         line = np.minimum(line, line[0] + 1)
         s = np.concatenate([line[len(s) - cut :] - 1, line[: len(s) - cut]])
-    return np.clip(s, *bounds.T)
+    return np.asarray(np.clip(s, *bounds.T))

@@ -274,7 +274,6 @@ class TestRandomMeshes:
     [
         ("trimesh_reference.obj", [56, 24]),
         ("demosthenes_low_res.obj", [67]),
-        ("max_face.obj", [227]),
         ("mountain.obj", [636]),
     ],
 )

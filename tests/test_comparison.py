@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from spinor_geom.compare import MOST_CURVATURE_POINTS, compare
+from spinor_geom.comparison import MOST_CURVATURE_POINTS, compare
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.meshing import mesh_patch
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution

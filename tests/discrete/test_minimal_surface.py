@@ -1,0 +1,164 @@
+"""Both discrete baselines: exact on plane loops, of order two on curved ones, and never a moved boundary."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from spinor_geom import gallery
+from spinor_geom.discrete import discrete_minimal_surface
+from spinor_geom.errors import OptionError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from tests.loops import CONVEX, L_SHAPE, is_disk_on, noisy_ellipse, planar, polygon_area, ramp, ramp_area, slit
+from tests.strategies import rigid_motions, rough_loops
+
+METHODS = ("libigl", "pymeshlab")
+ENNEPER = gallery.enneper(0.8)
+# MeshLab's smoothing creeps in the surface's own plane: it meets no smaller change than this
+CHANGE = {"libigl": 1e-10, "pymeshlab": 1e-5}
+both = pytest.mark.parametrize("method", METHODS)
+
+
+def filled(loop, method, **options):
+    return discrete_minimal_surface(loop, method=method, relative_change=CHANGE[method], **options)
+
+
+@both
+@pytest.mark.parametrize("corners", [CONVEX, L_SHAPE], ids=["convex", "L"])
+def test_plane_polygon_has_its_exact_area(corners, method):
+    loop = planar(corners, 60)
+    surface = filled(loop, method)
+    assert surface.converged
+    assert abs(surface.area / polygon_area(corners) - 1) < 1e-12
+    assert is_disk_on(loop, surface.vertices, surface.faces)
+    assert np.abs(surface.vertices[:, 2]).max() < 1e-14
+
+
+@both
+def test_area_of_enneper_converges_at_order_two(method):
+    counts = np.array([24, 48, 96])
+    errors = []
+    for n in counts:
+        loop = ENNEPER.rim(int(n))
+        errors.append(abs(filled(loop, method, target_edge_length=loop.mean_edge_length).area / ENNEPER.area - 1))
+    slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    # the polygons inscribed in the rim bound less area, in proportion to the squared edge length
+    assert 1.8 < slope < 2.3
+    assert errors[-1] < 2e-3
+
+
+def test_triangles_that_grow_inwards_keep_the_area_within_three_in_a_thousand():
+    for n in (64, 128, 256):
+        assert abs(filled(ENNEPER.rim(n), "libigl").area / ENNEPER.area - 1) < 3e-3
+
+
+@pytest.mark.parametrize(
+    "loop", [gallery.tennis_seam(0.8).sample(64), ENNEPER.rim(64), noisy_ellipse()], ids=["seam", "Enneper", "noisy"]
+)
+def test_methods_agree(loop):
+    target = loop.mean_edge_length
+    one, other = (filled(loop, method, target_edge_length=target) for method in METHODS)
+    # triangles of one size; what is left is the discretisation error of different meshes, on a fourth of the noise
+    assert abs(one.area / other.area - 1) < 2e-3
+
+
+@both
+def test_slit_one_triangle_wide(method):
+    loop = slit()
+    surface = filled(loop, method)
+    assert len(surface.vertices) == len(loop)
+    assert abs(surface.area / (45 * 0.87) - 1) < 1e-12
+    assert is_disk_on(loop, surface.vertices, surface.faces)
+
+
+@both
+@pytest.mark.parametrize("turns", [0.95, 2.2])
+def test_helical_ramp(turns, method):
+    loop = ramp(turns)
+    surface = filled(loop, method)
+    # chords of 80 edges over the turns: (angle of an edge)²/8 of the area
+    assert abs(surface.area / ramp_area(turns) - 1) < (2 * np.pi * turns / 80) ** 2 / 4
+    assert is_disk_on(loop, surface.vertices, surface.faces)
+
+
+@both
+@settings(max_examples=8)
+@given(points=rough_loops())
+def test_rough_loops_give_disks_on_their_own_boundary(points, method):
+    loop = BoundaryLoop.from_points(points)
+    surface = filled(loop, method)
+    assert surface.boundary_size == len(loop)
+    assert surface.vertices[: len(loop)].tobytes() == loop.points.tobytes()
+    assert is_disk_on(loop, surface.vertices, surface.faces)
+    assert (np.diff(surface.area_history) <= 0).all()
+    assert surface.area == surface.area_history[-1]
+    assert surface.iterations == len(surface.area_history) - 1
+
+
+def test_noisy_rim_converges():
+    surface = discrete_minimal_surface(noisy_ellipse(amount=0.3))
+    assert surface.converged
+    assert surface.iterations < 40
+
+
+@both
+def test_reversed_loop_gives_reversed_faces_and_the_same_area(method):
+    loop = gallery.tennis_seam(0.8).sample(48)
+    surface, back = filled(loop, method), filled(loop.reversed(), method)
+    assert is_disk_on(loop.reversed(), back.vertices, back.faces)
+    # not the same mesh: half the edges of a few triangles differ
+    assert abs(back.area / surface.area - 1) < 2e-3
+
+
+def test_long_loop_is_thinned_for_its_first_fill_only():
+    loop = ENNEPER.rim(500)
+    surface = discrete_minimal_surface(loop)
+    assert surface.vertices[:500].tobytes() == loop.points.tobytes()
+    assert is_disk_on(loop, surface.vertices, surface.faces)
+    assert abs(surface.area / ENNEPER.area - 1) < 4e-3
+    assert surface.converged
+
+
+@both
+def test_target_edge_length_is_honoured(method):
+    loop = ENNEPER.rim(32)
+    sizes = []
+    for target in (0.1, 0.05):
+        surface = filled(loop, method, target_edge_length=target)
+        ends = np.sort(np.stack([surface.faces, np.roll(surface.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        inner = np.unique(ends[(ends >= len(loop)).all(axis=1)], axis=0)
+        length = np.linalg.norm(surface.vertices[inner[:, 0]] - surface.vertices[inner[:, 1]], axis=1)
+        assert 0.6 * target < np.median(length) < 1.25 * target
+        assert np.quantile(length, 0.99) < 1.6 * target
+        sizes.append(len(surface.vertices) - len(loop))
+    assert 3 < sizes[1] / sizes[0] < 6
+
+
+@both
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@settings(max_examples=2)
+@given(motion=rigid_motions())
+def test_scale_and_rigid_motion_only_scale_the_area(method, scale, motion):
+    loop = gallery.tennis_seam(0.8).sample(40)
+    moved = BoundaryLoop.from_points(scale * motion(loop.points))
+    # the meshes may differ by a few flipped edges
+    assert abs(filled(moved, method).area / (scale**2 * filled(loop, method).area) - 1) < 1e-3
+
+
+def test_triangle_is_its_own_fill():
+    loop = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+    for method in METHODS:
+        surface = filled(loop, method)
+        assert len(surface.vertices) == 3
+        assert np.roll(surface.faces[0], -np.argmin(surface.faces[0])).tolist() == [0, 1, 2]
+        assert surface.area == 0.5
+
+
+@pytest.mark.parametrize("target", [0.0, -1.0, float("nan")])
+def test_target_edge_length_must_be_positive(target):
+    with pytest.raises(OptionError, match="target_edge_length"):
+        discrete_minimal_surface(slit(), target_edge_length=target)
+
+
+def test_unknown_method_is_refused():
+    with pytest.raises(OptionError, match="'gmsh'.*'libigl' or 'pymeshlab'"):
+        discrete_minimal_surface(slit(), method="gmsh")
