@@ -15,6 +15,8 @@ from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric, in
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 # Widths of the smoothing as fractions of the boundary length: slow windings first, then ever more local tangles.
 _WIDTHS = (0.06, 0.03, 0.015)
+# Share of the polygon's size within which a vertex counts as on the line of an edge.
+_ON_LINE = 1e-12
 _UNTANGLING_ROUNDS = 60
 _LARGEST_LOBE = 24
 
@@ -68,7 +70,7 @@ def flatten(
     faces: Int[np.ndarray, "f 3"],
     boundary_size: int,
     *,
-    clearance: float = 3.0,
+    clearance: float = 1.5,
 ) -> Flattening:
     """Flattens a discrete disk conformally, with boundary scale 1 where the result is a simple polygon.
 
@@ -106,8 +108,8 @@ def flatten_boundary(
     Raises:
         DomainError: no simple domain was found.
     """
-    best: Flattening | None = None
     for draw_in_lobes in (False, True):
+        found: list[Flattening] = []
         for u in _candidates(edge, turning, neumann):
             # degenerate triangles can make Λ infinite, never k₀: u = 0 must not touch Λ
             polygon = lay_out(edge, turning + neumann @ u if u.any() else turning, u)
@@ -115,14 +117,16 @@ def flatten_boundary(
                 polygon = untangled(polygon)
             if polygon is None or not is_simple(polygon):
                 continue
-            gap = outer_clearance(polygon)
-            if best is None or gap > best.clearance:
-                ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
-                best = Flattening(boundary=polygon, log_scale=(ratio + np.roll(ratio, 1)) / 2, clearance=gap)
-            if gap >= clearance:
+            ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
+            log_scale = (ratio + np.roll(ratio, 1)) / 2
+            found.append(Flattening(boundary=polygon, log_scale=log_scale, clearance=outer_clearance(polygon)))
+            if found[-1].clearance >= clearance:
                 break
-        if best is not None:
-            return best
+        # little straightening comes before a little more room: candidates are in order of their straightening
+        for share in (1.0, 0.5, 0.0):
+            for flat in found:
+                if flat.clearance >= share * clearance:
+                    return flat
     raise DomainError(
         f"no simple plane domain was found for a boundary of {len(edge)} vertices: it stays crossed however it is "
         "straightened; check that the loop does not cross itself"
@@ -173,8 +177,10 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
     """Pairs i < j of edges of a closed polygon that cross; neighbours count where one folds back onto the other."""
     a, m = polygon, len(polygon)
     e = np.roll(a, -1) - a
-    left = np.imag(np.conj(e)[:, None] * (a[None] - a[:, None])) > 0
-    apart = left != np.roll(left, -1, axis=1)
+    side = np.imag(np.conj(e)[:, None] * (a[None] - a[:, None]))
+    # points on the line of an edge are on neither side: edges of one straight side do not cross by round-off
+    side[np.abs(side) <= _ON_LINE * np.abs(e)[:, None] * np.abs(a - a[0]).max()] = 0
+    apart = side * np.roll(side, -1, axis=1) < 0
     hit = apart & apart.T
     i = np.arange(m)
     for shift in (-1, 0, 1):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 from scipy.linalg.blas import dsyrk
 from torch import Tensor
 
@@ -20,6 +20,7 @@ _MAX_TRIALS = 14
 _KEEP = 0.4
 # Below the residual that is allowed, steps that gain less than this share of its square are not worth their time.
 _STALL_BELOW_ALLOWED = 0.6
+_STALL_DAMPED = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +79,7 @@ def gauss_newton(
     linear, fresh = _Linear.at(problem, state, root), True
     index = first_index
     while index < first_index + max_iterations and state.energy > goal**2:
-        before = state.energy
+        before, started = state.energy, damping
         state, damping = _damped_step(problem, state, root, linear, damping)
         if state.energy < before:
             history.append(Iteration(index=index, residual=state.energy**0.5, damping=damping))
@@ -87,7 +88,11 @@ def gauss_newton(
                 on_iteration(history[-1])
         if state.energy > _KEEP * before:
             # a step with an old linearisation that gains little asks for a new one; one with a new one is the last
-            least = stall if state.energy > allowed**2 else _STALL_BELOW_ALLOWED
+            if state.energy <= allowed**2:
+                least = _STALL_BELOW_ALLOWED
+            else:
+                # a step that had to be damped says nothing about what the next ones will gain
+                least = stall if damping <= started else _STALL_DAMPED
             if fresh and state.energy > (1 - least) * before:
                 break
             linear, fresh = _Linear.at(problem, state, root), True
@@ -145,14 +150,15 @@ class _State:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Linear:
-    """The residual projected on the normals of Γ, linearised.
+    """The residual projected on the normals of Γ (and on Γ' where the slide is held), linearised.
 
     Unknowns: real parts of the changes of both read-outs, their imaginary parts, the change of the constant, the
     amounts by which Ω moves.
     """
 
-    rows: Tensor  # (2·nodes, k)
+    rows: Tensor  # (equations, k)
     normal_matrix: Tensor  # (k, k), lower triangle
+    held: Tensor  # indices of the nodes that the slide's bounds hold
 
     @classmethod
     def at(cls, problem: PlateauProblem, state: _State, root: Float[Tensor, "nodes 1"]) -> _Linear:
@@ -161,20 +167,45 @@ class _Linear:
         by_p = problem.integrate((2 * pq[:, :1] * problem.dz[:, None]) * features)
         by_q = problem.integrate((2 * pq[:, 1:] * problem.dz[:, None]) * features)
         moved = problem.moved(state.readout)
+        held = _held_nodes(problem, state)
         blocks = []
-        for normal in _normals(state.tangent):
-            e = root * normal
+        for direction, nodes in _directions(state.tangent, held):
+            e = root[nodes] * direction
             # δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)): e · Re ∫ δφ dz is the real part of these times δp, δq
             along = torch.complex(e[:, 0], -e[:, 1])[:, None]
-            upright = e[:, 2:]
-            row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
-            blocks.append(torch.cat([row.real, -row.imag, e, torch.einsum("mi,mik->mk", e, moved)], dim=1))
+            upright, p_part, q_part = e[:, 2:], by_p[nodes], by_q[nodes]
+            row = torch.cat([along * p_part + upright * q_part, upright * p_part - along.conj() * q_part], dim=1)
+            blocks.append(torch.cat([row.real, -row.imag, e, torch.einsum("mi,mik->mk", e, moved[nodes])], dim=1))
         rows = torch.cat(blocks)
-        return cls(rows=rows, normal_matrix=_gram(rows))
+        return cls(rows=rows, normal_matrix=_gram(rows), held=held)
 
     def gradient(self, state: _State, root: Float[Tensor, "nodes 1"]) -> Float[Tensor, " k"]:
-        residual = [(root * normal * state.error).sum(1) for normal in _normals(state.tangent)]
+        residual = [
+            (root[nodes] * direction * state.error[nodes]).sum(1)
+            for direction, nodes in _directions(state.tangent, self.held)
+        ]
         return self.rows.T @ torch.cat(residual)
+
+
+def _held_nodes(problem: PlateauProblem, state: _State) -> Int[Tensor, " k"]:
+    """Nodes at a bound of their slide that would go on beyond it: their distance along Γ' is a residual too."""
+    low, high = problem.slide_bounds.T
+    beyond = (state.tangent * state.error).sum(1)
+    held = ((state.slide <= low) & (beyond < 0)) | ((state.slide >= high) & (beyond > 0))
+    return held.nonzero()[:, 0]
+
+
+def _directions(
+    tangent: Float[Tensor, "nodes 3"], held: Int[Tensor, " k"]
+) -> Iterator[tuple[Float[Tensor, "n 3"], Tensor | slice]]:
+    """Directions in which a residual counts, with their nodes: both normals everywhere, the tangent where held."""
+    unit = torch.nn.functional.normalize(tangent, dim=1)
+    axis = torch.nn.functional.one_hot(unit.abs().argmin(1), 3).to(unit.dtype)
+    first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=1)
+    yield first, slice(None)
+    yield torch.linalg.cross(unit, first), slice(None)
+    if len(held):
+        yield unit[held], held
 
 
 def _gram(rows: Float[Tensor, "m k"]) -> Float[Tensor, "k k"]:
@@ -198,14 +229,6 @@ def _displacement(
     first, second = p * dp, q * dq
     dphi = 2 * torch.stack([first - second, -1j * (first + second), q * dp + p * dq], dim=-1)
     return problem.integrate(dphi * problem.dz[:, None]).real + shift + problem.moved(state.readout) @ amounts
-
-
-def _normals(tangent: Float[Tensor, "nodes 3"]) -> tuple[Float[Tensor, "nodes 3"], Float[Tensor, "nodes 3"]]:
-    """Two unit vectors normal to each tangent and to each other."""
-    unit = torch.nn.functional.normalize(tangent, dim=1)
-    axis = torch.nn.functional.one_hot(unit.abs().argmin(1), 3).to(unit.dtype)
-    first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=1)
-    return first, torch.linalg.cross(unit, first)
 
 
 def _damped_step(
@@ -232,7 +255,8 @@ def _damped_step(
             # damped like the rest: where Γ turns sharply the full move along its tangent can lead away from it
             slide = state.slide + (state.tangent * moved).sum(1) / (speed2 * (1 + damping))
             slide = torch.as_tensor(
-                nearest_increasing(slide.cpu().numpy(), speed2.cpu().numpy(), problem.slide_bounds), device=slide.device
+                nearest_increasing(slide.cpu().numpy(), speed2.cpu().numpy(), problem.slide_bounds.cpu().numpy()),
+                device=slide.device,
             )
             trial = _State.at(
                 problem,

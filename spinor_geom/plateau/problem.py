@@ -61,7 +61,7 @@ class PlateauProblem:
     weights: Float[Tensor, " nodes"]
     widths: Float[Tensor, " panels"]
     cumulative: Float[Tensor, "order order"]
-    slide_bounds: Float[np.ndarray, "nodes 2"]
+    slide_bounds: Float[Tensor, "nodes 2"]
     fields: Complex[Tensor, "nodes k"]
 
     @classmethod
@@ -80,7 +80,7 @@ class PlateauProblem:
             weights=torch.tensor(panels.weights, device=device),
             widths=torch.tensor(np.diff(panels.breaks), device=device),
             cumulative=torch.tensor(panels.cumulative, device=device),
-            slide_bounds=pairs.slide_bounds(panels.t),
+            slide_bounds=torch.tensor(pairs.slide_bounds(panels.t), device=device),
             fields=torch.zeros(len(z), 0, dtype=z.dtype, device=device),
         )
 

@@ -1,0 +1,61 @@
+"""Panels on ∂Ω integrate along it to round-off."""
+
+import numpy as np
+import pytest
+
+from spinor_geom.domain import CircleBoundary, SplineBoundary
+from spinor_geom.domain.panels import Panels
+
+ANGLES = 2 * np.pi * np.arange(40) / 40
+ELLIPSE = SplineBoundary(3 * np.cos(ANGLES) + 1j * np.sin(ANGLES))
+SQUARE = SplineBoundary(np.array([0, 1, 2, 2 + 1j, 2 + 2j, 1 + 2j, 2j, 1j]), np.arange(8) % 2 == 0)
+CIRCLE = CircleBoundary(radius=2.0, count=16)
+boundaries = pytest.mark.parametrize("boundary", [ELLIPSE, SQUARE, CIRCLE], ids=["ellipse", "square", "circle"])
+
+
+@boundaries
+def test_closed_integrals_of_polynomials_vanish(boundary):
+    panels = Panels.on(boundary, boundary.parameters, 12)
+    for degree in range(8):
+        assert abs((panels.z**degree * panels.dz * panels.weights).sum()) < 1e-13 * 3.0 ** (degree + 1)
+
+
+@pytest.mark.parametrize(("boundary", "area"), [(SQUARE, 4.0), (CIRCLE, 4 * np.pi)], ids=["square", "circle"])
+def test_area_by_greens_formula(boundary, area):
+    panels = Panels.on(boundary, boundary.parameters, 12)
+    assert abs((np.conj(panels.z) * panels.dz * panels.weights).sum() / 2j - area) < 1e-13
+
+
+@pytest.mark.parametrize(("boundary", "length"), [(SQUARE, 8.0), (CIRCLE, 4 * np.pi)], ids=["square", "circle"])
+def test_arc_weights_sum_to_the_length(boundary, length):
+    assert abs(Panels.on(boundary, boundary.parameters, 8).arc_weights.sum() - length) < 1e-13
+
+
+@boundaries
+def test_cumulative_integral_of_one_is_the_way_from_the_panels_start(boundary):
+    panels = Panels.on(boundary, boundary.parameters, 10)
+    h = np.diff(panels.breaks)[:, None]
+    way = h * (panels.dz.reshape(len(h), -1) @ panels.cumulative.T)
+    # a polynomial on every piece of a spline; on the circle the tenth order is enough for 16 panels
+    np.testing.assert_allclose(
+        way, panels.z.reshape(len(h), -1) - boundary.point(panels.breaks[:-1])[:, None], atol=1e-13
+    )
+
+
+def test_nodes_increase_from_panel_to_panel():
+    breaks = np.array([0.0, 0.1, 0.15, 0.7, 1.0])
+    panels = Panels.on(CIRCLE, breaks, 5)
+    assert len(panels.t) == 20
+    assert (np.diff(panels.t) > 0).all()
+    assert ((panels.t.reshape(4, 5) > breaks[:-1, None]) & (panels.t.reshape(4, 5) < breaks[1:, None])).all()
+    np.testing.assert_allclose(panels.weights.reshape(4, 5).sum(axis=1), np.diff(breaks), atol=1e-16)
+
+
+def test_quadrature_between_a_pole_and_the_boundary_converges_geometrically():
+    """∮ dz/(z − ζ) = 0 for a pole outside: the error falls by a constant factor with each order."""
+    pole = 2.4
+    errors = []
+    for order in (2, 4, 6, 8):
+        panels = Panels.on(CIRCLE, CIRCLE.parameters, order)
+        errors.append(abs((panels.dz * panels.weights / (panels.z - pole)).sum()))
+    assert (np.diff(np.log(errors)) < -1).all()

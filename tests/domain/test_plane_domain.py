@@ -1,0 +1,131 @@
+"""Boundary curves, the inside test and the tree of paths of plane domains."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.domain import CircleBoundary, PlaneDomain, SplineBoundary
+from spinor_geom.domain.plane_domain import Boundary
+from spinor_geom.errors import DomainError, OptionError
+from tests.loops import L_SHAPE, planar, slit
+
+FLAT = np.array([1, 1j, 0])
+ANGLES = 2 * np.pi * np.arange(80) / 80
+DOMAINS = {
+    "disk": PlaneDomain.disk(),
+    "ellipse": PlaneDomain.from_boundary(8 * np.cos(ANGLES) + 1j * np.sin(ANGLES)),
+    "L": PlaneDomain.from_boundary(planar(L_SHAPE, 60).points @ FLAT, planar(L_SHAPE, 60).corners),
+    "horseshoe": PlaneDomain.from_boundary(
+        np.concatenate([3 * np.exp(2.9j * np.linspace(-1, 1, 60)), 2 * np.exp(2.9j * np.linspace(1, -1, 40))])
+    ),
+}
+every_domain = pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS.keys())
+
+
+@every_domain
+def test_boundary_passes_through_its_vertices_and_repeats_after_one_turn(domain):
+    boundary = domain.boundary
+    assert isinstance(boundary, Boundary)
+    t = boundary.parameters
+    assert t[0] == 0
+    assert t[-1] == 1
+    np.testing.assert_allclose(boundary.point(t[:-1]), boundary.vertices, atol=1e-14)
+    np.testing.assert_allclose(boundary.point(t + 3), boundary.point(t), atol=1e-12)
+
+
+@every_domain
+def test_boundary_derivative_equals_difference_quotient(domain):
+    t = np.random.default_rng(0).uniform(size=200)
+    h = 1e-6
+    quotient = (domain.boundary.point(t + h) - domain.boundary.point(t - h)) / (2 * h)
+    derivative = domain.boundary.derivative(t)
+    # truncation h² and rounding 1e-16/h; a corner nearer than h would show, and there is none
+    assert np.abs(quotient - derivative).max() < 1e-7 * np.abs(derivative).max()
+
+
+def test_spline_with_corners_has_straight_sides():
+    square = SplineBoundary(np.array([0, 1, 2, 2 + 1j, 2 + 2j, 1 + 2j, 2j, 1j]), np.arange(8) % 2 == 0)
+    t = np.linspace(0, 1, 400, endpoint=False)
+    z = square.point(t)
+    distance = np.minimum(np.minimum(z.real, 2 - z.real), np.minimum(z.imag, 2 - z.imag))
+    assert np.abs(distance).max() < 1e-14
+
+
+def test_circle_is_exact():
+    circle = CircleBoundary(radius=2.5, count=12)
+    t = np.linspace(0, 1, 50)
+    np.testing.assert_allclose(np.abs(circle.point(t)), 2.5, rtol=1e-15)
+    np.testing.assert_allclose(circle.derivative(t), 2j * np.pi * circle.point(t), rtol=1e-15)
+    assert not circle.corners.any()
+
+
+def test_perimeter_and_diameter_of_a_polygon():
+    domain = DOMAINS["L"]
+    assert abs(domain.perimeter - 8) < 1e-12
+    assert abs(domain.diameter - np.hypot(2, 2)) < 1e-15
+
+
+@settings(max_examples=20)
+@given(x=st.floats(-1, 3), y=st.floats(-1, 3))
+def test_inside_of_the_l(x, y):
+    margin = min(abs(x), abs(y), abs(x - 2), abs(y - 2), abs(x - 1), abs(y - 1))
+    inside = (0 < x < 2 and 0 < y < 1) or (0 < x < 1 and 0 < y < 2)
+    if margin > 1e-9:
+        assert DOMAINS["L"].contains(np.array(x + 1j * y)) == inside
+
+
+def test_inside_test_takes_any_shape_and_many_points():
+    z = np.random.default_rng(0).uniform(-1.2, 1.2, size=(3, 2000, 2)) @ np.array([1, 1j])
+    inside = DOMAINS["disk"].contains(z)
+    assert inside.shape == z.shape
+    clear = np.abs(np.abs(z) - 1) > 0.01
+    np.testing.assert_array_equal(inside[clear], (np.abs(z) < 1)[clear])
+
+
+@every_domain
+def test_paths_span_all_vertices_inside_the_domain(domain):
+    tree, mesh = domain.paths, domain.triangulation
+    n = len(mesh.points)
+    assert sorted(np.concatenate([[tree.root], *tree.levels]).tolist()) == list(range(n))
+    assert tree.parent[tree.root] == tree.root
+    level = np.empty(n, dtype=int)
+    level[tree.root] = 0
+    for depth, vertices in enumerate(tree.levels, start=1):
+        level[vertices] = depth
+    others = np.delete(np.arange(n), tree.root)
+    np.testing.assert_array_equal(level[tree.parent[others]], level[others] - 1)
+    edges = np.sort(np.column_stack([others, tree.parent[others]]), axis=1)
+    assert (edges[:, None] == mesh.edges).all(axis=2).any(axis=1).all()
+    # edges between two boundary vertices may run along ∂Ω; all others lie inside
+    inner = (edges >= mesh.boundary_size).any(axis=1)
+    samples = mesh.points[edges[inner]] @ np.array([[0.01, 0.3, 0.5, 0.8, 0.99], [0.99, 0.7, 0.5, 0.2, 0.01]])
+    assert domain.contains(samples).all()
+
+
+@every_domain
+def test_paths_start_inside_and_reach_the_boundary_last(domain):
+    tree, m = domain.paths, domain.triangulation.boundary_size
+    assert tree.root >= m
+    boundary_parents = np.delete(tree.parent, tree.root)
+    # near ∂Ω the poles are near: only a vertex without an inner neighbour hangs on the boundary
+    assert (boundary_parents < m).mean() < 0.02
+
+
+def test_domain_without_inner_vertices_has_paths_too():
+    strip = PlaneDomain.from_boundary(slit().points @ FLAT, slit().corners)
+    assert len(strip.triangulation.points) == len(slit())
+    assert sum(map(len, strip.paths.levels)) == len(slit()) - 1
+
+
+@pytest.mark.parametrize(("radius", "n"), [(0.0, 64), (-1.0, 64), (float("nan"), 64), (1.0, 2)])
+def test_bad_disks_are_refused(radius, n):
+    with pytest.raises(OptionError, match="positive radius"):
+        PlaneDomain.disk(radius, n)
+
+
+def test_crossed_and_clockwise_boundaries_are_refused():
+    with pytest.raises(DomainError):
+        PlaneDomain.from_boundary(np.array([0, 1 + 1j, 1, 1j, -1 + 0.5j]))
+    with pytest.raises(DomainError, match="clockwise"):
+        PlaneDomain.from_boundary(np.exp(-1j * ANGLES))

@@ -1,0 +1,64 @@
+"""Quadrature rules converge at the orders they are known for."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.polynomial import polynomial as poly
+
+from spinor_geom.domain.quadrature import cumulative_matrix, rule
+from spinor_geom.errors import OptionError
+
+
+def error(name, n):
+    nodes, weights = rule(name, n)
+    return abs(weights @ np.exp(nodes) - (math.e - 1))
+
+
+@pytest.mark.parametrize(("name", "order"), [("trapezoid", 2), ("simpson", 4)])
+def test_composite_rules_converge_at_their_order(name, order):
+    counts = np.array([4, 8, 16, 32])
+    slope = -np.polyfit(np.log(counts), np.log([error(name, int(n)) for n in counts]), 1)[0]
+    assert abs(slope - order) < 0.02
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 16])
+def test_gauss_is_exact_to_degree_2n_minus_1(n):
+    nodes, weights = rule("gauss", n)
+    degrees = np.arange(2 * n)
+    np.testing.assert_allclose(weights @ nodes[:, None] ** degrees, 1 / (degrees + 1), rtol=1e-13)
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_gauss_is_not_exact_beyond(n):
+    nodes, weights = rule("gauss", n)
+    missing = 1 / (2 * n + 1) - weights @ nodes ** (2 * n)
+    # the integral of the squared monic Legendre polynomial of degree n
+    assert abs(missing / (math.factorial(n) ** 4 / ((2 * n + 1) * math.factorial(2 * n) ** 2)) - 1) < 1e-9
+
+
+@pytest.mark.parametrize(("name", "n"), [("trapezoid", 1), ("trapezoid", 7), ("simpson", 6), ("gauss", 9)])
+def test_nodes_lie_in_the_interval_and_weights_sum_to_one(name, n):
+    nodes, weights = rule(name, n)
+    assert len(nodes) == len(weights) == (n if name == "gauss" else n + 1)
+    assert (np.diff(nodes) > 0).all()
+    assert nodes[0] >= 0
+    assert nodes[-1] <= 1
+    assert abs(weights.sum() - 1) < 1e-15
+    np.testing.assert_allclose(nodes, 1 - nodes[::-1], atol=1e-16)
+
+
+@pytest.mark.parametrize("order", [1, 2, 4, 12, 20])
+def test_cumulative_integration_is_exact_for_polynomials(order):
+    nodes, _ = rule("gauss", order)
+    coefficients = np.random.default_rng(order).normal(size=order)  # degree order − 1
+    integral = poly.polyval(nodes, poly.polyint(coefficients))
+    np.testing.assert_allclose(cumulative_matrix(order) @ poly.polyval(nodes, coefficients), integral, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "message"), [("gauss", 0, "at least 1"), ("simpson", 3, "even"), ("romberg", 4, "'romberg'")]
+)
+def test_bad_rules_are_refused(name, n, message):
+    with pytest.raises(OptionError, match=message):
+        rule(name, n)

@@ -1,0 +1,189 @@
+"""Every holomorphic model: holomorphic, with the right derivative, and the same again after saving."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.domain.panels import Panels
+from spinor_geom.errors import DtypeError, StorageError
+from spinor_geom.holomorphic import MODELS, CauchyNetwork, HolomorphicModel, PowerSeries, rebuild
+from spinor_geom.holomorphic.poles import place_poles
+
+ANGLES = 2 * np.pi * np.arange(60) / 60
+ELLIPSE = PlaneDomain.from_boundary(2 * np.cos(ANGLES) + 1j * np.sin(ANGLES))
+STEP = 1e-5
+
+
+def complex_normal(*shape, seed=0):
+    rng = np.random.default_rng(seed)
+    return torch.from_numpy(rng.normal(size=shape) + 1j * rng.normal(size=shape))
+
+
+def nodes(domain, order=8):
+    panels = Panels.on(domain.boundary, domain.boundary.parameters, order)
+    return torch.from_numpy(panels.z), torch.from_numpy(panels.arc_weights / panels.arc_weights.sum())
+
+
+def cauchy_network(degree=12):
+    z, weight = nodes(ELLIPSE)
+    poles = place_poles(ELLIPSE)
+    network = CauchyNetwork.orthonormal_on(
+        z, weight, poles=torch.from_numpy(poles.positions), scales=torch.from_numpy(poles.scales), degree=degree
+    )
+    with torch.no_grad():
+        network.readout.copy_(complex_normal(*network.readout.shape))
+    return network
+
+
+MADE = {
+    "series": PowerSeries(complex_normal(9, 2), center=0.3 - 0.1j, radius=2.5),
+    "constant": PowerSeries(complex_normal(1, 2)),
+    "cauchy": cauchy_network(),
+}
+every_model = pytest.mark.parametrize("model", MADE.values(), ids=MADE.keys())
+
+
+def inner_points(count=40, seed=0):
+    """Points of the ellipse, a tenth or more away from its boundary."""
+    rng = np.random.default_rng(seed)
+    angle, radius = rng.uniform(0, 2 * np.pi, count), 0.85 * np.sqrt(rng.uniform(size=count))
+    return torch.from_numpy(radius * (2 * np.cos(angle) + 1j * np.sin(angle)))
+
+
+def cauchy_riemann_error(function, z):
+    """Largest |f_x + i f_y| by central differences, as a share of the largest derivative."""
+    by_x = (function(z + STEP) - function(z - STEP)) / (2 * STEP)
+    by_y = (function(z + 1j * STEP) - function(z - 1j * STEP)) / (2 * STEP)
+    scale = torch.maximum(by_x.abs().max(), by_y.abs().max())
+    return float((by_x + 1j * by_y).abs().max() / scale.clamp(min=1e-3))
+
+
+@every_model
+def test_models_meet_the_protocol(model):
+    assert isinstance(model, HolomorphicModel)
+    assert isinstance(model, torch.nn.Module)
+    assert MODELS[model.kind] is type(model)
+
+
+@every_model
+def test_cauchy_riemann_equations_hold(model):
+    with torch.no_grad():
+        assert cauchy_riemann_error(model.value, inner_points()) < 1e-6
+        assert cauchy_riemann_error(model.features, inner_points()) < 1e-6
+
+
+@pytest.mark.parametrize(
+    "function",
+    [lambda z: z.conj(), lambda z: z**2 + 1e-3 * z.conj(), lambda z: z * z.abs(), lambda z: torch.exp(z).real + 0j],
+)
+def test_cauchy_riemann_check_fails_on_functions_that_are_not_holomorphic(function):
+    assert cauchy_riemann_error(function, inner_points()) > 1e-5
+
+
+@every_model
+def test_derivative_equals_that_of_autodiff(model):
+    for k in range(2):
+        z = inner_points().requires_grad_()
+        # PyTorch's gradient of the real part of a holomorphic f is the conjugate of f′
+        (gradient,) = torch.autograd.grad(model.value(z)[:, k].real.sum(), z)
+        derivative = model.derivative(z.detach())[:, k].detach()
+        scale = float(derivative.abs().max().clamp(min=1))
+        torch.testing.assert_close(gradient.conj().resolve_conj(), derivative, rtol=0, atol=1e-10 * scale)
+
+
+@every_model
+def test_value_is_linear_in_the_features(model):
+    z = inner_points()
+    readout = model.coefficients if isinstance(model, PowerSeries) else model.readout
+    with torch.no_grad():
+        value = model.value(z)
+        torch.testing.assert_close(value, model.features(z) @ readout, rtol=0, atol=1e-10 * float(value.abs().max()))
+
+
+@every_model
+def test_points_of_any_shape(model):
+    z = inner_points(24)
+    with torch.no_grad():
+        whole = model.value(z)
+        for shape in ((4, 6), (24, 1), (2, 3, 4)):
+            np.testing.assert_allclose(model.value(z.reshape(shape)).reshape(24, 2), whole, rtol=1e-11, atol=1e-11)
+            assert model.derivative(z.reshape(shape)).shape == (*shape, 2)
+        assert model.value(z[3]).shape == (2,)
+        assert model.features(z[:0]).shape[0] == 0
+
+
+@every_model
+def test_readout_is_trainable(model):
+    parameters = list(model.parameters())
+    assert len(parameters) == 1
+    model.zero_grad()
+    model.value(inner_points(5)).abs().sum().backward()
+    assert parameters[0].grad.abs().min() > 0
+
+
+@every_model
+def test_saved_model_is_rebuilt_bit_for_bit(model):
+    config = json.loads(json.dumps(model.config()))
+    state = {name: tensor.clone() for name, tensor in model.state_dict().items()}
+    again = rebuild(model.kind, config, state)
+    with torch.no_grad():
+        assert torch.equal(again.value(inner_points()), model.value(inner_points()))
+        assert torch.equal(again.derivative(inner_points()), model.derivative(inner_points()))
+
+
+def test_unknown_kind_is_refused():
+    with pytest.raises(StorageError, match=r"'mlp'; known: cauchy, series"):
+        rebuild("mlp", {}, {})
+
+
+@every_model
+def test_state_that_does_not_fit_is_refused(model):
+    with pytest.raises(StorageError, match="does not fit"):
+        rebuild(model.kind, {}, model.state_dict())
+    state = dict(model.state_dict())
+    state.popitem()
+    with pytest.raises(StorageError, match="does not fit"):
+        rebuild(model.kind, model.config(), state)
+
+
+def test_real_coefficients_are_refused():
+    with pytest.raises(DtypeError, match="float64"):
+        PowerSeries(torch.zeros(3, 2, dtype=torch.float64))
+    with pytest.raises(DtypeError, match=r"\(3, 1\)"):
+        PowerSeries(torch.zeros(3, 1, dtype=torch.complex128))
+    z, weight = nodes(ELLIPSE)
+    with pytest.raises(DtypeError, match="poles"):
+        CauchyNetwork.orthonormal_on(
+            z, weight, poles=torch.full((2,), 3.0, dtype=torch.float64), scales=torch.ones(2), degree=3
+        )
+
+
+@pytest.mark.parametrize("degree", [5, 40])
+def test_features_of_a_cauchy_network_are_orthonormal_on_the_boundary(degree):
+    network = cauchy_network(degree)
+    z, weight = nodes(ELLIPSE)
+    with torch.no_grad():
+        features = network.features(z)
+    gram = features.mH @ (weight[:, None] * features)
+    # directions down to 1e-12 of the largest are kept, and lose that many digits
+    assert float((gram - torch.eye(len(gram))).abs().max()) < 1e-4
+    wide = network.mixing.abs().sum(0) < 1e4
+    assert wide.sum() > 20
+    assert float((gram - torch.eye(len(gram)))[wide][:, wide].abs().max()) < 1e-10
+
+
+def test_cauchy_network_reproduces_a_function_with_a_pole_near_the_boundary():
+    network = cauchy_network(20)
+    z, weight = nodes(ELLIPSE)
+
+    def target(points):
+        return torch.stack([1 / (points - 2.15), torch.exp(points)], dim=-1)
+
+    with torch.no_grad():
+        network.readout.copy_(network.features(z).mH @ (weight[:, None] * target(z)))
+        inside = inner_points()
+        # the pole lies 0.15 outside the tip; one unit a vertex follows it
+        assert float((network.value(inside) - target(inside)).abs().max()) < 1e-6

@@ -1,0 +1,105 @@
+"""Poles lie outside Ω, clear of it, and cluster at corners."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from spinor_geom.discrete.minimal_surface import first_disk
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.domain.flattening import flatten
+from spinor_geom.holomorphic.poles import place_poles, refining_poles
+from tests.loops import L_SHAPE, planar, ramp, slit
+from tests.strategies import rough_loops
+
+FLAT = np.array([1, 1j, 0])
+
+
+def flat_domain(loop_points, corners=None):
+    disk = first_disk(loop_points)
+    return PlaneDomain.from_boundary(flatten(disk.vertices, disk.faces, len(loop_points)).boundary, corners)
+
+
+def plane(loop):
+    return PlaneDomain.from_boundary(loop.points @ FLAT, loop.corners)
+
+
+def distance_to_boundary(domain, z):
+    t = np.arange(8000) / 8000
+    return np.abs(z[:, None] - domain.boundary.point(t)).min(axis=1)
+
+
+DOMAINS = {
+    "disk": PlaneDomain.disk(2.0),
+    "L": plane(planar(L_SHAPE, 60)),
+    "slit": plane(slit()),
+    "ramp": flat_domain(ramp(2.2).points),
+}
+every_domain = pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS.keys())
+
+
+@every_domain
+def test_poles_lie_outside(domain):
+    poles = place_poles(domain)
+    assert not domain.contains(poles.positions).any()
+    assert (poles.scales > 0).all()
+    # at most a pole a vertex, and 16 a corner
+    assert len(poles.positions) <= len(domain.boundary.vertices) + 16 * domain.boundary.corners.sum()
+    assert len(poles.positions) > 0.9 * (~domain.boundary.corners).sum()
+
+
+@every_domain
+def test_scale_of_a_unit_is_about_its_poles_distance(domain):
+    poles = place_poles(domain)
+    ratio = distance_to_boundary(domain, poles.positions) / poles.scales
+    # never nearer than 0.6 of it to any part of ∂Ω; a sample of ∂Ω may lie a little beside the nearest point
+    assert ratio.min() > 0.55
+    assert ratio.max() < 1.05
+
+
+@settings(max_examples=10)
+@given(points=rough_loops(max_points=80))
+def test_poles_of_ragged_domains_lie_outside(points):
+    domain = flat_domain(points)
+    poles = place_poles(domain)
+    assert not domain.contains(poles.positions).any()
+    assert (distance_to_boundary(domain, poles.positions) > 0.4 * poles.scales).all()
+
+
+def test_offset_is_in_local_edges():
+    domain = DOMAINS["disk"]
+    edge = np.abs(domain.boundary.vertices[1] - domain.boundary.vertices[0])
+    for offset in (0.5, 1.0, 2.0):
+        np.testing.assert_allclose(np.abs(place_poles(domain, offset=offset).positions), 2 + offset * edge, rtol=1e-12)
+
+
+def test_corner_poles_cluster_root_exponentially_on_the_outer_bisector():
+    square = plane(planar([(0, 0), (1, 0), (1, 1), (0, 1)], 16))
+    poles = place_poles(square)
+    corner = poles.positions[(poles.positions.real < 0) & (poles.positions.imag < 0)]
+    np.testing.assert_allclose(np.angle(-corner), np.pi / 4, atol=1e-9)
+    distance = np.sort(np.abs(corner))
+    assert len(distance) == 16
+    root = np.sqrt(np.arange(1, 17))
+    slope, residual, *_ = np.polyfit(root, np.log(distance), 1, full=True)
+    assert 3 < slope[0] < 5
+    assert residual[0] < 1e-12
+    assert abs(distance[-1] - 0.5) < 1e-12
+
+
+@every_domain
+def test_refining_poles_lie_outside_beside_their_panels(domain):
+    t = domain.boundary.parameters
+    panels = np.stack([t[3:6], t[4:7]], axis=1)
+    poles = refining_poles(domain, panels)
+    # three middles and four ends
+    assert 5 <= len(poles.positions) <= 7
+    assert not domain.contains(poles.positions).any()
+    edge = np.abs(np.diff(domain.boundary.point(t[3:7]))).max()
+    near = domain.boundary.point(np.linspace(t[3], t[6], 200))
+    assert np.abs(poles.positions[:, None] - near).min(axis=1).max() < 0.51 * edge
+
+
+def test_poles_add_up():
+    disk = DOMAINS["disk"]
+    both = place_poles(disk) + refining_poles(disk, np.array([[0.1, 0.2]]))
+    assert len(both.positions) == len(both.scales) == 64 + 3
