@@ -21,8 +21,9 @@ from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 # the iteration wanders off; from 4 on both agree. On smooth loops 2 is enough.
 _EQUATIONS_ROUGH = 4.0
 _EQUATIONS_SMOOTH = 2.0
-# A refined network starts from a good fit and does not wander off.
+# A large refined network starts from a good fit and does not wander off; small ones can afford more.
 _EQUATIONS_REFINED = 2.5
+_SMALL_NETWORK = 200
 _SMOOTH_TURN = np.radians(12.0)
 _FEWEST_NODES_PER_PANEL = 4
 _MAX_FEATURES = 420
@@ -135,14 +136,16 @@ class Discretisation:
         matter[order[: max(0, len(energy) - room)]] = False
         breaks = self.panels.breaks
         chosen = np.stack([breaks[:-1][matter], breaks[1:][matter]], axis=1)
+        poles = self.poles + refining_poles(self.domain, chosen)
+        small = self.degree + len(poles.positions) < _SMALL_NETWORK
         return self._of(
             self.domain,
             self.problem.curve,
             self.pairs,
-            poles=self.poles + refining_poles(self.domain, chosen),
+            poles=poles,
             breaks=np.sort(np.concatenate([breaks, chosen.mean(axis=1)])),
             degree=self.degree,
-            equations=_EQUATIONS_REFINED,
+            equations=_EQUATIONS_ROUGH if small else _EQUATIONS_REFINED,
         )
 
     @property

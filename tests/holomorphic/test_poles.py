@@ -24,8 +24,8 @@ def plane(loop):
 
 
 def distance_to_boundary(domain, z):
-    t = np.arange(8000) / 8000
-    return np.abs(z[:, None] - domain.boundary.point(t)).min(axis=1)
+    boundary = np.concatenate([domain.boundary.vertices, domain.boundary.point(np.arange(8000) / 8000)])
+    return np.abs(z[:, None] - boundary).min(axis=1)
 
 
 DOMAINS = {
