@@ -91,7 +91,7 @@ def _edge_length(target: float | None, loop: BoundaryLoop, *, area: float) -> fl
     """The edge length inside, at unit size."""
     cell = area * 2 / 3**0.5  # n equilateral pairs of triangles of edge h have the area n·h²·√3/2
     if target is None:
-        return max(loop.mean_edge_length / loop.diagonal, (cell / _VERTICES) ** 0.5)
+        return float(max(loop.mean_edge_length / loop.diagonal, (cell / _VERTICES) ** 0.5))
     size = target / loop.diagonal
     if cell > _MOST_VERTICES * size**2:
         shortest = (cell / _MOST_VERTICES) ** 0.5 * loop.diagonal

@@ -21,6 +21,8 @@ from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 DiscreteMethod = Literal["libigl", "pymeshlab"]
 # The first mesh only has to be near enough for its flattening to be right.
 _FIRST_CHANGE = 1e-3
+_FINE_CHANGE = 1e-8
+_FINE_GROWTH = 0.15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,6 +125,21 @@ def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
         FirstFillError: no first fill was found.
     """
     return _fill(unfolded_loop(points), points, relative_change=_FIRST_CHANGE)
+
+
+def finer_disk(disk: Disk, boundary_size: int) -> Disk:
+    """The disk flattened and meshed anew, finer inside, until its area is stationary; twice.
+
+    Folds and narrow places that the first mesh is too coarse for come out right.
+
+    Raises:
+        DomainError: the disk has no simple flattening.
+    """
+    points = disk.vertices[:boundary_size]
+    for _ in range(2):
+        flat = flatten(disk.vertices, disk.faces, boundary_size).boundary
+        disk = _fill(flat, points, relative_change=_FINE_CHANGE, size=graded_size(flat, growth=_FINE_GROWTH))
+    return disk
 
 
 def _fill(

@@ -192,7 +192,8 @@ def _held_nodes(problem: PlateauProblem, state: _State) -> Int[Tensor, " k"]:
     low, high = problem.slide_bounds.T
     beyond = (state.tangent * state.error).sum(1)
     held = ((state.slide <= low) & (beyond < 0)) | ((state.slide >= high) & (beyond > 0))
-    return held.nonzero()[:, 0]
+    nodes: Tensor = held.nonzero()[:, 0]
+    return nodes
 
 
 def _directions(

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from spinor_geom.discrete.minimal_surface import first_disk
+from spinor_geom.discrete.minimal_surface import Disk, finer_disk, first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import OptionError
@@ -33,6 +33,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
 _MAX_ROUNDS = 3
+# A fit that is left farther from Γ than this, in mean edges, is tried again from a finer discrete disk.
+_POOR = 5e-3
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
 # A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
@@ -68,7 +70,7 @@ def solve_plateau(
     *,
     model: Literal["cauchy"] | Cauchy = "cauchy",
     tolerance: float = 1e-3,
-    max_iterations: int = 60,
+    max_iterations: int = 120,
     device: str | torch.device = "cpu",
     on_iteration: Callable[[Iteration], None] | None = None,
 ) -> PlateauSolution:
@@ -84,7 +86,7 @@ def solve_plateau(
         model: "cauchy" for `Cauchy()`, or its options.
         tolerance: RMS distance of the surface's boundary from Γ, in mean loop edges, below which the result counts as
             converged.
-        max_iterations: limit on Gauss-Newton steps.
+        max_iterations: limit on Gauss-Newton steps in all.
         device: where the linear algebra runs; the surface is returned there.
         on_iteration: called after each step.
 
@@ -117,29 +119,20 @@ def _solve(
     unit = _at_unit_size(loop)
     rim = _rim(unit)
     curve = BoundaryCurve.from_loop(unit)
+    budget = _Budget(
+        allowed=tolerance * unit.mean_edge_length, max_iterations=max_iterations, on_iteration=on_iteration
+    )
+    task = _Task(loop=unit, rim=rim, curve=curve, options=options, budget=budget, device=device, clock=clock)
     with clock.stage("first fill"):
         disk = first_disk(unit.points[rim])
-    with clock.stage("flattening"):
-        flat = flatten(disk.vertices, disk.faces, len(rim))
-        domain = PlaneDomain.from_boundary(flat.boundary, unit.corners[rim], flat.log_scale)
-    with clock.stage("features"):
-        tensors = CurveTensors.of(curve, device)
-        turning = float(np.quantile(turning_angles(unit.points), 0.9))
-        corners = unit.corners[rim]
-        pairs = CornerPairs(t=domain.boundary.parameters[:-1][corners], s=curve.breaks[rim[corners]])
-        stage = Discretisation.first(
-            domain, tensors, pairs, degree=options.degree, offset=options.pole_offset, turning=turning
-        )
-    with clock.stage("fit"):
-        spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, device)
-        edge = np.searchsorted(domain.boundary.parameters, stage.panels.t, side="right") - 1
-        readout = stage.readout_of(spinors[torch.as_tensor(edge, device=device)])
-        knots = np.append(curve.breaks[rim], curve.breaks[rim[0]] + 1)
-        slide = torch.as_tensor(np.interp(stage.panels.t, domain.boundary.parameters, knots), device=device)
-        budget = _Budget(
-            allowed=tolerance * unit.mean_edge_length, max_iterations=max_iterations, on_iteration=on_iteration
-        )
-        fitted = _fit_and_refine(stage, readout, slide, budget, points=len(loop), offset=options.pole_offset)
+    fitted = task.fitted_from(disk, ())
+    poor = fitted.residual.rms > max(budget.allowed, _POOR * unit.mean_edge_length)
+    if poor and len(fitted.history) < max_iterations:
+        with clock.stage("first fill"):
+            disk = finer_disk(disk, len(rim))
+        again = task.fitted_from(disk, fitted.history)
+        best = again if again.residual.rms < fitted.residual.rms else fitted
+        fitted = replace(best, history=again.history)
     with clock.stage("surface"):
         surface = _surface(fitted, loop)
         area = surface.area()
@@ -169,8 +162,54 @@ def _solve(
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Task:
+    """One loop at unit size, and how it is to be fitted."""
+
+    loop: BoundaryLoop
+    rim: Int[np.ndarray, " k"]
+    curve: BoundaryCurve
+    options: Cauchy
+    budget: _Budget
+    device: torch.device
+    clock: _Clock
+
+    def fitted_from(self, disk: Disk, history: tuple[Iteration, ...]) -> _Fitted:
+        """The fit that starts from a discrete disk: its flattening gives Ω, its frames p and q."""
+        rim, curve, device = self.rim, self.curve, self.device
+        with self.clock.stage("flattening"):
+            flat = flatten(disk.vertices, disk.faces, len(rim))
+            corners = self.loop.corners[rim]
+            domain = PlaneDomain.from_boundary(flat.boundary, corners, flat.log_scale)
+        with self.clock.stage("features"):
+            pairs = CornerPairs(t=domain.boundary.parameters[:-1][corners], s=curve.breaks[rim[corners]])
+            stage = Discretisation.first(
+                domain,
+                CurveTensors.of(curve, device),
+                pairs,
+                degree=self.options.degree,
+                offset=self.options.pole_offset,
+                turning=float(np.quantile(turning_angles(self.loop.points), 0.9)),
+            )
+        with self.clock.stage("fit"):
+            spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, device)
+            edge = np.searchsorted(domain.boundary.parameters, stage.panels.t, side="right") - 1
+            readout = stage.readout_of(spinors[torch.as_tensor(edge, device=device)])
+            knots = np.append(curve.breaks[rim], curve.breaks[rim[0]] + 1)
+            slide = torch.as_tensor(np.interp(stage.panels.t, domain.boundary.parameters, knots), device=device)
+            return _fit_and_refine(
+                stage,
+                readout,
+                slide,
+                self.budget,
+                history,
+                points=len(self.loop),
+                offset=self.options.pole_offset,
+            )
+
+
 class _Clock:
-    """Wall time of named stages."""
+    """Wall time of named stages; a stage that comes again adds up."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
@@ -179,7 +218,7 @@ class _Clock:
     def stage(self, name: str) -> Iterator[None]:
         start = time.perf_counter()
         yield
-        self.seconds[name] = time.perf_counter() - start
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
 def _at_unit_size(loop: BoundaryLoop) -> BoundaryLoop:
@@ -244,6 +283,7 @@ def _fit_and_refine(
     readout: Complex[Tensor, "n 2"],
     slide: Float[Tensor, " nodes"],
     budget: _Budget,
+    history: tuple[Iteration, ...],
     *,
     points: int,
     offset: float,
@@ -251,7 +291,6 @@ def _fit_and_refine(
     """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
     best: _Fitted | None = None
     for remaining in reversed(range(_MAX_ROUNDS)):
-        history = best.history if best else ()
         fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
         history += fit.history
         if best is None and fit.residual > budget.allowed and stage.has_moduli:

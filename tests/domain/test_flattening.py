@@ -106,7 +106,9 @@ def test_rolled_up_sheet_flattens_to_the_sheet():
 def test_cap_of_a_sphere_flattens_to_a_regular_polygon():
     flat = flatten(*SURFACES["cap"])
     assert np.ptp(np.abs(flat.boundary - flat.boundary.mean())) < 1e-2
-    np.testing.assert_allclose(np.abs(np.roll(flat.boundary, -1) - flat.boundary), 2 * 0.8 * np.sin(np.pi / 80), rtol=5e-3)
+    np.testing.assert_allclose(
+        np.abs(np.roll(flat.boundary, -1) - flat.boundary), 2 * 0.8 * np.sin(np.pi / 80), rtol=5e-3
+    )
 
 
 @settings(max_examples=10)

@@ -1,0 +1,80 @@
+"""The second variation against exact thresholds, on the gallery's own surfaces."""
+
+import numpy as np
+import pytest
+
+from spinor_geom import gallery
+from spinor_geom.plateau.stability import assess_stability
+
+
+def test_gauss_image_of_ennepers_unit_disk_is_a_hemisphere():
+    """Its smallest eigenvalue is 1: on the hemisphere it belongs to the height, for which −Δu = 2u there."""
+    stability = assess_stability(gallery.enneper(1.0).surface)
+    assert abs(stability.eigenvalue - 1) < 1e-3
+    assert abs(stability.total_curvature / (2 * np.pi) - 1) < 1e-3
+    # the disk with R = 1 is neither stable nor unstable
+    assert stability.verdict == "undecided"
+    assert stability.index is None
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.9])
+def test_small_enneper_disks_are_stable_by_their_total_curvature(radius):
+    stability = assess_stability(gallery.enneper(radius).surface)
+    assert stability.verdict == "stable"
+    assert stability.index == 0
+    assert stability.eigenvalue is None
+    # the image is a cap of the sphere
+    assert abs(stability.total_curvature / (4 * np.pi * radius**2 / (1 + radius**2)) - 1) < 1e-3
+
+
+@pytest.mark.parametrize("radius", [1.05, 1.1, 1.5])
+def test_large_enneper_disks_have_index_one(radius):
+    stability = assess_stability(gallery.enneper(radius).surface)
+    assert stability.verdict == "unstable"
+    assert stability.index == 1
+    assert stability.eigenvalue < 1
+
+
+# half-width over pitch at which tanh U tanh kU = k, k = π/V, R/c = sinh U
+THRESHOLDS = [(2 * np.pi, 3**0.5), (1.5 * np.pi, 2.0), (4 * np.pi, 1.55632078449915)]
+
+
+@pytest.mark.parametrize(("turn", "radius"), THRESHOLDS)
+def test_helicoid_strips_lose_stability_at_the_known_width(turn, radius):
+    def strip(share):
+        return assess_stability(gallery.helicoid(share * radius, 1.0, turn=turn, both_sides=True).surface)
+
+    assert abs(strip(1.0).eigenvalue - 1) < 1e-3
+    assert strip(0.97).verdict == "stable"
+    assert strip(0.97).eigenvalue > 1
+    assert strip(1.03).verdict == "unstable"
+    assert strip(1.03).index == 1
+
+
+def test_helicoid_strip_of_half_a_turn_is_always_stable():
+    stability = assess_stability(gallery.helicoid(20.0, 1.0, turn=np.pi, both_sides=True).surface)
+    assert stability.verdict == "stable"
+    assert stability.total_curvature < 2 * np.pi
+
+
+def test_plane_disk_has_no_curvature():
+    stability = assess_stability(gallery.plane_disk().surface)
+    assert stability.verdict == "stable"
+    assert stability.total_curvature == 0
+
+
+def test_associate_and_moved_surfaces_have_the_same_stability():
+    surface = gallery.enneper(1.2).surface
+    first = assess_stability(surface)
+    for other in (surface.associate(0.7), surface.transform(scale=1e4, translation=(1, 2, 3))):
+        second = assess_stability(other)
+        assert abs(second.eigenvalue / first.eigenvalue - 1) < 1e-9
+        assert second.index == first.index == 1
+
+
+def test_index_counts_every_direction_of_descent():
+    """p = 1, q = z³ over |z| < R covers the Gauss image three times: the index grows with R."""
+    indices = [assess_stability(gallery.polynomial([1], [0, 0, 0, 1], radius=r).surface).index for r in (0.6, 1.1, 1.6)]
+    assert indices[0] == 0
+    assert indices[1] >= 1
+    assert indices == sorted(indices)
