@@ -160,5 +160,5 @@ def test_target_edge_length_must_be_positive(target):
 
 
 def test_unknown_method_is_refused():
-    with pytest.raises(OptionError, match="'gmsh'.*'libigl' or 'pymeshlab'"):
+    with pytest.raises(OptionError, match=r"'gmsh'.*'libigl' or 'pymeshlab'"):
         discrete_minimal_surface(slit(), method="gmsh")

@@ -126,7 +126,7 @@ def test_flat_boundaries_are_simple_and_keep_their_edge_lengths(points):
 def test_ramp_of_more_than_a_turn_is_straightened_until_it_is_clear():
     loop = ramp(2.2)
     disk = first_disk(loop.points)
-    neumann, turning = dirichlet_to_neumann(disk.vertices, disk.faces, len(loop))
+    _, turning = dirichlet_to_neumann(disk.vertices, disk.faces, len(loop))
     assert not is_simple(lay_out(loop.edge_lengths, turning, np.zeros(len(loop))))
     flat = flatten(disk.vertices, disk.faces, len(loop))
     assert is_simple(flat.boundary)
