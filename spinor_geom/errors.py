@@ -211,6 +211,17 @@ class SurfaceError(SpinorGeomError):
     """A surface has no finite value where one is needed."""
 
 
+class SingularMatrixError(SpinorGeomError, ValueError):
+    """A Laplacian cannot be factored: faces without area, as loops that cross themselves have them."""
+
+    def __init__(self, *, size: int) -> None:
+        super().__init__(
+            f"a Laplacian of {size} inner vertices is singular, as some faces have no area; check that the loop does "
+            "not cross itself or run along itself",
+            size=size,
+        )
+
+
 class DtypeError(SpinorGeomError, TypeError):
     """A tensor has the wrong dtype."""
 

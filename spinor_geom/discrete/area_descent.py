@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csc_array
 
+from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas, factor_symmetric
 
 # Harmonic steps converge slowly near a loss of stability, Newton steps need a good start: hand over at this change.
@@ -54,6 +55,9 @@ def descend_area(
         boundary_size: number of fixed vertices.
         relative_change: the area counts as stationary when a full Newton step lowers it by less than this share.
         max_iterations: limit on steps.
+
+    Raises:
+        SingularMatrixError: faces without area.
 
     Source: Pinkall & Polthier, "Computing discrete minimal surfaces and their conjugates", Experim. Math. 2 (1993).
     """
@@ -116,6 +120,8 @@ def _newton_step(x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: 
     rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
     matrix = csc_array(coo_array((hessian.ravel(), (rows, columns)), shape=(n, n)).tocsc()[m:, m:])
     metric = cotangent_laplacian(x, faces)[m:, m:]
+    if not np.isfinite(metric.data).all():
+        raise SingularMatrixError(size=n - m)
     shift = 0.0
     while True:
         factor = factor_symmetric(matrix + shift * metric)

@@ -45,7 +45,7 @@ def meshlab_minimal_surface(
     down to the target. Then the inner vertices are smoothed with cotangent weights, in batches of 25 steps, until a
     batch lowers the area by less than `relative_change`; after 100 batches, or when the area rises, it ends with
     converged=False. The smoothing also creeps along the surface itself and degenerates triangles in the long run, so
-    changes below about 1e-6 are seldom met but on plane loops.
+    changes below about 1e-6 are seldom met but on plane loops. `area_history` has an entry a batch.
 
     Time grows with the square of the loop's number of points, as the number of vertices does.
 

@@ -67,7 +67,8 @@ def discrete_minimal_surface(
     "libigl": the loop's minimum-area triangulation is unfolded, the plane polygon triangulated, and the inner vertices
     moved by Pinkall-Polthier iteration; the surface is then flattened again, which gives a nearly conformal domain,
     meshed anew there and brought to a stationary area by Newton's method along the normals. Triangles are as long as
-    the loop's edges beside it and grow with the distance from it, so their number grows like the loop's length.
+    the loop's edges beside it and grow with the distance from it, so their number grows like the loop's length; for an
+    area that converges with the loop's edge length give `target_edge_length`.
     "pymeshlab": its close-holes filter, isotropic remeshing, and cotangent smoothing of the inner vertices.
 
     Args:
@@ -80,6 +81,7 @@ def discrete_minimal_surface(
         OptionError: unknown method, or an edge length that is not positive.
         FirstFillError: no first fill was found.
         DomainError: the first fill has no simple flattening.
+        SingularMatrixError: the loop crosses itself or runs along itself, so that faces have no area.
 
     Source: Pinkall & Polthier (1993); the first fill after Barequet & Sharir (1995).
     """

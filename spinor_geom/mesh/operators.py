@@ -9,6 +9,8 @@ from jaxtyping import Float, Int
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
+from spinor_geom.errors import SingularMatrixError
+
 # igl is imported inside the functions: reading meshes and finding loops does not need it
 
 
@@ -26,8 +28,17 @@ def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarra
 
 
 def factor_symmetric(matrix: csc_array) -> SuperLU:
-    """Sparse LU of a symmetric matrix without row exchanges: U's diagonal has the signs of the eigenvalues."""
-    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    """Sparse LU of a symmetric matrix without row exchanges: U's diagonal has the signs of the eigenvalues.
+
+    Raises:
+        SingularMatrixError: the matrix is singular or not finite.
+    """
+    if not np.isfinite(matrix.data).all():
+        raise SingularMatrixError(size=matrix.shape[0])
+    try:
+        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError as error:  # what SuperLU raises for an exactly singular matrix
+        raise SingularMatrixError(size=matrix.shape[0]) from error
 
 
 def mass_matrix(

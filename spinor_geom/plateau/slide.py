@@ -10,7 +10,9 @@ from scipy.optimize import isotonic_regression
 def nearest_increasing(
     s: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], bounds: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " n"]:
-    """The non-decreasing slide around the circle nearest to s, with s_n ≤ s_0 + 1, inside the bounds of each node.
+    """A non-decreasing slide around the circle near to s, with s_n ≤ s_0 + 1, inside the bounds of each node.
+
+    It is the nearest one (isotonic regression) of the circle cut open at one node.
 
     Shortening the whole step instead stalls at corners and on noisy curves.
 

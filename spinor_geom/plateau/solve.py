@@ -94,6 +94,7 @@ def solve_plateau(
         OptionError: an unknown model or a value out of range.
         FirstFillError: no discrete disk over the loop was found.
         DomainError: no simple plane domain was found.
+        SingularMatrixError: the loop crosses itself or runs along itself.
 
     Source: Sun & Chern (2026) for the representation.
     """

@@ -14,6 +14,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Below this share of 2π the total curvature decides, whatever the error of its quadrature.
 _SURE = 0.98
+# Where refinement changes the total curvature by a larger share, the meshes are too coarse for the surface.
+_RESOLVED = 0.1
 _EIGENVALUES = 6
 # A triangle that following ∂Ω would shrink below this share of its area keeps its straight side.
 _THIN = 0.1
@@ -24,7 +26,8 @@ def assess_stability(surface: SpinorSurface) -> Stability:
 
     The total curvature ∫|K| dA decides first: below 2π the disk is stable. Otherwise the eigenvalues μ of
     −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated; the disk is
-    stable if the smallest is above 1. The difference of the meshes is the margin within which it is "undecided".
+    stable if the smallest is above 1. The difference of the meshes is the margin within which it is "undecided";
+    so it is where the total curvature still changes with the mesh, as on very rough rims.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
@@ -35,8 +38,9 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     finest = fine.refined(surface.domain)
     density = _gauss_image_density(surface, finest.points)
     mass, fine_mass = mesh.mass(density), fine.mass(density)
-    curvature = 0.5 * float(fine_mass.sum())
-    if curvature < _SURE * 2 * np.pi:
+    curvature, coarse_curvature = 0.5 * float(fine_mass.sum()), 0.5 * float(mass.sum())
+    resolved = abs(curvature - coarse_curvature) <= _RESOLVED * curvature
+    if max(curvature, coarse_curvature) < _SURE * 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvature)
     coarse_values = _smallest_eigenvalues(mesh.stiffness(), mass, mesh.inner)
     values = _smallest_eigenvalues(fine.stiffness(), fine_mass, fine.inner)
@@ -46,7 +50,7 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     margin = 0.5 * np.abs(values[:count] - extrapolated)
     index = int((extrapolated + margin < 1).sum())
     # the eigenvalues are in order: the first that is not surely below 1 decides about all after it
-    sure = index == count or bool(extrapolated[index] - margin[index] > 1)
+    sure = resolved and (index == count or bool(extrapolated[index] - margin[index] > 1))
     smallest = float(extrapolated[0])
     return Stability(
         verdict=("unstable" if index else "stable") if sure else "undecided",

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from spinor_geom import gallery
 from spinor_geom.discrete import discrete_minimal_surface
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import DomainError, FirstFillError, OptionError, SingularMatrixError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.loops import CONVEX, L_SHAPE, is_disk_on, noisy_ellipse, planar, polygon_area, ramp, ramp_area, slit
-from tests.strategies import rigid_motions, rough_loops
+from tests.strategies import SEEDS, rigid_motions, rough_loops
 
 METHODS = ("libigl", "pymeshlab")
 ENNEPER = gallery.enneper(0.8)
@@ -162,3 +163,19 @@ def test_target_edge_length_must_be_positive(target):
 def test_unknown_method_is_refused():
     with pytest.raises(OptionError, match=r"'gmsh'.*'libigl' or 'pymeshlab'"):
         discrete_minimal_surface(slit(), method="gmsh")
+
+
+@both
+@settings(max_examples=60)
+@given(count=st.integers(3, 30), kind=st.sampled_from(["space", "plane", "line"]), seed=SEEDS)
+def test_tangled_loops_give_a_disk_or_a_typed_error(method, count, kind, seed):
+    """Random points in random order: knots, plane loops that cross themselves, ways to and fro on a line."""
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    points[:, {"space": 3, "plane": 2, "line": 1}[kind] :] = 0
+    loop = BoundaryLoop.from_points(points)
+    try:
+        surface = filled(loop, method)
+    except (FirstFillError, DomainError, SingularMatrixError):
+        return
+    assert is_disk_on(loop, surface.vertices, surface.faces)
+    assert np.isfinite(surface.vertices).all()
