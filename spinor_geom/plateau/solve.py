@@ -34,7 +34,7 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 _LONGEST_RIM = 240
 _MAX_ROUNDS = 3
 # A fit that is left farther from Γ than this, in mean edges, is tried again from a finer discrete disk.
-_POOR = 5e-3
+_POOR = 1e-2
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
 # A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
