@@ -195,6 +195,6 @@ class Discretisation:
 
 
 def interpolate_matching(matching: Float[np.ndarray, "n 2"], t: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """S at parameters t of ∂Ω, linear between the pairs and continued around the circle."""
+    """Curve parameters s at parameters t of ∂Ω, linear between the pairs and continued around the circle."""
     around = np.concatenate([matching[-1:] - 1, matching, matching[:1] + 1])
     return np.asarray(np.interp(t, around[:, 0], around[:, 1]))

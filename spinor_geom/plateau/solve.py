@@ -16,7 +16,7 @@ from torch import Tensor
 from spinor_geom.discrete.minimal_surface import Disk, finer_disk, first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import DomainError, OptionError, SingularMatrixError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.corners import CornerPairs
@@ -129,11 +129,7 @@ def _solve(
     fitted = task.fitted_from(disk, ())
     poor = fitted.residual.rms > max(budget.allowed, _POOR * unit.mean_edge_length)
     if poor and len(fitted.history) < max_iterations:
-        with clock.stage("first fill"):
-            disk = finer_disk(disk, len(rim))
-        again = task.fitted_from(disk, fitted.history)
-        best = again if again.residual.rms < fitted.residual.rms else fitted
-        fitted = replace(best, history=again.history)
+        fitted = task.improved(fitted, disk)
     with clock.stage("surface"):
         surface = _surface(fitted, loop)
         area = surface.area()
@@ -174,6 +170,17 @@ class _Task:
     budget: _Budget
     device: torch.device
     clock: _Clock
+
+    def improved(self, fitted: _Fitted, disk: Disk) -> _Fitted:
+        """The better of a fit and one that starts from a finer disk; the fit itself where that disk cannot be made."""
+        try:
+            with self.clock.stage("first fill"):
+                finer = finer_disk(disk, len(self.rim))
+            again = self.fitted_from(finer, fitted.history)
+        except (DomainError, SingularMatrixError):  # what a second try fails at must not cost the first one's result
+            return fitted
+        best = again if again.residual.rms < fitted.residual.rms else fitted
+        return replace(best, history=again.history)
 
     def fitted_from(self, disk: Disk, history: tuple[Iteration, ...]) -> _Fitted:
         """The fit that starts from a discrete disk: its flattening gives Ω, its frames p and q."""
@@ -295,7 +302,9 @@ def _fit_and_refine(
         fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
         history += fit.history
         if best is None and fit.residual > budget.allowed and stage.has_moduli:
-            stage, fit, history = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+            corrected, again, history = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+            if again.residual < fit.residual:
+                stage, fit = corrected, again
         residual = independent_residual(stage, fit, points=points)
         if best is not None and residual.rms >= best.residual.rms:
             return replace(best, history=history)
@@ -328,7 +337,10 @@ def _with_right_moduli(
         if fit.residual > last / 2 or len(history) >= budget.max_iterations:
             break
         last = fit.residual
-        moved = stage.moved(fit, offset=offset)
+        try:
+            moved = stage.moved(fit, offset=offset)
+        except DomainError:  # the move would fold Ω: what is fitted so far stands
+            break
         readout, slide = moved.transferred(stage, fit)
         stage = moved
     fit = budget.fit(stage, fit.readout, fit.slide, history, stall=_STALL)

@@ -77,7 +77,7 @@ class Anchors:
 
     def nearest_tensor(self, z: Complex[Tensor, "*pts"]) -> Int[Tensor, "*pts"]:
         """`nearest` for a tensor of any shape, also inside the transforms of torch.func; it has no derivative."""
-        index: Tensor = _Lookup.apply(z, self)  # type: ignore[no-untyped-call]
+        index: Tensor = _Lookup.apply(z, self)  # type: ignore[no-untyped-call] # torch leaves `apply` untyped
         return index
 
 
