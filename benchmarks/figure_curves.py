@@ -1,8 +1,7 @@
-"""Plateau's problem over loops whose minimal surface is known: how exact, and how fast."""
+"""Plateau's problem over loops whose minimal surface is known: how exact."""
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable
 from functools import partial
@@ -28,7 +27,6 @@ TOLERANCE, PLANE_TOLERANCE = 1e-6, 1e-10  # RMS distance per mean edge that loop
 AREA_ERROR, PLANE_AREA_ERROR = 1e-6, 1e-10  # relative
 CURVATURE = 1e-10  # |H| times the loop's diagonal: round-off of second derivatives close to poles
 SURFACE_DISTANCE = 1e-6  # per diameter
-SOLVE_SECONDS, SOLVE_VERTICES, SOLVE_RUNS = 0.5, 100, 5
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix()
 
 Case = tuple[str, Callable[[str], list[Figure]]]
@@ -92,14 +90,14 @@ def plane_loops() -> dict[str, BoundaryLoop]:
     return both
 
 
-def curve_figures(curve: gallery.KnownCurve, vertices: int, case: str) -> list[Figure]:
+def curve_figures(curve: gallery.KnownCurve, vertices: int, case: str, *, tolerance: float = TOLERANCE) -> list[Figure]:
     """Solves a smooth closed curve sampled at equal parameters, and measures boundary, area and verdict."""
-    solution, seconds = timed_solve(curve.sample(vertices), TOLERANCE)
+    solution, seconds = timed_solve(curve.sample(vertices), tolerance)
     figures = [
-        Figure.at_most(case, "RMS distance from Γ / mean edge", measured_rms_per_edge(solution), TOLERANCE),
+        Figure.at_most(case, "RMS distance from Γ / mean edge", measured_rms_per_edge(solution), tolerance),
         Figure(
             case=case,
-            name=f"converged to {TOLERANCE:g}",
+            name=f"converged to {tolerance:g}",
             measured=convergence(solution, seconds),
             target="yes",
             met=solution.converged,
@@ -200,24 +198,3 @@ def distances_to_surface(known: gallery.KnownSurface, points: Float[np.ndarray, 
         along = ((points - known.position(z)) * phi.conj()).sum(axis=-1)
         z = z + along / (np.abs(p) ** 2 + np.abs(q) ** 2) ** 2
     return np.asarray(np.linalg.norm(points - known.position(z), axis=1))
-
-
-def speed(only: str) -> list[Table]:
-    """Times the solve of smooth loops, whole and by stage: medians of several runs after one that is not counted."""
-    figures: list[Figure] = []
-    rows: list[tuple[str, ...]] = []
-    stages: tuple[str, ...] = ()
-    for curve in (gallery.twisted_circle(), gallery.ellipse(2.0, 0.3), gallery.tennis_seam(0.8)):
-        case = f"{curve.name}, {SOLVE_VERTICES} vertices"
-        if only not in case:
-            continue
-        note(case)
-        loop = curve.sample(SOLVE_VERTICES)
-        runs = [timed_solve(loop, 1e-3) for _ in range(SOLVE_RUNS + 1)][1:]
-        whole = statistics.median(seconds for _, seconds in runs)
-        figures.append(Figure.at_most(case, f"seconds, median of {SOLVE_RUNS}", whole, SOLVE_SECONDS))
-        stages = tuple(runs[0][0].timings)
-        medians = (statistics.median(solution.timings[stage] for solution, _ in runs) for stage in stages)
-        rows.append((case, *(f"{seconds:.3f}" for seconds in medians)))
-    by_stage = Table(title="Seconds of a solve by stage, medians", columns=("case", *stages), rows=tuple(rows))
-    return [figure_table("Solve of a smooth loop, first fill to solution", figures), by_stage]

@@ -18,7 +18,7 @@ from spinor_geom.adapters.mesh_files import FORMATS
 
 SHIPPED = Path(__file__).parent.parent / "data"
 NEAR, NEARER, NEAR_SHARE = 1e-2, 1e-3, 0.9  # RMS residuals per mean edge; share of all loops within the first
-MESH_SECONDS = {"bunny_scan.ply": 5.0, "spot_cut.obj": 15.0}
+MESH_SECONDS = {"bunny_scan.ply": 5.0, "rangemap_lato000.ply": 15.0, "spot_cut.obj": 4.0}
 STEPS = ("read", "solve", "mesh", "stitch", "all")
 WORST_NAMED = 8
 PROFILE_ROWS = 20

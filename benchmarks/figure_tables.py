@@ -12,7 +12,18 @@ from dataclasses import dataclass
 import torch
 
 BEGIN, END = "<!-- figures: begin (written by figures.py) -->", "<!-- figures: end -->"
-PACKAGES = ("spinor-geom", "numpy", "scipy", "torch", "libigl", "pythoncdt", "trimesh")
+PACKAGES = (
+    "spinor-geom",
+    "numpy",
+    "scipy",
+    "torch",
+    "libigl",
+    "pythoncdt",
+    "trimesh",
+    "pymeshlab",
+    "meshlib",
+    "pymeshfix",
+)
 REASON_LENGTH = 110
 
 
@@ -58,9 +69,14 @@ class Figure:
     @classmethod
     def at_most(cls, case: str, name: str, value: float, limit: float) -> Figure:
         """A value with an upper limit; a value that is not a number misses it."""
-        # seconds are around 1, errors far below
-        measured = f"{value:.2f}" if limit > 0.1 else f"{value:.1e}"
+        # seconds and shares are around 1, errors far below
+        measured = f"{value:.3g}" if limit > 0.02 else f"{value:.1e}"
         return cls(case=case, name=name, measured=measured, target=f"≤ {limit:g}", met=bool(value <= limit))
+
+    @classmethod
+    def at_least(cls, case: str, name: str, value: float, limit: float) -> Figure:
+        """A value with a lower limit; a value that is not a number misses it."""
+        return cls(case=case, name=name, measured=f"{value:.2f}", target=f"≥ {limit:g}", met=bool(value >= limit))
 
 
 def figure_table(title: str, figures: Iterable[Figure]) -> Table:

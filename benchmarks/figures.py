@@ -3,7 +3,11 @@
 Each group is measured in one run and makes tables of its own:
 
 - `curves`: Plateau's problem over curves and rims whose minimal surface is known,
-- `speed`: seconds of a solve by stage,
+- `any_loop`: loops of every kind, smooth, rough, narrow, winding and with corners,
+- `random`: a hundred random closed curves,
+- `solutions`: loops that bound several minimal disks,
+- `speed`: seconds and memory of a solve,
+- `fillers`: one hole filled by this project and by other tools that are installed,
 - `meshes`: every hole of every mesh file in a folder,
 - `profile`: the functions that one fill spends its time in; only where it is asked for by name.
 
@@ -17,14 +21,18 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from figure_curves import curves, speed
+from figure_curves import curves
+from figure_fillers import fillers
+from figure_loops import any_loop, random_loops
 from figure_meshes import SHIPPED, meshes, profile
+from figure_solutions import solutions
+from figure_speed import speed
 from figure_tables import Table, machine, replaced_section
 
 from spinor_geom.files import atomic_path
 
 README = Path(__file__).parent / "README.md"
-USUAL_GROUPS = ("curves", "speed", "meshes")
+USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "speed", "fillers", "meshes")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,7 +40,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parsed(arguments)
     groups: dict[str, Callable[[], list[Table]]] = {
         "curves": lambda: curves(options.only),
+        "any_loop": lambda: any_loop(options.only),
+        "random": lambda: random_loops(options.only),
+        "solutions": lambda: solutions(options.only),
         "speed": lambda: speed(options.only),
+        "fillers": lambda: fillers(options.only),
         "meshes": lambda: meshes(options.only, options.data),
         "profile": lambda: profile(options.profile_mesh),
     }
@@ -53,7 +65,7 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     """The command line's options."""
     parser = argparse.ArgumentParser(description="Measures the project's figures and prints them as markdown tables.")
     parser.add_argument(
-        "groups", nargs="*", metavar="GROUP", help=f"{', '.join(USUAL_GROUPS)} (the default: all three), profile"
+        "groups", nargs="*", metavar="GROUP", help=f"{', '.join(USUAL_GROUPS)} (the default: all of these), profile"
     )
     parser.add_argument(
         "--data", type=Path, default=SHIPPED, metavar="DIR", help="folder of mesh files (default: data/)"

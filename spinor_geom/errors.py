@@ -172,6 +172,20 @@ class ForeignLoopError(LoopError):
         )
 
 
+class SelfCrossingLoopError(LoopError):
+    """Edges of the loop meet that are no neighbours, or neighbours lie on each other."""
+
+    def __init__(self, *, edges: Sequence[Sequence[int]], count: int) -> None:
+        first, second = (tuple(edge) for edge in edges)
+        more = f" (and {count - 1} more {'pair' if count == 2 else 'pairs'})" if count > 1 else ""
+        super().__init__(
+            f"the loop crosses or touches itself: its edges {first} and {second} meet{more}, so it bounds no disk; "
+            "move them apart, or give them a common vertex where they meet, so that the loop falls into simple ones",
+            edges=(first, second),
+            count=count,
+        )
+
+
 class NoAreaError(LoopError):
     """The loop encloses nothing: its points lie on a line, or its sides on each other."""
 

@@ -25,10 +25,10 @@ BAD_INPUT = (
 
 
 class ExitStatus(enum.IntEnum):
-    """What the shell is told."""
+    """What the shell is told; 1 for a mesh that was written but deserves a look."""
 
     DONE = 0
-    NOT_ALL_FILLED = 1
+    IMPERFECT = 1
     BAD_INPUT = 2
     INTERRUPTED = 130
 

@@ -19,6 +19,7 @@ from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.optional import require
 
 COLUMNS = ("loop", "vertices", "perimeter", "filled", "residual/edge", "area", "stability", "new faces")
+CROSSINGS = "crossings"  # a column more, where there are some
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
@@ -59,7 +60,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     show_result(result)
     if arguments.picture is not None:
         draw(result, arguments.picture)
-    return ExitStatus.DONE if result.complete else ExitStatus.NOT_ALL_FILLED
+    return ExitStatus.DONE if result.complete and result.intersection_free else ExitStatus.IMPERFECT
 
 
 def require_format(path: Path) -> None:
@@ -118,9 +119,10 @@ def finite(value: Any) -> Any:
 
 
 def show_result(result: FillResult) -> None:
-    """The table of loops on a terminal; on standard error every requested loop that is not filled as asked."""
+    """The table of loops on a terminal; on standard error what is not filled as asked and what patches cross."""
     if result.loops:
-        show_table(COLUMNS, [row(outcome) for outcome in result.loops], piped=False)
+        columns = COLUMNS if result.intersection_free else (*COLUMNS, CROSSINGS)
+        show_table(columns, [row(outcome)[: len(columns)] for outcome in result.loops], piped=False)
     else:
         show_lines("no boundary loops: the mesh is closed, nothing to fill", piped=False)
     filled = sum(outcome.filled for outcome in result.loops)
@@ -133,10 +135,12 @@ def show_result(result: FillResult) -> None:
         if outcome.requested and not outcome.converged:
             state = "filled, but not within the tolerance" if outcome.filled else "not filled"
             complain(f"loop {outcome.index} ({len(outcome.loop)} vertices) {state}: {outcome.reason}")
+        for note in outcome.notes:
+            complain(f"loop {outcome.index} ({len(outcome.loop)} vertices): {note}")
 
 
 def row(outcome: LoopOutcome) -> list[str]:
-    """An outcome as a line of the table."""
+    """An outcome as a line of the table, with the column of crossings."""
     entry = outcome.to_dict()
     residual, area, stability = entry["residual_rms_per_edge"], entry["area"], entry["stability"]
     return [
@@ -148,6 +152,7 @@ def row(outcome: LoopOutcome) -> list[str]:
         "" if area is None else f"{area:.4g}",
         "" if stability is None else str(stability["verdict"]),
         str(outcome.faces_added),
+        str(outcome.intersections or ""),
     ]
 
 

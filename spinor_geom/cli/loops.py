@@ -11,6 +11,7 @@ from spinor_geom.cli.console import ExitStatus, show_lines, show_table
 from spinor_geom.cli.source import read_surface
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.intersections import loop_crossings
 
 COLUMNS = ("loop", "vertices", "perimeter", "mean edge", "elongation", "corners", "vertex", "remark")
 
@@ -39,6 +40,7 @@ def describe(index: int, loop: BoundaryLoop) -> dict[str, Any]:
         "normal": loop.plane.normal.tolist(),
         "slit_fraction": loop.slit_fraction,
         "seam_edges": len(loop.seam_edges),
+        "crossings": len(loop_crossings(loop.points)),
         "corners": loop.vertex_ids[loop.corners].tolist(),
         "vertex_ids": loop.vertex_ids.tolist(),
     }
@@ -46,9 +48,15 @@ def describe(index: int, loop: BoundaryLoop) -> dict[str, Any]:
 
 def row(index: int, loop: BoundaryLoop) -> list[str]:
     """A loop as a line of the table."""
+    crossings = 0 if loop.slit_fraction else len(loop_crossings(loop.points))
     remarks = [
         *([f"zero-width slit ({loop.slit_fraction:.0%})"] if loop.slit_fraction else []),
         *([f"{len(loop.seam_edges)} edges on another loop"] if len(loop.seam_edges) else []),
+        *(
+            [f"crosses or touches itself at {crossings} {'pair' if crossings == 1 else 'pairs'} of edges"]
+            if crossings
+            else []
+        ),
     ]
     return [
         str(index),

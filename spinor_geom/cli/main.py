@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-EPILOG = """exit status: 0 every requested loop was filled within the tolerance, 1 some were not (they are named on
-standard error), 2 the arguments or the input cannot be used"""
+EPILOG = """exit status: 0 every requested loop was filled within the tolerance and no patch crosses itself, the mesh or
+another patch, 1 some were not or do (they are named on standard error), 2 the arguments or the input cannot be used"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

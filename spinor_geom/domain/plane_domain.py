@@ -74,35 +74,51 @@ class SplineBoundary:
         return c[..., 0] + 1j * c[..., 1], t - self.parameters[piece]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CircleBoundary:
-    """The circle of a given radius about 0, with m vertices at equal angles."""
+class FourierBoundary:
+    """The analytic closed curve z(t) = Σ_k c_k e^{2πikt}, k = −K … K, with vertices at equal steps of t; no corners."""
 
-    radius: float = 1.0
-    count: int = 64
+    def __init__(self, coefficients: Complex[np.ndarray, " 2K+1"], count: int) -> None:
+        """Takes the coefficients from c_{−K} to c_K and the number of vertices."""
+        self.coefficients = np.asarray(coefficients, dtype=np.complex128)
+        self.parameters = np.linspace(0.0, 1.0, count + 1)
+        self.vertices = self.point(self.parameters[:-1])
+        self.corners = np.zeros(count, dtype=bool)
 
-    @cached_property
-    def vertices(self) -> Complex[np.ndarray, " m"]:
-        """The vertices radius·e^{2πik/m}."""
-        return self.point(self.parameters[:-1])
+    @classmethod
+    def circle(cls, radius: float = 1.0, count: int = 64) -> FourierBoundary:
+        """The circle of a given radius about 0."""
+        return cls(np.array([0.0, 0.0, radius]), count)
 
-    @cached_property
-    def parameters(self) -> Float[np.ndarray, " m1"]:
-        """k/m for k = 0 … m."""
-        return np.linspace(0.0, 1.0, self.count + 1)
-
-    @cached_property
-    def corners(self) -> Bool[np.ndarray, " m"]:
-        """A circle has none."""
-        return np.zeros(self.count, dtype=bool)
+    @property
+    def frequencies(self) -> Int[np.ndarray, " 2K+1"]:
+        """The frequencies k of the coefficients, −K … K."""
+        highest = len(self.coefficients) // 2
+        return np.arange(-highest, highest + 1)
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """z(t) = radius·e^{2πit}."""
-        return np.asarray(self.radius * np.exp(2j * np.pi * np.asarray(t)))
+        """z(t)."""
+        return self._sum(self.coefficients, t)
 
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dt = 2πi·z."""
-        return 2j * np.pi * self.point(t)
+        """dz/dt."""
+        return self._sum(2j * np.pi * self.frequencies * self.coefficients, t)
+
+    def grid(self, n: int) -> Complex[np.ndarray, "3 n"]:
+        """Rows z, dz/dt and d²z/dt² at t = j/n, j = 0 … n − 1, for n > 2K."""
+        k = self.frequencies
+        spectrum = np.zeros((3, n), dtype=np.complex128)
+        spectrum[:, k] = (2j * np.pi * k) ** np.arange(3)[:, None] * self.coefficients
+        return np.asarray(np.fft.ifft(spectrum, axis=1) * n)
+
+    def _sum(self, c: Complex[np.ndarray, " 2K+1"], t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        e = np.exp(2j * np.pi * np.asarray(t, dtype=np.float64))
+        middle = len(c) // 2
+        # one Horner sum in e and one in 1/e: neither multiplies by a power of e at the end
+        ahead, back = np.zeros_like(e), np.zeros_like(e)
+        for k in range(middle, 0, -1):
+            ahead = (ahead + c[middle + k]) * e
+            back = (back + c[middle - k]) * np.conj(e)
+        return np.asarray(c[middle] + ahead + back)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,12 +160,7 @@ class PlaneDomain:
         """
         if not radius > 0 or n < 3:
             raise OptionError(f"a disk needs a positive radius and at least 3 vertices, got {radius} and {n}")
-        boundary = CircleBoundary(radius=radius, count=n)
-        return cls(
-            boundary=boundary,
-            triangulation=triangulate_polygon(boundary.vertices, graded_size(boundary.vertices)),
-            log_scale=np.zeros(n),
-        )
+        return cls.inside(FourierBoundary.circle(radius, n))
 
     @classmethod
     def from_boundary(
@@ -163,7 +174,15 @@ class PlaneDomain:
         Raises:
             DomainError: the polygon of the vertices is not simple.
         """
-        boundary = SplineBoundary(vertices, corners)
+        return cls.inside(SplineBoundary(vertices, corners), log_scale)
+
+    @classmethod
+    def inside(cls, boundary: Boundary, log_scale: Float[np.ndarray, " m"] | None = None) -> PlaneDomain:
+        """The domain inside a curve, triangulated with edges that grow inwards.
+
+        Raises:
+            DomainError: the polygon of the curve's vertices is not simple.
+        """
         return cls(
             boundary=boundary,
             triangulation=triangulate_polygon(boundary.vertices, graded_size(boundary.vertices)),

@@ -12,11 +12,12 @@ from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_o
 from spinor_geom.fill.one_loop import FillOptions, fill_loop, require_positive
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges, joined, stitch
+from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.plateau.solve import Cauchy
+from spinor_geom.plateau.solve import Model
 from spinor_geom.plateau.threads import one_thread
 
 MeshT = TypeVar("MeshT")
@@ -30,7 +31,7 @@ def fill_hole(
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
-    model: Literal["cauchy"] | Cauchy = "cauchy",
+    model: Model = "auto",
     tolerance: float = 1e-3,
     return_report: Literal[False] = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
@@ -43,7 +44,7 @@ def fill_hole(
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
-    model: Literal["cauchy"] | Cauchy = "cauchy",
+    model: Model = "auto",
     tolerance: float = 1e-3,
     return_report: Literal[True],
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
@@ -56,7 +57,7 @@ def fill_hole(
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
-    model: Literal["cauchy"] | Cauchy = "cauchy",
+    model: Model = "auto",
     tolerance: float = 1e-3,
     return_report: Literal[False] = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
@@ -69,7 +70,7 @@ def fill_hole(
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
-    model: Literal["cauchy"] | Cauchy = "cauchy",
+    model: Model = "auto",
     tolerance: float = 1e-3,
     return_report: Literal[True],
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
@@ -81,7 +82,7 @@ def fill_hole(
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
-    model: Literal["cauchy"] | Cauchy = "cauchy",
+    model: Model = "auto",
     tolerance: float = 1e-3,
     return_report: bool = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
@@ -91,7 +92,8 @@ def fill_hole(
     The input is not changed. In the result its vertices, faces and attributes come first, as they were; the patches
     follow loop by loop, share the loop's vertices and are oriented like their neighbours. Vertex attributes are
     interpolated harmonically, normals are those of the surface. A loop that cannot be filled stays open; its reason is
-    in the report.
+    in the report. Where a patch crosses itself (over a knotted loop every disk does), the mesh or another patch, it is
+    kept and the report says so.
 
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
@@ -157,7 +159,7 @@ def _fill_loops(
     on_loop: Callable[[LoopOutcome, int], None] | None,
 ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
     """One outcome for every loop, and the patches of those that are filled."""
-    taken = RimEdges(mesh, loops)
+    taken, surroundings = RimEdges(mesh, loops), Surroundings(mesh)
     requested = sum(reason is None for reason in reasons)
     outcomes: list[LoopOutcome] = []
     patches: list[LoopPatch] = []
@@ -167,7 +169,7 @@ def _fill_loops(
                 LoopOutcome(index=place, loop=loop, requested=False, filled=False, reason=reason, timings={})
             )
             continue
-        outcome, patch = fill_loop(mesh, place, loop, taken, options)
+        outcome, patch = fill_loop(mesh, place, loop, taken, surroundings, options)
         outcomes.append(outcome)
         if patch is not None:
             patches.append(patch)

@@ -13,6 +13,7 @@ from spinor_geom.errors import (
     NoAreaError,
     OptionError,
     SeamError,
+    SelfCrossingLoopError,
     SpinorGeomError,
     SurfaceError,
     ZeroWidthSlitError,
@@ -21,13 +22,14 @@ from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
+from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.plateau.solve import Cauchy, solve_plateau
+from spinor_geom.plateau.solve import Model, require_model, solve_plateau
 
-MAX_SLIT_FRACTION = 0.5
 # A patch whose surface misses the loop by more, as RMS share of the mean edge, would be wrong beside its rim.
 MAX_RESIDUAL_PER_EDGE = 0.1
 MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
@@ -47,13 +49,12 @@ class FillOptions:
     """
 
     target_edge_length: float | Literal["auto"]
-    model: Literal["cauchy"] | Cauchy
+    model: Model
     tolerance: float
 
     def __post_init__(self) -> None:
         # here once, so that what goes wrong later is one loop's own
-        if self.model != "cauchy" and not isinstance(self.model, Cauchy):
-            raise OptionError(f"unknown model {self.model!r}; choose 'cauchy' or Cauchy(...)")
+        require_model(self.model)
         require_positive("tolerance", self.tolerance)
         if isinstance(self.target_edge_length, str):
             if self.target_edge_length != "auto":
@@ -75,9 +76,14 @@ def require_positive(name: str, value: float) -> None:
 
 
 def fill_loop(
-    mesh: TriangleMesh, place: int, loop: BoundaryLoop, taken: RimEdges, options: FillOptions
+    mesh: TriangleMesh,
+    place: int,
+    loop: BoundaryLoop,
+    taken: RimEdges,
+    surroundings: Surroundings,
+    options: FillOptions,
 ) -> tuple[LoopOutcome, LoopPatch | None]:
-    """The patch of one loop, or the reason why it has none."""
+    """The patch of one loop, or the reason why it has none; a patch joins what is taken and the surroundings."""
     clock = Clock()
     solution: PlateauSolution | None = None
     try:
@@ -98,6 +104,8 @@ def fill_loop(
         clock.lap("mesh")
         attributes = patch_attributes(mesh.vertex_attributes, loop, patch, surface)
         clock.lap("attributes")
+        crossings = surroundings.join(patch)
+        clock.lap("crossings")
     except SpinorGeomError as error:
         clock.lap("failed")
         outcome = LoopOutcome(
@@ -120,6 +128,10 @@ def fill_loop(
         vertices_added=len(patch.vertices) - patch.boundary_size,
         faces_added=len(patch.faces),
         edges_split=split,
+        self_intersections=len(crossings.own),
+        mesh_intersections=len(crossings.mesh),
+        patch_intersections=len(crossings.patches),
+        notes=crossings.notes,
         timings=clock.laps(),
     )
     return outcome, LoopPatch(place=place, loop=loop, patch=patch, attributes=attributes)
@@ -129,19 +141,35 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
     """Checks that a loop bounds a hole, before anything is solved.
 
     Raises:
-        ZeroWidthSlitError: over half of its length lies on the loop's own other side.
+        RepeatedPointError: two neighbouring vertices lie in one place.
+        ZeroWidthSlitError: edges of it lie on the loop's own other side.
         SeamError: edges of it lie on edges of another loop.
         LoneFaceError: it is the outline of a single face.
         NoAreaError: its points lie on a line.
+        SelfCrossingLoopError: it crosses or touches itself.
     """
-    if loop.slit_fraction > MAX_SLIT_FRACTION:
-        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=[int(v) for v in loop.vertex_ids[:2]])
+    require_distinct_neighbours(loop.points)
+    if loop.slit_fraction:
+        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=first_slit_edge(loop))
     if len(loop.seam_edges):
         raise SeamError(edge=[int(v) for v in loop.seam_edges[0]], count=len(loop.seam_edges))
     face = taken.face_on(loop)
     if face is not None:
         raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
     refuse_empty(loop, loop.diagonal / loop.elongation)
+    crossings = loop_crossings(loop.points)
+    if len(crossings):
+        edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
+        raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
+
+
+def first_slit_edge(loop: BoundaryLoop) -> list[int]:
+    """The vertices of the first edge of a loop that lies on another of its edges, run the other way."""
+    ends = np.roll(loop.points, -1, axis=0)
+    first, second = loop_crossings(loop.points).T
+    opposite = (loop.points[first] == ends[second]).all(axis=1) & (ends[first] == loop.points[second]).all(axis=1)
+    edge = first[np.argmax(opposite)]
+    return [int(loop.vertex_ids[edge]), int(loop.vertex_ids[(edge + 1) % len(loop)])]
 
 
 def refuse_empty(loop: BoundaryLoop, width: float) -> None:

@@ -26,7 +26,13 @@ class LoopOutcome:
         vertices_added: new vertices of its patch.
         faces_added: new faces of its patch.
         edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead.
-        timings: seconds by stage ("solve", "mesh", "attributes", or "failed" for the stage that was not finished).
+        self_intersections: pairs of faces of its patch that cross.
+        mesh_intersections: pairs of a face of its patch and one of the mesh that cross.
+        patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that cross.
+        notes: what else the caller should know, a sentence each: where those crossings are. Faces are numbered as the
+            triangles of the filled mesh.
+        timings: seconds by stage ("solve", "mesh", "attributes", "crossings", or "failed" for the stage that was not
+            finished).
     """
 
     index: int
@@ -38,12 +44,21 @@ class LoopOutcome:
     vertices_added: int = 0
     faces_added: int = 0
     edges_split: int = 0
+    self_intersections: int = 0
+    mesh_intersections: int = 0
+    patch_intersections: int = 0
+    notes: tuple[str, ...] = ()
     timings: Mapping[str, float]
 
     @property
     def converged(self) -> bool:
         """Whether the loop is filled and its boundary residual is within the tolerance."""
         return self.filled and self.solution is not None and bool(self.solution.converged)
+
+    @property
+    def intersections(self) -> int:
+        """All pairs of faces of which one is the patch's and that cross; 0 where no patch is."""
+        return self.self_intersections + self.mesh_intersections + self.patch_intersections
 
     def to_dict(self) -> dict[str, Any]:
         """The outcome in JSON's types; figures of a surface that was not found are None."""
@@ -71,6 +86,10 @@ class LoopOutcome:
             "vertices_added": self.vertices_added,
             "faces_added": self.faces_added,
             "edges_split": self.edges_split,
+            "self_intersections": self.self_intersections,
+            "mesh_intersections": self.mesh_intersections,
+            "patch_intersections": self.patch_intersections,
+            "notes": list(self.notes),
             "timings": {
                 **{name: float(seconds) for name, seconds in self.timings.items()},
                 **(
@@ -108,11 +127,17 @@ class FillResult:
         """Whether every loop that was asked for is filled within the tolerance (true where none was)."""
         return all(outcome.converged for outcome in self.loops if outcome.requested)
 
+    @property
+    def intersection_free(self) -> bool:
+        """Whether no patch crosses itself, the mesh or another patch; the mesh's own crossings do not count."""
+        return not any(outcome.intersections for outcome in self.loops)
+
     def to_dict(self) -> dict[str, Any]:
         """The report in JSON's types, without the mesh itself."""
         return {
             "complete": self.complete,
             "watertight": self.watertight,
+            "intersection_free": self.intersection_free,
             "vertices": len(self.original.vertices),
             "faces": len(self.original.faces),
             "vertices_added": len(self.extension.vertices),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
@@ -88,6 +90,63 @@ def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
         disks=(KnownDisk(area=np.pi * a, stable=True),) if height == 0 else (),
         source="area πab of the plane ellipse",
     )
+
+
+def random_curve(seed: int) -> KnownCurve:
+    """A random closed curve, strongly folded: Σ a_k cos 2πkt + b_k sin 2πkt with 3 to 6 harmonics, drawn out along x.
+
+    The components of a_k and b_k are normal with standard deviation 1/k, so that all harmonics turn the tangent alike.
+    Then x of the first harmonic is multiplied by an elongation uniform in [1, 10]: the loop is drawn out, its folds
+    stay as deep in every direction.
+
+    Args:
+        seed: of numpy's default generator.
+    """
+    random = np.random.default_rng(seed)
+    harmonics = int(random.integers(3, 7))
+    elongation = float(random.uniform(1, 10))
+    # (2, harmonics, 3)
+    coefficients = random.normal(size=(2, harmonics, 3)) / np.arange(1, harmonics + 1)[:, None]
+    coefficients[:, 0, 0] *= elongation
+    return _fourier(
+        name=f"random curve {seed}: {harmonics} harmonics, elongation {elongation:.1f}",
+        cosine=dict(enumerate(coefficients[0], start=1)),
+        sine=dict(enumerate(coefficients[1], start=1)),
+        disks=(),
+        source="normal coefficients",
+    )
+
+
+def l_shape(rise: float = 0.0) -> KnownCurve:
+    """The outline of three unit squares that make an L, with straight sides on the saddle z = rise·xy.
+
+    Args:
+        rise: 0 leaves it plane.
+    """
+    plane = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
+    return polygon(
+        np.column_stack([plane, rise * plane.prod(axis=1)]),
+        name="L-shape" if rise == 0 else f"L-shape on z = {rise:g}xy",
+        disks=(KnownDisk(area=3.0, stable=True),) if rise == 0 else (),
+        source="three unit squares",
+    )
+
+
+def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
+    """The rim of a crown: the corners of a regular polygon in the unit circle, alternately at z = ±height.
+
+    Args:
+        sides: an even number of them.
+        height: half the height of the crown's teeth.
+
+    Raises:
+        OptionError: the number of sides is odd or below 4.
+    """
+    if sides < 4 or sides % 2:
+        raise OptionError(f"a zigzag rim needs an even number of sides from 4 on, got {sides}")
+    angle = 2 * np.pi * np.arange(sides) / sides
+    vertices = np.stack([np.cos(angle), np.sin(angle), height * (-1.0) ** np.arange(sides)], axis=1)
+    return polygon(vertices, name=f"zigzag rim of {sides} sides")
 
 
 def schwarz_d_quadrilateral() -> KnownCurve:
@@ -215,8 +274,8 @@ class _Polyline:
 def _fourier(
     *,
     name: str,
-    cosine: dict[int, tuple[float, float, float]],
-    sine: dict[int, tuple[float, float, float]],
+    cosine: Mapping[int, ArrayLike],
+    sine: Mapping[int, ArrayLike],
     disks: tuple[KnownDisk, ...],
     source: str,
 ) -> KnownCurve:

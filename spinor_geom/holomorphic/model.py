@@ -11,6 +11,7 @@ from torch import Tensor
 
 from spinor_geom.errors import StorageError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.series import PowerSeries
 
 
@@ -40,7 +41,8 @@ class HolomorphicModel(Protocol):
         ...
 
 
-MODELS: dict[str, type[CauchyNetwork] | type[PowerSeries]] = {
+MODELS: dict[str, type[CauchyInterpolant] | type[CauchyNetwork] | type[PowerSeries]] = {
+    CauchyInterpolant.kind: CauchyInterpolant,
     CauchyNetwork.kind: CauchyNetwork,
     PowerSeries.kind: PowerSeries,
 }

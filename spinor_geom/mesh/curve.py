@@ -1,13 +1,14 @@
-"""The smooth boundary curve Γ: a cubic spline through all vertices of a loop, with its corners kept."""
+"""The smooth boundary curve Γ: a spline through all vertices of a loop, with its corners kept."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import factorial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from scipy.spatial import cKDTree
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
@@ -17,37 +18,79 @@ SAMPLES_PER_PIECE = 8
 NEAREST_SAMPLES = 2
 MAX_NEWTON_STEPS = 30
 NEWTON_STEP_TOLERANCE = 1e-15
+# Degrees tried on loops without corners; higher ones gain nothing that float64 can hold.
+DEGREES = (3, 5, 7)
+# Fewer points do not show how smooth a curve is.
+MIN_POINTS_FOR_HIGH_DEGREE = 16
+# A higher degree must predict left-out points this many times better: on rough curves it only swings.
+GAIN_PER_DEGREE = 2.0
+ARC_NODES = 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryCurve:
-    """A closed curve Γ(s) in space, s in [0, 1), of M cubic pieces; piece i starts at vertex i of its loop.
+    """A closed curve Γ(s) in space, s in [0, 1), of M polynomial pieces; piece i starts at vertex i of its loop.
 
-    s is taken mod 1 everywhere. Within piece i, Γ(s) = Σ_k coefficients[k, i] (s − breaks[i])^(3 − k).
+    s is taken mod 1 everywhere. Within piece i, Γ(s) = Σ_k coefficients[k, i] (s − breaks[i])^(d − k), d the degree.
 
     Attributes:
-        breaks: (M + 1,) parameters of the vertices, from 0 to 1: chord length over perimeter.
-        coefficients: (4, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
-        corners: (M,) bool, at which vertices Γ′ jumps; elsewhere Γ is twice continuously differentiable.
+        breaks: (M + 1,) parameters of the vertices, from 0 to 1: share of the length up to the vertex, by chords for
+            degree 3, by arcs of the cubic spline for higher degrees (chords would spoil their order).
+        coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
+        corners: (M,) bool, at which vertices Γ′ jumps; elsewhere Γ is d − 1 times continuously differentiable.
     """
 
     breaks: Float[np.ndarray, " m_plus_1"]
-    coefficients: Float[np.ndarray, "4 m 3"]
+    coefficients: Float[np.ndarray, "d_plus_1 m 3"]
     corners: Bool[np.ndarray, " m"]
 
     @classmethod
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
-        """The interpolating cubic spline through all vertices of a loop, by chord length.
+        """The interpolating spline through all vertices of a loop.
 
-        Without corners it is periodic. With corners it is one not-a-knot spline from each corner to the next (from a
-        single corner back to itself); a side of two or one edges is a parabola or a straight line.
+        Without corners it is periodic, of the degree 3, 5 or 7 that predicts every second vertex best from the others:
+        smooth loops get the high orders, noisy ones the cubic. With corners it is one cubic not-a-knot spline from each
+        corner to the next (from a single corner back to itself); a side of two or one edges is a parabola or a straight
+        line.
 
         Raises:
             RepeatedPointError: two neighbouring points of the loop are equal.
+
+        Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
         require_distinct_neighbours(loop.points)
-        breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
+        if loop.corners.any():
+            breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
+        else:
+            breaks, coefficients = _smooth_spline(loop.points)
         return cls(breaks=breaks, coefficients=coefficients, corners=loop.corners)
+
+    def smoothed(self, width: float) -> BoundaryCurve:
+        """The cubic spline with the same breaks through vertices averaged along Γ, without corners.
+
+        Args:
+            width: standard deviation of the Gaussian weights, as a share of the whole curve.
+        """
+        count = len(self.breaks) - 1
+        n = SAMPLES_PER_PIECE * count
+        spectrum = np.fft.rfft(self.point(np.arange(n) / n), axis=0)
+        spectrum *= np.exp(-0.5 * (2 * np.pi * width * np.arange(len(spectrum))) ** 2)[:, None]
+        samples = np.fft.irfft(spectrum, n=n, axis=0)
+        vertices = CubicSpline(np.arange(n + 1) / n, np.vstack([samples, samples[:1]]), bc_type="periodic")(self.breaks)
+        return BoundaryCurve(
+            breaks=self.breaks,
+            coefficients=CubicSpline(self.breaks, vertices, bc_type="periodic").c,
+            corners=np.zeros(count, dtype=bool),
+        )
+
+    def towards(self, other: BoundaryCurve, share: float) -> BoundaryCurve:
+        """The curve (1 − share)·self + share·other of two curves with the same breaks; corners are those of `other`."""
+        degree = max(self.degree, other.degree)
+        first, last = (
+            np.concatenate([np.zeros((degree - c.degree, *c.coefficients.shape[1:])), c.coefficients])
+            for c in (self, other)
+        )
+        return BoundaryCurve(breaks=self.breaks, coefficients=(1 - share) * first + share * last, corners=other.corners)
 
     @property
     def corner_parameters(self) -> Float[np.ndarray, " c"]:
@@ -55,23 +98,22 @@ class BoundaryCurve:
         parameters: Float[np.ndarray, " c"] = self.breaks[:-1][self.corners]
         return parameters
 
+    @property
+    def degree(self) -> int:
+        """Degree d of the pieces."""
+        return len(self.coefficients) - 1
+
     def point(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ(s), in mesh units; at the parameter of a vertex it is that vertex, to the last bit."""
-        a, b, c, d, h = self._local(s)
-        value: Float[np.ndarray, "*pts 3"] = ((a * h + b) * h + c) * h + d
-        return value
+        return self._horner(*self._local(s))[0]
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ′(s), in mesh units per unit of s; at a corner the side that starts there counts."""
-        a, b, c, _, h = self._local(s)
-        value: Float[np.ndarray, "*pts 3"] = (3 * a * h + 2 * b) * h + c
-        return value
+        return self._horner(*self._local(s))[1]
 
     def second_derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ″(s), in mesh units per squared unit of s; at a corner the side that starts there counts."""
-        a, b, _, _, h = self._local(s)
-        value: Float[np.ndarray, "*pts 3"] = 6 * a * h + 2 * b
-        return value
+        return self._horner(*self._local(s))[2]
 
     def length(self) -> float:
         """Length of Γ in mesh units, by 16-point Gauss–Legendre quadrature on every piece."""
@@ -95,7 +137,7 @@ class BoundaryCurve:
         low = parameters[starts] - self.breaks[piece]
         high = np.append(parameters, 1.0)[starts + 1] - self.breaks[piece]
         local = self._minimise_distance(points[:, None, :], piece, low, high)
-        distance = np.linalg.norm(self._piece_values(piece, local)[0] - points[:, None, :], axis=-1)
+        distance = np.linalg.norm(self._horner(piece, local)[0] - points[:, None, :], axis=-1)
         best = np.argmin(distance, axis=1)[:, None]
         s = np.take_along_axis(self.breaks[piece] + local, best, axis=1)[:, 0]
         return np.where(s < 1.0, s, 0.0)
@@ -106,19 +148,24 @@ class BoundaryCurve:
         parameters = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * fractions).reshape(-1)
         return cKDTree(self.point(parameters)), parameters
 
-    def _local(self, s: Float[np.ndarray, "*pts"]) -> tuple[np.ndarray, ...]:
-        """The four coefficients (..., 3) of each parameter's piece, highest first, and its local parameter (..., 1)."""
+    def _local(self, s: Float[np.ndarray, "*pts"]) -> tuple[Int[np.ndarray, "*pts"], Float[np.ndarray, "*pts"]]:
+        """The piece of each parameter and its local parameter there."""
         wrapped = np.mod(s, 1.0)
         piece = np.clip(np.searchsorted(self.breaks, wrapped, side="right") - 1, 0, len(self.breaks) - 2)
-        return (*self.coefficients[:, piece], (wrapped - self.breaks[piece])[..., None])
+        return piece, wrapped - self.breaks[piece]
 
-    def _piece_values(
-        self, piece: Int[np.ndarray, "n c"], local: Float[np.ndarray, "n c"]
-    ) -> tuple[Float[np.ndarray, "n c 3"], Float[np.ndarray, "n c 3"], Float[np.ndarray, "n c 3"]]:
+    def _horner(
+        self, piece: Int[np.ndarray, "*pts"], local: Float[np.ndarray, "*pts"]
+    ) -> tuple[Float[np.ndarray, "*pts 3"], Float[np.ndarray, "*pts 3"], Float[np.ndarray, "*pts 3"]]:
         """Γ, Γ′ and Γ″ at local parameters of given pieces, their right ends included."""
-        a, b, c, d = self.coefficients[:, piece]
         h = local[..., None]
-        return ((a * h + b) * h + c) * h + d, (3 * a * h + 2 * b) * h + c, 6 * a * h + 2 * b
+        value = self.coefficients[0][piece]
+        first = second = np.zeros_like(value)
+        for coefficient in self.coefficients[1:]:
+            second = second * h + first
+            first = first * h + value
+            value = value * h + coefficient[piece]
+        return value, first, 2 * second
 
     def _minimise_distance(
         self,
@@ -130,7 +177,7 @@ class BoundaryCurve:
         """Local parameter between `low` and `high` where the distance to a point is least, by Newton's method."""
         local: Float[np.ndarray, "n c"] = (low + high) / 2
         for _ in range(MAX_NEWTON_STEPS):
-            value, first, second = self._piece_values(piece, local)
+            value, first, second = self._horner(piece, local)
             offset = value - points
             slope = (offset * first).sum(axis=-1)
             speed = (first * first).sum(axis=-1)
@@ -163,6 +210,51 @@ def piecewise_cubic(
     else:
         coefficients = CubicSpline(breaks, closed, bc_type="periodic").c
     return breaks, np.ascontiguousarray(coefficients)
+
+
+def _smooth_spline(
+    points: Float[np.ndarray, "m 3"],
+) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d_plus_1 m 3"]]:
+    """Breaks and coefficients of the periodic spline of the degree that suits the points."""
+    cubic = piecewise_cubic(points, np.zeros(len(points), dtype=bool))
+    if len(points) < MIN_POINTS_FOR_HIGH_DEGREE:
+        return cubic
+    breaks = _by_arcs(*cubic)
+    # an odd number of points leaves two neighbours next to each other; nothing is lost by that
+    kept, left_out = np.arange(0, len(points) - 1, 2), np.arange(1, len(points), 2)
+    coarse = np.append(breaks[kept], 1.0)
+    errors = []
+    for degree in DEGREES:
+        predicted = _periodic(coarse, points[kept], degree)(breaks[left_out])
+        errors.append(np.sqrt(np.mean((predicted - points[left_out]) ** 2)))
+    best = 0
+    for higher in range(1, len(DEGREES)):
+        if GAIN_PER_DEGREE * errors[higher] < errors[best]:
+            best = higher
+    if best == 0:
+        return cubic
+    spline, degree = _periodic(breaks, points, DEGREES[best]), DEGREES[best]
+    powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
+    # the constant terms are the vertices themselves, to the last bit
+    return breaks, np.stack([*powers, points])
+
+
+def _periodic(breaks: Float[np.ndarray, " m_plus_1"], points: Float[np.ndarray, "m 3"], degree: int) -> BSpline:
+    return make_interp_spline(breaks, np.vstack([points, points[:1]]), k=degree, bc_type="periodic")
+
+
+def _by_arcs(
+    breaks: Float[np.ndarray, " m_plus_1"], coefficients: Float[np.ndarray, "4 m 3"]
+) -> Float[np.ndarray, " m_plus_1"]:
+    """The parameters of a cubic spline's breaks as shares of its arc length."""
+    a, b, c, _ = coefficients[:, :, None, :]
+    nodes, weights = np.polynomial.legendre.leggauss(ARC_NODES)
+    width = np.diff(breaks)
+    h = (width[:, None] * (nodes + 1) / 2)[:, :, None]
+    arcs = width / 2 * (np.linalg.norm((3 * a * h + 2 * b) * h + c, axis=2) @ weights)
+    shares = np.append(0.0, np.cumsum(arcs) / arcs.sum())
+    shares[-1] = 1.0
+    return shares
 
 
 def _sides(

@@ -82,7 +82,7 @@ def gauss_newton(
         before, started = state.energy, damping
         state, damping = _damped_step(problem, state, root, linear, damping)
         if state.energy < before:
-            history.append(Iteration(index=index, residual=state.energy**0.5, damping=damping))
+            history.append(Iteration(index=index, method="Gauss-Newton", residual=state.energy**0.5))
             index += 1
             if on_iteration is not None:
                 on_iteration(history[-1])

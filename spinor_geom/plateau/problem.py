@@ -18,10 +18,10 @@ from spinor_geom.surface.formulas import phi
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveTensors:
-    """Γ as tensors: breaks (M + 1,) and coefficients (4, M, 3), highest power first."""
+    """Γ as tensors: breaks (M + 1,) and coefficients (d + 1, M, 3), highest power first."""
 
     breaks: Float[Tensor, " m1"]
-    coefficients: Float[Tensor, "4 m 3"]
+    coefficients: Float[Tensor, "d1 m 3"]
 
     @classmethod
     def of(cls, curve: BoundaryCurve, device: torch.device) -> CurveTensors:
@@ -31,13 +31,26 @@ class CurveTensors:
             coefficients=torch.tensor(curve.coefficients, device=device),
         )
 
-    def point_and_derivative(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """Γ(s) and Γ'(s); s is taken modulo 1."""
+    def point_and_derivatives(
+        self, s: Float[Tensor, "*pts"]
+    ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
+        """Γ(s), Γ'(s) and Γ''(s); s is taken modulo 1."""
         s = torch.remainder(s, 1.0)
         piece = (torch.searchsorted(self.breaks, s, right=True) - 1).clamp(0, len(self.breaks) - 2)
-        a, b, c, d = self.coefficients[:, piece]
-        h = (s - self.breaks[piece])[:, None]
-        return ((a * h + b) * h + c) * h + d, (3 * a * h + 2 * b) * h + c
+        h = (s - self.breaks[piece])[..., None]
+        local = self.coefficients[:, piece]
+        value = local[0]
+        first = second = torch.zeros_like(value)
+        for coefficient in local[1:]:
+            second = second * h + first
+            first = first * h + value
+            value = value * h + coefficient
+        return value, first, 2 * second
+
+    def point_and_derivative(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+        """Γ(s) and Γ'(s); s is taken modulo 1."""
+        point, first, _ = self.point_and_derivatives(s)
+        return point, first
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.network import Discretisation, interpolate_matching
-from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 
 _PROJECTION_STEPS = 5
 
@@ -48,11 +49,18 @@ def independent_residual(stage: Discretisation, fit: Fit, *, points: int) -> Res
     problem = PlateauProblem.on_panels(dense, stage.network, stage.problem.curve, stage.pairs)
     r = problem.positions(fit.readout) + fit.constant
     slide = torch.as_tensor(interpolate_matching(stage.matching(fit), dense.t), device=r.device)
-    limit = 0.5 / len(stage.panels.t)
-    for _ in range(_PROJECTION_STEPS):
-        point, tangent = problem.curve.point_and_derivative(slide)
-        move = ((r - point) * tangent).sum(1) / tangent.square().sum(1)
-        slide = slide + move.clamp(-limit, limit)
+    slide = projected(r, slide, problem.curve, limit=0.5 / len(stage.panels.t))
     square = (r - problem.curve.point_and_derivative(slide)[0]).square().sum(1)
     energy = (problem.arc_weights * square).reshape(count, order).sum(1)
     return Residual(rms=float(energy.sum().sqrt()), max=float(square.max().sqrt()), energy=energy.cpu().numpy())
+
+
+def projected(
+    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: CurveTensors, *, limit: float
+) -> Float[Tensor, " n"]:
+    """Parameters of the points of Γ nearest to given points, by Gauss-Newton steps of at most `limit` from a start."""
+    for _ in range(_PROJECTION_STEPS):
+        point, tangent = curve.point_and_derivative(slide)
+        move = ((r - point) * tangent).sum(1) / tangent.square().sum(1)
+        slide = slide + move.clamp(-limit, limit)
+    return slide

@@ -14,20 +14,23 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
+Route = Literal["disk", "unfolded", "deformed", "network"]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Iteration:
-    """One accepted Gauss-Newton step.
+    """One step of a solver.
 
     Attributes:
         index: from 1.
-        residual: RMS distance from Γ at the nodes, in units of the loop's diagonal.
-        damping: Levenberg-Marquardt damping of the step.
+        method: of the step.
+        residual: what the steps bring towards 0: Gauss-Newton's RMS distance from Γ at the nodes after it, in units of
+            the loop's diagonal; Douglas-Newton's RMS gradient of the energy before it, relative to its two factors.
     """
 
     index: int
+    method: Literal["Gauss-Newton", "Douglas-Newton"]
     residual: float
-    damping: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +78,7 @@ class Stability:
         verdict: "stable", "unstable", or "undecided" where the error of the computation leaves both possible.
         eigenvalue: the smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary, n the Gauss map; above 1 the second
             variation of area is positive. None where the total curvature alone decides.
-        index: Morse index, the number of μ below 1; None where undecided.
+        index: Morse index, the number of μ below 1; None where the error leaves it open.
         total_curvature: ∫|K| dA; below 2π every disk is stable.
 
     Source: Barbosa & do Carmo, "On the size of a stable minimal surface in R³", Amer. J. Math. 98 (1976).
@@ -100,7 +103,10 @@ class PlateauSolution:
             Γ(s); it covers one turn of both, s may exceed [0, 1).
         boundary_residual: distance of the surface's boundary from Γ.
         area: ½∮ r·Im(φ dz), in squared mesh units.
-        history: the Gauss-Newton steps.
+        route: how it was found. "disk", "unfolded", "deformed": Douglas's slide on the unit disk, on the unfolded
+            least-area triangulation, or on a domain that grew with the loop from an ellipse; p and q are a power series
+            or Cauchy's formula. "network": Gauss-Newton for a Cauchy network.
+        history: the steps.
         timings: wall time of each stage, in seconds.
         tolerance: RMS residual per mean edge that was asked for.
         converged: whether the residual is within the tolerance.
@@ -115,6 +121,7 @@ class PlateauSolution:
     matching: Float[np.ndarray, "n 2"]
     boundary_residual: BoundaryResidual
     area: float
+    route: Route
     history: tuple[Iteration, ...]
     timings: dict[str, float]
     tolerance: float
@@ -144,6 +151,7 @@ class PlateauSolution:
                 "rms_per_diagonal": residual.rms_per_diagonal,
                 "max_per_diagonal": residual.max_per_diagonal,
             },
+            "route": self.route,
             "iterations": len(self.history),
             "tolerance": self.tolerance,
             "converged": self.converged,

@@ -1,22 +1,32 @@
-"""Second variation of area: is a minimal disk a local minimiser?"""
+"""Second variation of area: is a minimal disk a local minimiser, and along which functions does its area fall?"""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.sparse.linalg as spl
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Complex, Float, Int
 from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
 
 from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.triangulation import PlaneTriangulation
+from spinor_geom.mesh.operators import factor_symmetric
 from spinor_geom.plateau.solution import Stability
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Below this share of 2π the total curvature decides, whatever the error of its quadrature.
-_SURE = 0.98
-# Where refinement changes the total curvature by a larger share, the meshes are too coarse for the surface.
-_RESOLVED = 0.1
-_EIGENVALUES = 6
+# Points on ∂Ω for the total curvature, at least, and how often they are doubled while 2π lies within the error.
+_FEWEST_SAMPLES, _DOUBLINGS = 400, 3
+# Total curvature that is not surely below this share of 2π leaves the verdict to the eigenvalues.
+_SURE, _SURE_ON_MESHES = 0.999, 0.98
+# Where refinement changes the total curvature by a larger share, the eigenvalues do not yet converge at their order.
+_RESOLVED = 0.05
+_FEWEST_INNER_VERTICES = 6
+# Pairs of meshes that are tried until one decides, and vertices after which no finer one is.
+_FINER_TRIES, _MANY_VERTICES = 2, 10_000
+_FEWEST_EIGENVALUES = 2
+# Smaller problems are solved as dense ones.
+_DENSE = 60
+_EIGENVALUE_TOLERANCE = 1e-7
 # A triangle that following ∂Ω would shrink below this share of its area keeps its straight side.
 _THIN = 0.1
 
@@ -24,59 +34,136 @@ _THIN = 0.1
 def assess_stability(surface: SpinorSurface) -> Stability:
     """Verdict of the second variation ∫ |∇u|² + 2Kλ²u² dx dy over u with u = 0 on ∂Ω.
 
-    The total curvature ∫|K| dA decides first: below 2π the disk is stable. Otherwise the eigenvalues μ of
-    −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated; the disk is
-    stable if the smallest is above 1. The difference of the meshes is the margin within which it is "undecided";
-    so it is where the total curvature still changes with the mesh, as on very rough rims.
+    The total curvature ∫|K| dA, an integral along ∂Ω, decides first: below 2π the disk is stable. Otherwise the
+    eigenvalues μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated;
+    the disk is stable if the smallest is above 1. The difference of the meshes is the margin within which they leave it
+    open; then finer ones are tried, and after them it is "undecided". Wrinkles of the surface far below the meshes'
+    size, as fits have them in corners, do not count.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
-    mesh = _Mesh.of(surface.domain)
-    while mesh.inner.sum() < _EIGENVALUES:
-        mesh = mesh.refined(surface.domain)
-    fine = mesh.refined(surface.domain)
-    finest = fine.refined(surface.domain)
-    density = _gauss_image_density(surface, finest.points)
-    mass, fine_mass = mesh.mass(density), fine.mass(density)
-    curvature, coarse_curvature = 0.5 * float(fine_mass.sum()), 0.5 * float(mass.sum())
-    resolved = abs(curvature - coarse_curvature) <= _RESOLVED * curvature
-    if max(curvature, coarse_curvature) < _SURE * 2 * np.pi:
+    curvature, error = _boundary_curvature(surface)
+    if curvature + error < _SURE * 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvature)
-    coarse_values = _smallest_eigenvalues(mesh.stiffness(), mass, mesh.inner)
-    values = _smallest_eigenvalues(fine.stiffness(), fine_mass, fine.inner)
-    count = min(len(coarse_values), len(values))
-    # linear elements converge at order 2: one step of extrapolation, its size as the error
-    extrapolated = (4 * values[:count] - coarse_values[:count]) / 3
-    margin = 0.5 * np.abs(values[:count] - extrapolated)
-    index = int((extrapolated + margin < 1).sum())
-    # the eigenvalues are in order: the first that is not surely below 1 decides about all after it
-    sure = resolved and (index == count or bool(extrapolated[index] - margin[index] > 1))
-    smallest = float(extrapolated[0])
+    mesh = _Mesh.of(surface.domain)
+    while len(mesh.inner) < _FEWEST_INNER_VERTICES:
+        mesh = mesh.refined(surface.domain)
+    for _ in range(_FINER_TRIES):
+        mesh, coarse = mesh.refined(surface.domain), mesh
+        stability = _on_meshes(coarse, mesh, surface.spinors(mesh.points))
+        if stability.index is not None or len(mesh.points) > _MANY_VERTICES:
+            break
+    return stability
+
+
+def _on_meshes(coarse: _Mesh, fine: _Mesh, spinors: Complex[np.ndarray, "n 2"]) -> Stability:
+    """The verdict of two meshes for given (p, q) at the vertices of the finer one."""
+    curvatures = [float(gauss_image_areas(spinors, mesh.faces).sum()) for mesh in (coarse, fine)]
+    resolved = abs(curvatures[1] - curvatures[0]) <= _RESOLVED * curvatures[1]
+    if resolved and max(curvatures) < _SURE_ON_MESHES * 2 * np.pi:
+        return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvatures[1])
+    count = _FEWEST_EIGENVALUES
+    while True:
+        few = coarse.smallest_eigenvalues(spinors, count)
+        many = fine.smallest_eigenvalues(spinors, count)[: len(few)]
+        # linear elements converge at order 2, where they do not yet at order 1 or more: extrapolation by a third of the
+        # difference and half of that as the error, or by anything up to the difference
+        step = many - few
+        values = many + step / (3 if resolved else 2)
+        margin = np.abs(step) / (6 if resolved else 2)
+        # the eigenvalues are in order: the first that is not surely below 1 decides about all after it
+        index = int(np.argmin(np.append(values + margin < 1, False)))
+        if index < len(values) or len(few) < count:
+            break
+        count *= 2
+    counted = index < len(values) and bool(values[index] - margin[index] > 1)
     return Stability(
-        verdict=("unstable" if index else "stable") if sure else "undecided",
-        eigenvalue=smallest,
-        index=index if sure else None,
-        total_curvature=curvature,
+        verdict="unstable" if index else "stable" if counted else "undecided",
+        eigenvalue=float(values[0]),
+        index=index if counted else None,
+        total_curvature=curvatures[1],
     )
 
 
-def _gauss_image_density(surface: SpinorSurface, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """|dn|² = −2Kλ² = 8|p'q − pq'|²/(|p|² + |q|²)², twice the area of the Gauss image per area of Ω."""
-    p, q = np.moveaxis(surface.spinors(z), -1, 0)
-    dp, dq = np.moveaxis(surface.spinor_derivatives(z), -1, 0)
-    scale = np.abs(p) ** 2 + np.abs(q) ** 2
-    return np.asarray(8 * np.abs(dp * q - p * dq) ** 2 / np.maximum(scale, 1e-300) ** 2)
+def lowest_modes(
+    surface: SpinorSurface, mesh: PlaneTriangulation, count: int
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "n k"]]:
+    """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and their functions u.
+
+    Along u·n the second variation of area is (1 − 1/μ)∫|∇u|²: negative where μ < 1.
+
+    Args:
+        surface: a minimal surface.
+        mesh: of its Ω or most of it.
+        count: how many; fewer come back where the mesh has fewer inner vertices.
+
+    Returns:
+        μ, and for each a column with the values of u at the mesh's vertices, the largest |u| being 1.
+    """
+    spinors = surface.spinors(mesh.points)
+    inner = np.arange(mesh.boundary_size, len(mesh.points))
+    mass = _mass(gauss_image_areas(spinors, mesh.faces), mesh.faces, len(mesh.points))
+    values, functions = _smallest_eigenpairs(_stiffness(mesh.points, mesh.faces), mass, inner, count)
+    u = np.zeros((len(mesh.points), len(values)))
+    u[inner] = functions / np.abs(functions).max(axis=0)
+    return values, u
+
+
+def gauss_image_areas(spinors: Complex[np.ndarray, "n 2"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
+    """Areas of the spherical triangles between the normals at the corners of faces: ∫|K| dA, half of ∫|dn|² dx dy.
+
+    The area is twice the phase of the product of (p, q)'s inner products around the triangle, negative where the
+    triangle runs the other way than on the surface's Gauss image.
+
+    Source: Pancharatnam, Proc. Indian Acad. Sci. A 44 (1956): the phase of a cycle of two-component spinors is half of
+    its solid angle.
+    """
+    a, b, c = (spinors[corner] for corner in faces.T)
+    return np.asarray(2 * np.angle(_inner(a, b) * _inner(b, c) * _inner(c, a)))
+
+
+def _inner(a: Complex[np.ndarray, "n 2"], b: Complex[np.ndarray, "n 2"]) -> Complex[np.ndarray, " n"]:
+    return np.asarray(np.conj(a[:, 0]) * b[:, 0] + np.conj(a[:, 1]) * b[:, 1])
+
+
+def _polygon_area(spinors: Complex[np.ndarray, "n 2"]) -> float:
+    """Area that the normals at consecutive points of a closed curve enclose on the sphere, sheet by sheet.
+
+    It is 2∮ Im(p̄ dp + q̄ dq)/λ for normals that run along arcs of great circles.
+    """
+    return float(2 * np.angle(_inner(spinors, np.roll(spinors, -1, axis=0))).sum())
+
+
+def _boundary_curvature(surface: SpinorSurface) -> tuple[float, float]:
+    """Total curvature by an integral along ∂Ω, and a bound of its error; 4π too large for each branch point.
+
+    Δ log λ = −Kλ² turns ∫|K| dA into ∮ ∂_ν log λ |dz|, which is the area enclosed by the normals along ∂Ω.
+    """
+    breaks = surface.domain.panel_breaks
+    first = max(0, int(np.ceil(np.log2(_FEWEST_SAMPLES / (len(breaks) - 1)))))
+    coarse = None
+    for level in range(first, first + 1 + _DOUBLINGS):
+        share = np.arange(2**level) / 2**level
+        t = breaks[:-1, None] + np.diff(breaks)[:, None] * share
+        spinors = surface.spinors(surface.domain.boundary.point(t.ravel()))
+        fine = _polygon_area(spinors)
+        if coarse is None:
+            coarse = _polygon_area(spinors[::2])
+        curvature, error = (4 * fine - coarse) / 3, abs(fine - coarse)
+        if abs(curvature - 2 * np.pi) > error:
+            break
+        coarse = fine
+    return curvature, error
 
 
 class _Mesh:
-    """A triangulation of Ω with midpoint refinement that follows ∂Ω."""
+    """A triangulation of Ω with midpoint refinement that follows ∂Ω; the coarse vertices come first in the refined."""
 
     def __init__(
         self, points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"], parameter: Float[np.ndarray, " n"]
     ) -> None:
         self.points, self.faces = points, faces
         self.parameter = parameter  # of boundary vertices on ∂Ω; NaN inside
-        self._edges, self._sides = _edges(faces)
 
     @classmethod
     def of(cls, domain: PlaneDomain) -> _Mesh:
@@ -86,12 +173,13 @@ class _Mesh:
         return cls(mesh.points, mesh.faces, parameter)
 
     @property
-    def inner(self) -> Bool[np.ndarray, " n"]:
-        return np.asarray(np.isnan(self.parameter))
+    def inner(self) -> Int[np.ndarray, " k"]:
+        return np.flatnonzero(np.isnan(self.parameter))
 
     def refined(self, domain: PlaneDomain) -> _Mesh:
         """Every triangle in four; new boundary points on ∂Ω, or on the sides where ∂Ω would turn a triangle over."""
-        n, edges, sides = len(self.points), self._edges, self._sides
+        n = len(self.points)
+        edges, sides = _edges(self.faces, n)
         middle = self.points[edges].mean(axis=1)
         parameter = np.full(len(edges), np.nan)
         uses = np.bincount(sides.ravel(), minlength=len(edges))
@@ -110,27 +198,29 @@ class _Mesh:
         curved[kept] = straight[kept]
         return _Mesh(curved, faces, np.concatenate([self.parameter, parameter]))
 
-    def stiffness(self) -> csc_array:
-        """∫ ∇u·∇v of linear elements."""
-        corner = self.points[self.faces]
-        opposite = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
-        area = _areas(self.points, self.faces)
-        local = np.real(np.conj(opposite[:, :, None]) * opposite[:, None, :]) / (4 * area[:, None, None])
-        return self._assembled(local)
+    def smallest_eigenvalues(self, spinors: Complex[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, " k"]:
+        """The smallest μ for given (p, q) at the vertices."""
+        mass = _mass(gauss_image_areas(spinors, self.faces), self.faces, len(self.points))
+        return _smallest_eigenpairs(_stiffness(self.points, self.faces), mass, self.inner, count)[0]
 
-    def mass(self, density: Float[np.ndarray, " k"]) -> csc_array:
-        """∫ density·u·v by the edge midpoint rule; its first entries belong to the refined mesh's vertices."""
-        area = _areas(self.points, self.faces)
-        ab, bc, ca = (density[self._sides + len(self.points)] * (area / 12)[:, None]).T
-        local = np.stack(
-            [np.stack([ab + ca, ab, ca], 1), np.stack([ab, ab + bc, bc], 1), np.stack([ca, bc, bc + ca], 1)], axis=1
-        )
-        return self._assembled(local)
 
-    def _assembled(self, local: Float[np.ndarray, "f 3 3"]) -> csc_array:
-        rows, columns = np.repeat(self.faces, 3, axis=1).ravel(), np.tile(self.faces, (1, 3)).ravel()
-        n = len(self.points)
-        return csc_array(coo_array((local.ravel(), (rows, columns)), shape=(n, n)))
+def _stiffness(points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
+    """∫ ∇u·∇v of linear elements."""
+    corner = points[faces]
+    opposite = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
+    local = np.real(np.conj(opposite[:, :, None]) * opposite[:, None, :]) / (4 * _areas(points, faces)[:, None, None])
+    return _assembled(local, faces, len(points))
+
+
+def _mass(areas: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], n: int) -> csc_array:
+    """∫ |dn|²uv of linear elements, |dn|² being constant on each face: twice the area of its Gauss image."""
+    local = areas[:, None, None] / 6 * (np.ones((3, 3)) + np.eye(3))
+    return _assembled(local, faces, n)
+
+
+def _assembled(local: Float[np.ndarray, "f 3 3"], faces: Int[np.ndarray, "f 3"], n: int) -> csc_array:
+    rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
+    return csc_array(coo_array((local.ravel(), (rows, columns)), shape=(n, n)))
 
 
 def _areas(points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
@@ -138,32 +228,26 @@ def _areas(points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"]) -> 
     return np.asarray(0.5 * np.imag(np.conj(b - a) * (c - a)))
 
 
-def _edges(faces: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "f 3"]]:
+def _edges(faces: Int[np.ndarray, "f 3"], n: int) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "f 3"]]:
     """Every edge once, and for each face its edges ab, bc, ca."""
-    pairs = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edges, index = np.unique(pairs, axis=0, return_inverse=True)
-    return edges, index.reshape(faces.shape)
+    other = np.roll(faces, -1, axis=1)
+    codes, index = np.unique(np.minimum(faces, other) * n + np.maximum(faces, other), return_inverse=True)
+    return np.stack([codes // n, codes % n], axis=1), index.reshape(faces.shape)
 
 
-def _smallest_eigenvalues(
-    stiffness: csc_array, mass: csc_array, inner: Bool[np.ndarray, " n"]
-) -> Float[np.ndarray, " k"]:
-    """The smallest μ of S u = μ M u for u = 0 on the boundary, ascending."""
-    free = np.flatnonzero(inner)
-    s, m = csc_array(stiffness[free][:, free]), csc_array(mass[free][:, free])
-    count = min(_EIGENVALUES, len(free))
-    if len(free) <= 4 * _EIGENVALUES:
-        # as M u = (1/μ) S u: S is always definite, M need not be
-        inverse = eigh(m.toarray(), s.toarray(), eigvals_only=True)[::-1][:count]
+def _smallest_eigenpairs(
+    stiffness: csc_array, mass: csc_array, inner: Int[np.ndarray, " i"], count: int
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "i k"]]:
+    """The smallest μ of S u = μ M u for u = 0 outside the inner vertices, ascending, and the values of u there."""
+    s, m = csc_array(stiffness[inner][:, inner]), csc_array(mass[inner][:, inner])
+    count = min(count, len(inner))
+    # as M u = (1/μ) S u: S is always definite, M need not be
+    if len(inner) <= max(_DENSE, 2 * count):
+        inverse, functions = eigh(m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1])
     else:
-        factor = spl.splu(s)
-        inverse = spl.eigsh(
-            m,
-            k=count,
-            M=s,
-            Minv=spl.LinearOperator(s.shape, matvec=factor.solve, dtype=np.float64),
-            which="LA",
-            v0=np.ones(len(free)),
-            return_eigenvectors=False,
-        )[::-1]
-    return np.asarray(1 / np.maximum(np.sort(inverse)[::-1], 1e-300))
+        solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
+        inverse, functions = spl.eigsh(
+            m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=_EIGENVALUE_TOLERANCE
+        )
+    order = np.argsort(inverse)[::-1]
+    return 1 / np.maximum(inverse[order], 1e-300), functions[:, order]

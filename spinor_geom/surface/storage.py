@@ -19,7 +19,7 @@ from jaxtyping import Complex, Float
 from safetensors.torch import save as to_bytes
 from torch import Tensor
 
-from spinor_geom.domain.plane_domain import Boundary, CircleBoundary, PlaneDomain, SplineBoundary
+from spinor_geom.domain.plane_domain import Boundary, FourierBoundary, PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import StorageError
@@ -27,7 +27,7 @@ from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, rebuild
 
 FORMAT = "spinor_geom.surface"
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,19 +149,20 @@ def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> 
 
 
 def _describe_boundary(boundary: Boundary) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    if isinstance(boundary, CircleBoundary):
-        return {"kind": "circle", "radius": boundary.radius, "count": boundary.count}, {}
+    if isinstance(boundary, FourierBoundary):
+        coefficients = {"boundary/coefficients": torch.tensor(boundary.coefficients)}
+        return {"kind": "fourier", "count": len(boundary.vertices)}, coefficients
     if isinstance(boundary, SplineBoundary):
         return {"kind": "spline"}, {
             "boundary/vertices": torch.tensor(boundary.vertices),
             "boundary/corners": torch.tensor(boundary.corners),
         }
-    raise StorageError(f"a boundary of type {type(boundary).__name__} cannot be saved; known: circle, spline")
+    raise StorageError(f"a boundary of type {type(boundary).__name__} cannot be saved; known: fourier, spline")
 
 
 def _read_boundary(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> Boundary:
-    if description["kind"] == "circle":
-        return CircleBoundary(radius=float(description["radius"]), count=int(description["count"]))
+    if description["kind"] == "fourier":
+        return FourierBoundary(data["boundary/coefficients"].numpy(), int(description["count"]))
     if description["kind"] == "spline":
         return SplineBoundary(data["boundary/vertices"].numpy(), data["boundary/corners"].numpy())
     raise ValueError(f"unknown boundary kind {description['kind']!r}")

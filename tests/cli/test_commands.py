@@ -15,16 +15,24 @@ from spinor_geom.cli import console
 from spinor_geom.cli.main import main
 from spinor_geom.errors import FirstFillError
 from spinor_geom.fill.loops import boundary_loops
-from tests.fill.shapes import tube
+from tests.fill.shapes import collar, figure_eight, spiked_tetrahedron, tube
+
+
+def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    path.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n")
+    return path
 
 
 @pytest.fixture
 def mesh_path(tmp_path: Path) -> Path:
-    vertices, faces = tube()
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
-    path = tmp_path / "tube.obj"
-    path.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n")
-    return path
+    return write_obj(tmp_path / "tube.obj", *tube())
+
+
+@pytest.fixture
+def spiked_path(tmp_path: Path) -> Path:
+    """The loop 0 is the hole that a spike pokes through, loop 1 the spike's own outline."""
+    return write_obj(tmp_path / "spiked.obj", *spiked_tetrahedron())
 
 
 class Terminal(io.StringIO):
@@ -99,6 +107,33 @@ def test_a_loop_that_cannot_be_filled_is_named_with_status_1(
     assert "loop 0 (16 vertices) not filled: no disk over this loop" in capsys.readouterr().err
 
 
+def test_a_patch_that_crosses_the_mesh_is_written_and_said_with_status_1(
+    spiked_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output, report = tmp_path / "filled.obj", tmp_path / "report.json"
+    arguments = ["fill", str(spiked_path), "-o", str(output), "--loop", "0", "--report", str(report)]
+    assert main(arguments) == 1
+    said = capsys.readouterr().err
+    assert said.startswith(
+        "spinor-geom: loop 0 (3 vertices): the patch crosses the mesh in 1 pair of faces, first (4, 3)"
+    )
+    assert len(said.splitlines()) == 1
+    assert len(boundary_loops(output)) == 1
+    entry = json.loads(report.read_text())
+    assert (entry["complete"], entry["intersection_free"]) == (True, False)
+    assert entry["loops"][0]["mesh_intersections"] == 1
+
+
+def test_a_loop_that_crosses_itself_is_named_and_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_obj(tmp_path / "eight.obj", *collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])))
+    assert main(["fill", str(path), "-o", str(tmp_path / "filled.obj")]) == 1
+    assert "loop 0 (16 vertices) not filled: the loop crosses or touches itself: its edges" in capsys.readouterr().err
+    assert main(["loops", str(path)]) == 0
+    assert capsys.readouterr().out.count("crosses or touches itself at 1 pair of edges") == 2
+    assert main(["loops", str(path), "--json"]) == 0
+    assert [entry["crossings"] for entry in json.loads(capsys.readouterr().out)] == [1, 1]
+
+
 def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     vertices, faces = tube()
     soup = tmp_path / "soup.stl"
@@ -157,8 +192,22 @@ def test_a_terminal_gets_a_table(mesh_path: Path, tmp_path: Path, monkeypatch: p
     assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 0
     text = terminal.getvalue()
     assert "residual/edge" in text
+    assert "crossings" not in text
     assert "2 of 2 loops filled" in text
     assert "watertight" in text
+
+
+def test_crossings_get_a_column_where_there_are_some(
+    spiked_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdout", terminal)
+    monkeypatch.setenv("COLUMNS", "140")
+    assert main(["fill", str(spiked_path), "-o", str(tmp_path / "filled.obj"), "--loop", "0"]) == 1
+    header, _, filled, left = (line.split() for line in terminal.getvalue().splitlines()[:5] if line.strip())
+    assert "crossings" in header[-1]
+    assert filled[-2:] == ["1", "1"]  # one new face, one crossing
+    assert left[-1] == "0"
 
 
 def test_progress_is_drawn_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:

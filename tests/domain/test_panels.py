@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from spinor_geom.domain import CircleBoundary, SplineBoundary
+from spinor_geom.domain import FourierBoundary, SplineBoundary
 from spinor_geom.domain.panels import Panels
 
 ANGLES = 2 * np.pi * np.arange(40) / 40
 ELLIPSE = SplineBoundary(3 * np.cos(ANGLES) + 1j * np.sin(ANGLES))
 SQUARE = SplineBoundary(np.array([0, 1, 2, 2 + 1j, 2 + 2j, 1 + 2j, 2j, 1j]), np.arange(8) % 2 == 0)
-CIRCLE = CircleBoundary(radius=2.0, count=16)
+CIRCLE = FourierBoundary.circle(2.0, 16)
 boundaries = pytest.mark.parametrize("boundary", [ELLIPSE, SQUARE, CIRCLE], ids=["ellipse", "square", "circle"])
 
 

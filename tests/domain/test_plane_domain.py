@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.domain import CircleBoundary, PlaneDomain, SplineBoundary
+from spinor_geom.domain import FourierBoundary, PlaneDomain, SplineBoundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.errors import DomainError, OptionError
 from tests.loops import L_SHAPE, planar, slit
@@ -53,7 +53,7 @@ def test_spline_with_corners_has_straight_sides():
 
 
 def test_circle_is_exact():
-    circle = CircleBoundary(radius=2.5, count=12)
+    circle = FourierBoundary.circle(2.5, 12)
     t = np.linspace(0, 1, 50)
     np.testing.assert_allclose(np.abs(circle.point(t)), 2.5, rtol=1e-15)
     np.testing.assert_allclose(circle.derivative(t), 2j * np.pi * circle.point(t), rtol=1e-15)

@@ -64,3 +64,41 @@ def undirected_edges(faces: np.ndarray) -> np.ndarray:
 
 def as_mesh(pair: tuple[np.ndarray, np.ndarray], **attributes: np.ndarray) -> TriangleMesh:
     return TriangleMesh(*pair, vertex_attributes=attributes)
+
+
+def collar(rim: np.ndarray, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A band along a closed polygon: its vertices first, then each once more, moved by an offset."""
+    count = len(rim)
+    a = np.arange(count)
+    b = np.roll(a, -1)
+    faces = np.concatenate([np.column_stack([a, a + count, b]), np.column_stack([b, a + count, b + count])])
+    return np.concatenate([rim, rim + offset]), faces
+
+
+def trefoil(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """A knotted rim with a narrow band on its outer side."""
+    t = 2 * np.pi * np.arange(count) / count
+    rim = np.column_stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)])
+    outwards = rim - (np.roll(rim, -1, axis=0) + np.roll(rim, 1, axis=0)) / 2
+    return collar(rim, 0.1 * outwards / np.linalg.norm(outwards, axis=1, keepdims=True))
+
+
+def figure_eight(count: int, shift: float) -> np.ndarray:
+    """A lemniscate in the plane z = 0; shift 0 puts two of its points into its middle, if 4 divides their number."""
+    t = 2 * np.pi * (np.arange(count) + shift) / count
+    return np.column_stack([np.sin(t), np.sin(t) * np.cos(t), np.zeros(count)])
+
+
+def spiked_tetrahedron(height: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    """A tetrahedron without its bottom, and a lone upright triangle whose tip is at a height over that hole."""
+    vertices = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [1, 1, 4], [1, 1, height], [0.9, 1, -1], [1.1, 1.1, -1]])
+    return vertices, np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3], [4, 5, 6]])
+
+
+def linked_rings() -> tuple[np.ndarray, np.ndarray]:
+    """Two flat rings across each other, whose holes the vertices 0-31 and 64-95 bound; either passes the other's."""
+    t = 2 * np.pi * np.arange(32) / 32
+    circle = np.column_stack([np.cos(t), np.sin(t), np.zeros(32)])
+    vertices, faces = collar(circle, 0.2 * circle)
+    upright = 0.5 * vertices[:, [0, 2, 1]] + np.array([1.0, 0.01, 0.02])
+    return np.concatenate([vertices, upright]), np.concatenate([faces, faces + len(vertices)])

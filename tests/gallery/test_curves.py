@@ -18,6 +18,12 @@ CURVES = [
     gallery.schwarz_p_hexagon(),
     gallery.schwarz_p_quadrilateral(),
     gallery.scherk(2.5),
+    gallery.random_curve(3),
+    gallery.l_shape(rise=0.25),
+    gallery.zigzag_rim(12),
+    gallery.slit(bend=1.0),
+    gallery.horseshoe(),
+    gallery.helical_ramp(1.3),
 ]
 by_name = pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
 
@@ -80,8 +86,63 @@ def test_scherk_rim_lies_on_the_graph():
     np.testing.assert_allclose(np.exp(z) * np.cos(x), np.cos(y), atol=1e-14)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_random_curve_has_three_to_six_harmonics_and_is_repeatable(seed):
+    t = np.arange(64) / 64
+    points = gallery.random_curve(seed).point(t)
+    np.testing.assert_array_equal(points, gallery.random_curve(seed).point(t))
+    size = np.abs(np.fft.rfft(points, axis=0)).max(axis=1) / 64
+    harmonics = np.flatnonzero(size > 1e-12)
+    assert harmonics[0] == 1
+    assert harmonics[-1] in (3, 4, 5, 6)
+    assert (np.diff(harmonics) == 1).all()
+
+
+def test_random_curves_are_drawn_out_along_x_by_one_to_ten():
+    t = np.arange(64) / 64
+    first = np.array([np.fft.rfft(gallery.random_curve(seed).point(t), axis=0)[1] / 32 for seed in range(100)])
+    # in each direction |a - ib|² has the mean 2, along x times the mean of the squared elongation, 37
+    mean = (np.abs(first) ** 2).mean(axis=0)
+    # 100 samples: standard errors 0.2 and, along x, 13
+    assert 35 < mean[0] < 115
+    assert (np.abs(mean[1:] - 2) < 0.8).all()
+
+
+def test_l_shape_has_one_reflex_corner_and_lies_on_its_saddle():
+    known = gallery.l_shape(rise=0.25)
+    x, y, z = known.point(np.arange(48) / 48).T
+    np.testing.assert_allclose(z, 0.25 * x * y, atol=1e-15)
+    corners = known.point(np.array(known.corners))[:, :2]
+    ahead, back = np.roll(corners, -1, axis=0) - corners, corners - np.roll(corners, 1, axis=0)
+    turn = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
+    assert (turn < 0).sum() == 1
+    x, y = corners.T
+    assert gallery.l_shape().disks[0].area == 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def test_zigzag_rim_alternates_between_two_heights():
+    known = gallery.zigzag_rim(20, 0.1)
+    corners = known.point(np.array(known.corners))
+    assert len(corners) == 20
+    np.testing.assert_array_equal(corners[:, 2], 0.1 * (-1.0) ** np.arange(20))
+    np.testing.assert_allclose(np.hypot(corners[:, 0], corners[:, 1]), 1, atol=1e-15)
+
+
 @pytest.mark.parametrize(
-    "bad", [lambda: gallery.tennis_seam(1.0), lambda: gallery.scherk(3.2), lambda: gallery.polygon(np.eye(2))]
+    "bad",
+    [
+        lambda: gallery.tennis_seam(1.0),
+        lambda: gallery.scherk(3.2),
+        lambda: gallery.polygon(np.eye(2)),
+        lambda: gallery.zigzag_rim(7),
+        lambda: gallery.zigzag_rim(2),
+        lambda: gallery.slit(length=0.0),
+        lambda: gallery.slit(bend=7.0),
+        lambda: gallery.horseshoe(half_width=1.0),
+        lambda: gallery.horseshoe(turn=2 * np.pi),
+        lambda: gallery.helical_ramp(0.0),
+        lambda: gallery.helical_ramp(radius=0.3, half_width=0.3),
+    ],
 )
 def test_impossible_curves_are_refused(bad):
     with pytest.raises(OptionError):

@@ -2,7 +2,7 @@ import igl
 import numpy as np
 import pytest
 
-from spinor_geom.measures import discrete_mean_curvature, self_intersections, triangle_quality
+from spinor_geom.measures import discrete_mean_curvature, triangle_quality
 from spinor_geom.meshing import mesh_patch
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
@@ -64,9 +64,3 @@ def test_quality_of_known_triangles():
 def test_face_with_equal_corners_has_angle_zero():
     vertices = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0.0]])
     assert triangle_quality(vertices, np.array([[0, 1, 2]])).min == 0
-
-
-def test_crossing_faces_are_found_and_neighbours_are_not():
-    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0], [0.4, 0.4, -1], [0.5, 0.4, 1], [0.4, 0.5, 1]])
-    assert len(self_intersections(vertices, np.array([[0, 1, 2], [1, 3, 2]]))) == 0
-    assert np.array_equal(self_intersections(vertices, np.array([[0, 1, 2], [1, 3, 2], [4, 5, 6]])), [[0, 2]])

@@ -1,0 +1,96 @@
+"""What a new patch may cross: itself, the mesh around it, the patches joined before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.meshing.embed import Patch
+
+NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Crossings:
+    """Where the faces of a patch cross others, each as pairs of faces of the filled mesh.
+
+    Attributes:
+        own: two faces of the patch.
+        mesh: a face of the patch and one of the mesh.
+        patches: a face of the patch and one of a patch joined before it.
+        notes: a sentence for each of the three that has pairs.
+    """
+
+    own: Int[np.ndarray, "i 2"]
+    mesh: Int[np.ndarray, "j 2"]
+    patches: Int[np.ndarray, "k 2"]
+    notes: tuple[str, ...]
+
+
+class Surroundings:
+    """The faces of a mesh and of the patches joined to it so far, numbered as in the filled mesh."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        """Starts with the mesh alone."""
+        self._mesh = _Piece(mesh.vertices, mesh.faces, start=0)
+        self._patches: list[_Piece] = []
+        self._count = len(mesh.faces)
+
+    def join(self, patch: Patch) -> Crossings:
+        """Adds a patch; gives what it crosses of itself and of all that was there before."""
+        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self._count)
+        own = NO_PAIRS
+        if not is_graph(new.vertices, new.faces, patch.boundary_size):
+            own = self_intersections(new.vertices, new.faces) + new.start
+        mesh = new.crossings(self._mesh)
+        patches = np.concatenate([NO_PAIRS, *(new.crossings(self._patches[k]) for k in self._patches_near(new))])
+        self._patches.append(new)
+        self._count += len(new.faces)
+        found = (("itself", own), ("the mesh", mesh), ("patches of other loops", patches))
+        notes = tuple(_sentence(what, pairs, new) for what, pairs in found if len(pairs))
+        return Crossings(own=own, mesh=mesh, patches=patches, notes=notes)
+
+    def _patches_near(self, new: _Piece) -> Int[np.ndarray, " k"]:
+        lows, highs = (np.array([getattr(patch, end) for patch in self._patches]) for end in ("low", "high"))
+        return _meeting(lows.reshape(-1, 3).T, highs.reshape(-1, 3).T, new)
+
+
+class _Piece:
+    """Faces with their axis-parallel boxes, so that the few near a patch are found."""
+
+    def __init__(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, start: int) -> None:
+        """Takes the boxes once for many patches; `start` is the first face's number in the filled mesh."""
+        self.vertices, self.faces, self.start = vertices, faces, start
+        corners = vertices[faces]
+        # axis by axis: one is compared after the other
+        self._lows, self._highs = (np.ascontiguousarray(x.T) for x in (corners.min(axis=1), corners.max(axis=1)))
+        self.low, self.high = self._lows.min(axis=1, initial=np.inf), self._highs.max(axis=1, initial=-np.inf)
+
+    def crossings(self, other: _Piece) -> Int[np.ndarray, "k 2"]:
+        """Pairs of a face of this and one of another piece that cross."""
+        near = _meeting(other._lows, other._highs, self)
+        corners = other.vertices[other.faces[near]].reshape(-1, 3)
+        pairs = intersections_between(self.vertices, self.faces, corners, np.arange(len(corners)).reshape(-1, 3))
+        return np.stack([self.start + pairs[:, 0], other.start + near[pairs[:, 1]]], axis=1)
+
+
+def _meeting(lows: Float[np.ndarray, "3 f"], highs: Float[np.ndarray, "3 f"], piece: _Piece) -> Int[np.ndarray, " k"]:
+    """Which of many boxes meet that of a piece."""
+    meeting = np.flatnonzero((lows[0] <= piece.high[0]) & (highs[0] >= piece.low[0]))
+    for axis in (1, 2):
+        inside = (lows[axis, meeting] <= piece.high[axis]) & (highs[axis, meeting] >= piece.low[axis])
+        meeting = meeting[inside]
+    return meeting
+
+
+def _sentence(what: str, pairs: Int[np.ndarray, "k 2"], patch: _Piece) -> str:
+    first = tuple(pairs[0].tolist())
+    where = patch.vertices[patch.faces[first[0] - patch.start]].mean(axis=0)
+    return (
+        f"the patch crosses {what} in {len(pairs)} {'pair' if len(pairs) == 1 else 'pairs'} of faces, first {first} of "
+        f"the filled mesh, near ({', '.join(f'{x:.6g}' for x in where)})"
+    )

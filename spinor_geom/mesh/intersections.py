@@ -1,0 +1,330 @@
+"""Where triangle meshes pass through themselves or each other, and where closed polygons meet themselves.
+
+Two faces cross where a point inside one of them belongs to the other. So faces that touch in corners or sides do not,
+whether these are shared by index or only lie in the same place, and nor do neighbours in one plane. A face without area
+has no inside and crosses nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+
+# igl is imported inside the functions: reading meshes and finding loops does not need it
+
+MEETING_PER_DIAGONAL = 1e-12  # edges of a polygon that come nearer than this share of its diagonal meet
+MIN_NORMAL_COSINE = 1e-3  # normals of a graph: so far from 90° to its direction that their round-off does not matter
+SEPARATION = 1e-12  # heights over a plane, in powers of the longest side, whose sign needs no exact predicate
+BOXES_TO_START_FROM = 64
+
+
+def self_intersections(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k 2"]:
+    """Pairs of faces that cross, by exact predicates.
+
+    Returns:
+        Face indices, each pair once, smaller index first, sorted; empty for an embedded mesh.
+
+    Source: Shewchuk (1997), Adaptive precision floating-point arithmetic and fast robust geometric predicates; Guigue &
+    Devillers (2003), Fast and robust triangle-triangle overlap test using orientation predicates.
+    """
+    import igl.predicates
+
+    corners, indices = _for_igl(vertices, faces)
+    # exact for faces without a common vertex; its tests of the others depend on the scale and the order of the corners
+    _, apart, _ = igl.predicates.find_self_intersections(corners, indices)
+    apart = apart.astype(np.int64)  # igl's are as wide, but of a type of their own
+    shared = (indices[apart[:, 0], :, None] == indices[apart[:, 1], None, :]).any(axis=(1, 2))
+    pairs = np.concatenate([apart[~shared], _neighbours_not_separated(corners, indices)])
+    return _sorted(np.sort(pairs[_insides_meet(corners[indices[pairs[:, 0]]], corners[indices[pairs[:, 1]]])], axis=1))
+
+
+def intersections_between(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    other_vertices: Float[np.ndarray, "o 3"],
+    other_faces: Int[np.ndarray, "g 3"],
+) -> Int[np.ndarray, "k 2"]:
+    """Pairs of a face of one mesh and a face of another that cross, by exact predicates.
+
+    Returns:
+        Indices into `faces` and `other_faces`, each pair once, sorted.
+
+    Source: as `self_intersections`.
+    """
+    import igl.predicates
+
+    if len(faces) > len(other_faces):  # igl grows a tree over the first mesh, which costs more than asking it
+        return _sorted(intersections_between(other_vertices, other_faces, vertices, faces)[:, ::-1])
+    corners, indices = _for_igl(vertices, faces)
+    other_corners, other_indices = _for_igl(other_vertices, other_faces)
+    _, pairs, _ = igl.predicates.find_intersections(corners, indices, other_corners, other_indices)
+    pairs = pairs.astype(np.int64)
+    return _sorted(pairs[_insides_meet(corners[indices[pairs[:, 0]]], other_corners[other_indices[pairs[:, 1]]])])
+
+
+def is_graph(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int) -> bool:
+    """Whether a mesh with one boundary is the graph of a function over a plane, which then cannot cross itself.
+
+    The plane is the one across the mesh's vector area. A projection that keeps all faces' orientation and whose
+    boundary is a simple polygon covers each point as often as that polygon winds around it: never or once. A quick
+    test, linear in the number of faces.
+
+    Args:
+        vertices: the boundary's come first, in the order in which it runs.
+        faces: consistently oriented.
+        boundary_size: the number of boundary vertices.
+
+    Source: Volino & Magnenat-Thalmann (1994), Efficient self-collision detection on smoothly discretized surface
+    animations using geometrical shape regularity.
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = _cross(b - a, c - a)
+    area = normals.sum(axis=0)
+    size = np.linalg.norm(area)
+    if not (normals @ area > MIN_NORMAL_COSINE * size * np.linalg.norm(normals, axis=1)).all():
+        return False
+    boundary = vertices[:boundary_size] - vertices[0]
+    return not len(loop_crossings(boundary - np.outer(boundary @ area, area / size**2)))
+
+
+def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
+    """Pairs of edges of a closed polygon that meet where a simple polygon's would not.
+
+    Edges that are no neighbours meet where their distance is zero to round-off: 1e-12 of the diagonal. Neighbours do
+    where the polygon turns back onto itself. So a point that the polygon passes twice, as two vertices in one place or
+    not, is found through the edges that meet there.
+
+    Args:
+        points: (M, 3) in order, in mesh units; edge i runs from point i to point i + 1 (mod M).
+
+    Returns:
+        Edge indices i < j, sorted; empty for a simple polygon.
+    """
+    ends = np.roll(points, -1, axis=0)
+    tolerance = MEETING_PER_DIAGONAL * np.linalg.norm(np.ptp(points, axis=0))
+    tolerance += 4 * np.finfo(np.float64).eps * np.abs(points).max()
+    first, second = _edges_with_near_boxes(points, ends, float(tolerance))
+    step = second - first
+    apart = (step > 1) & (step < len(points) - 1)
+    first, second = first[apart], second[apart]
+    meet = _segment_distances(points[first], ends[first], points[second], ends[second]) <= tolerance
+    folded = _folds(points, float(tolerance))
+    neighbours = np.stack([(folded - 1) % len(points), folded], axis=1)
+    return _sorted(np.concatenate([np.stack([first[meet], second[meet]], axis=1), np.sort(neighbours, axis=1)]))
+
+
+def _for_igl(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+    return np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
+
+
+def _sorted(pairs: Int[np.ndarray, "k 2"]) -> Int[np.ndarray, "k 2"]:
+    return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
+
+
+def _cross(u: Float[np.ndarray, "k 3"], v: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+    """The products u × v, without what np.cross does for other shapes: most of the time of a short loop's test."""
+    (a, b, c), (d, e, f) = u.T, v.T
+    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)
+
+
+# --- faces ------------------------------------------------------------------------------------------------------------
+
+
+def _neighbours_not_separated(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
+) -> Int[np.ndarray, "k 2"]:
+    """Pairs of faces with common vertices, but for those that a plane separates up to what they have in common.
+
+    Tried are each face's own plane and those across it through its sides; few pairs are left for exact predicates.
+    """
+    pairs, others = _neighbours(faces, vertices=len(vertices))
+    triangles = vertices[faces]
+    sides = np.roll(triangles, -1, axis=1) - triangles
+    normals = _cross(sides[:, 0], sides[:, 1])
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    # through the sides of a thin face there is no plane of which the rest of the face is safely on one side
+    upright = np.where(((normals**2).sum(axis=1) > SEPARATION * longest**4)[:, None], normals, 0.0)
+    planes = [(0, normals, 3), (0, -normals, 3), *((k, _cross(sides[:, k], upright), 4) for k in range(3))]
+    for start, direction, power in planes:
+        for one, other in ((0, 1), (1, 0)):
+            face, beside = pairs[:, one], pairs[:, other]
+            heights = np.einsum("pi,pki->pk", direction[face], triangles[beside] - triangles[face, start][:, None])
+            limit = SEPARATION * np.maximum(longest[face], longest[beside])[:, None] ** power
+            left = ((heights > limit).sum(axis=1) < others) | (heights < -limit).any(axis=1)
+            pairs, others = pairs[left], others[left]
+    return pairs
+
+
+def _neighbours(
+    faces: Int[np.ndarray, "f 3"], *, vertices: int
+) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
+    """Pairs of faces with common vertices, smaller index first, and how many corners each has that are not common."""
+    corners = (np.repeat(np.arange(len(faces)), 3), faces.reshape(-1))
+    incidence = coo_array((np.ones(faces.size, dtype=np.int64), corners), shape=(len(faces), vertices)).tocsr()
+    common = (incidence @ incidence.T).tocoo()
+    upper = common.row < common.col
+    return np.stack([common.row[upper], common.col[upper]], axis=1).astype(np.int64), 3 - common.data[upper]
+
+
+def _insides_meet(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:
+    """For pairs of triangles whether a point inside one belongs to the other."""
+    f_sides, g_sides = _sides_of_plane(f, g), _sides_of_plane(g, f)
+    f_crosses, g_crosses = ((s.min(axis=1) < 0) & (s.max(axis=1) > 0) for s in (f_sides, g_sides))
+    f_reaches, g_reaches = ((s.min(axis=1) <= 0) & (s.max(axis=1) >= 0) & s.any(axis=1) for s in (f_sides, g_sides))
+    on_line = np.flatnonzero((f_crosses & g_reaches) | (f_reaches & g_crosses))
+    in_plane = np.flatnonzero(~f_sides.any(axis=1) & ~g_sides.any(axis=1))
+    meet = np.zeros(len(f), dtype=bool)
+    # mostly there are none, and small patches are many
+    if len(on_line):
+        meet[on_line] = _overlap_on_line(f[on_line], g[on_line], f_sides[on_line], g_sides[on_line])
+    if len(in_plane):
+        meet[in_plane] = _overlap_in_plane(f[in_plane], g[in_plane])
+    return meet
+
+
+def _side(
+    a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"], c: Float[np.ndarray, "k 3"], d: Float[np.ndarray, "k 3"]
+) -> Int[np.ndarray, " k"]:
+    """The exact sign of det(b − a, c − a, d − a): 1 where d lies on the side from which abc is counter-clockwise."""
+    import igl.predicates
+
+    return -np.asarray(igl.predicates.orient3d(*(np.ascontiguousarray(points) for points in (a, b, c, d))))
+
+
+def _sides_of_plane(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Int[np.ndarray, "k 3"]:
+    """On which side of the plane of g each corner of f lies: 1, −1, or 0 on it."""
+    a, b, c = (np.repeat(g[:, k], 3, axis=0) for k in range(3))
+    return _side(a, b, c, f.reshape(-1, 3)).reshape(-1, 3)
+
+
+def _overlap_on_line(
+    f: Float[np.ndarray, "k 3 3"],
+    g: Float[np.ndarray, "k 3 3"],
+    f_sides: Int[np.ndarray, "k 3"],
+    g_sides: Int[np.ndarray, "k 3"],
+) -> Bool[np.ndarray, " k"]:
+    """Whether two triangles that reach each other's planes overlap on the line in which the planes meet.
+
+    Each cuts an interval out of that line; the intervals' ends are compared by orientations of two sides.
+    """
+    f_apex, f_low, f_high, f_sign = _sides_through_plane(f, f_sides)
+    g_apex, g_high, g_low, g_sign = _sides_through_plane(g, g_sides)
+    sign = f_sign * g_sign
+    from_below = _side(f_apex, f_low, g_apex, g_high) * sign > 0
+    from_above = _side(f_apex, f_high, g_apex, g_low) * sign < 0
+    return np.asarray(from_below & from_above)
+
+
+def _sides_through_plane(
+    f: Float[np.ndarray, "k 3 3"], sides: Int[np.ndarray, "k 3"]
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Int[np.ndarray, " k"]]:
+    """The corner of a triangle that is alone on its side of a plane, the two others, and that side.
+
+    Corners on the plane count to the side on which there is none else. The others are ordered along the direction
+    n_f × n of the line in which the planes meet (n the plane's normal): the side to the first crosses it lower.
+    """
+    filled = np.where(sides == 0, np.where((sides > 0).any(axis=1), -1, 1)[:, None], sides)
+    alone = np.argmax(filled == -filled.sum(axis=1, keepdims=True), axis=1)
+    k = np.arange(len(f))
+    sign = filled[k, alone]
+    after, before = f[k, (alone + 1) % 3], f[k, (alone + 2) % 3]
+    up = (sign > 0)[:, None]
+    return f[k, alone], np.where(up, before, after), np.where(up, after, before), sign
+
+
+def _overlap_in_plane(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:
+    """Whether the insides of two triangles in one plane meet: no side of either has the other triangle beyond it."""
+    normals = _cross(f[:, 1] - f[:, 0], f[:, 2] - f[:, 0])
+    # seen along an axis: coordinates stay as they are, so the signs stay exact
+    across = (np.argmax(np.abs(normals), axis=1)[:, None] + [1, 2]) % 3
+    f_flat, g_flat = (np.take_along_axis(t, across[:, None, :], axis=2) for t in (f, g))
+    return np.asarray(~(_has_separating_side(f_flat, g_flat) | _has_separating_side(g_flat, f_flat)))
+
+
+def _has_separating_side(f: Float[np.ndarray, "k 3 2"], g: Float[np.ndarray, "k 3 2"]) -> Bool[np.ndarray, " k"]:
+    """Whether a side of one plane triangle has all of another beyond it or on it; always where the first is flat."""
+    turn = _turn(f[:, 0], f[:, 1], f[:, 2])
+    separates = turn == 0
+    for start in range(3):
+        a, b = (np.repeat(f[:, k], 3, axis=0) for k in (start, (start + 1) % 3))
+        beyond = _turn(a, b, g.reshape(-1, 2)).reshape(-1, 3) * turn[:, None] <= 0
+        separates |= beyond.all(axis=1)
+    return np.asarray(separates)
+
+
+def _turn(
+    a: Float[np.ndarray, "k 2"], b: Float[np.ndarray, "k 2"], c: Float[np.ndarray, "k 2"]
+) -> Int[np.ndarray, " k"]:
+    """The exact sign of det(b − a, c − a) in the plane: that of a tetrahedron whose fourth corner is over a."""
+    a, b, c = (np.column_stack([points, np.zeros(len(points))]) for points in (a, b, c))
+    return _side(a, b, c, a + np.array([0.0, 0.0, 1.0]))
+
+
+# --- polygons ---------------------------------------------------------------------------------------------------------
+
+
+def _edges_with_near_boxes(
+    starts: Float[np.ndarray, "m 3"], ends: Float[np.ndarray, "m 3"], distance: float
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Pairs i < j of segments of a chain whose boxes come within a distance of each other along every axis.
+
+    Boxes of 2, 4, 8, … successive segments are small if the chain is one, whatever the segments' lengths are; pairs of
+    boxes are followed from the largest down.
+    """
+    low, high = np.minimum(starts, ends) - distance / 2, np.maximum(starts, ends) + distance / 2
+    levels = [(low, high)]
+    while len(low) > BOXES_TO_START_FROM:
+        if len(low) % 2:
+            # an empty box, which meets none
+            low, high = np.vstack([low, np.full(3, np.inf)]), np.vstack([high, np.full(3, -np.inf)])
+        low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
+        levels.append((low, high))
+    first, second = np.triu_indices(len(low))
+    for depth, (low, high) in enumerate(reversed(levels)):
+        if depth:
+            first = np.add.outer(2 * first, [0, 0, 1, 1]).ravel()
+            second = np.add.outer(2 * second, [0, 1, 0, 1]).ravel()
+            inside = (first <= second) & (second < len(low))
+            first, second = first[inside], second[inside]
+        near = ((low[first] <= high[second]) & (low[second] <= high[first])).all(axis=1)
+        first, second = first[near], second[near]
+    return first[first < second], second[first < second]
+
+
+def _segment_distances(
+    a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"], c: Float[np.ndarray, "k 3"], d: Float[np.ndarray, "k 3"]
+) -> Float[np.ndarray, " k"]:
+    """Distances between segments ab and cd: the least of the ends' and of that between two inner points."""
+    u, v, w = b - a, d - c, c - a
+    normal = _cross(u, v)
+    squared = (normal**2).sum(axis=1)
+    # the feet of the lines' common perpendicular; parallel segments are nearest at an end
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.clip((_cross(w, v) * normal).sum(axis=1) / squared, 0, 1)
+        t = np.clip((_cross(w, u) * normal).sum(axis=1) / squared, 0, 1)
+    inner = np.linalg.norm(a + s[:, None] * u - c - t[:, None] * v, axis=1)
+    ends = [_point_distances(a, c, d), _point_distances(b, c, d), _point_distances(c, a, b), _point_distances(d, a, b)]
+    return np.asarray(np.fmin(inner, np.min(ends, axis=0)))
+
+
+def _point_distances(
+    p: Float[np.ndarray, "k 3"], a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"]
+) -> Float[np.ndarray, " k"]:
+    """Distances of points from segments ab."""
+    along = b - a
+    squared = (along**2).sum(axis=1)
+    share = np.clip(((p - a) * along).sum(axis=1) / np.where(squared > 0, squared, 1), 0, 1)
+    return np.asarray(np.linalg.norm(p - a - share[:, None] * along, axis=1))
+
+
+def _folds(points: Float[np.ndarray, "m 3"], tolerance: float) -> Int[np.ndarray, " k"]:
+    """The points of a polygon at which its two edges lie on each other, to a tolerance in mesh units."""
+    u, v = np.roll(points, 1, axis=0) - points, np.roll(points, -1, axis=0) - points
+    acute = np.flatnonzero((u * v).sum(axis=1) > 0)
+    u, v = u[acute], v[acute]
+    u_length, v_length = np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)
+    off = np.linalg.norm(_cross(u, v), axis=1) / np.maximum(u_length, v_length)
+    return np.asarray(acute[(off <= tolerance) & (np.minimum(u_length, v_length) > tolerance)])

@@ -1,0 +1,97 @@
+"""Dirichlet's form of harmonic functions on Ω, on equal steps of the parameter of ∂Ω."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.domain.plane_domain import FourierBoundary
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DirichletForm:
+    """The Dirichlet-to-Neumann map Λ of Ω: boundary values x(t) ↦ ∂x*/∂θ, θ = 2πt, with x* the conjugate of x.
+
+    ½ ∫ x·Λx dθ is the Dirichlet energy of the harmonic function with boundary values x; it does not depend on the
+    parameter of ∂Ω. On the disk Λ is the multiplier |k| of Fourier series. On an analytic ∂Ω it differs from that by an
+    operator with a smooth kernel, which acts on low frequencies only: a small matrix says it all, whatever the number
+    of samples. The smooth kernel and its counterpart for Cauchy integrals come from the Cauchy integral by the
+    trapezoidal rule with the cotangent taken out.
+
+    Attributes:
+        boundary: ∂Ω.
+        kernel: (c, c), the smooth part of Cauchy's integral on c equal steps, 1/n included; none on a disk.
+        correction: (c, c), Λ of Ω less that of the disk on c equal steps; none on a disk.
+        asymmetry: largest deviation of the correction from a symmetric matrix, relative to the largest entry of |k|'s
+            matrix: 0 up to the error of the discretisation, so a measure of it.
+
+    Source: Kress, "Linear Integral Equations" (2014), sections 7 and 12, for the integral equation.
+    """
+
+    boundary: FourierBoundary
+    kernel: Complex[Tensor, "c c"] | None
+    correction: Float[Tensor, "c c"] | None
+    asymmetry: float
+
+    @classmethod
+    def of_disk(cls, boundary: FourierBoundary) -> DirichletForm:
+        """The form of a disk, its boundary by angle."""
+        return cls(boundary=boundary, kernel=None, correction=None, asymmetry=0.0)
+
+    @classmethod
+    def of(cls, boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
+        """The form of any Ω.
+
+        Args:
+            boundary: ∂Ω.
+            n: equal steps that resolve the kernel; even. The cost is n³.
+            device: where the matrix lives.
+        """
+        z, dz, ddz = (torch.tensor(row, device=device) for row in boundary.grid(n))
+        kernel = _smooth_kernel(z, z, dz) / n
+        kernel.diagonal().copy_(ddz / (4 * np.pi * dz * n))
+        k = torch.fft.fftfreq(n, 1 / n, dtype=torch.float64, device=device)
+        k[n // 2] = 0
+        identity = torch.eye(n, dtype=torch.float64, device=device)
+        # column j is e_j conjugated on the disk
+        disk = torch.fft.ifft((-1j * k.sign())[:, None] * torch.fft.fft(identity, dim=0), dim=0).real
+        # a real density μ gives the boundary values (½ + Im kernel) μ and their conjugate (½ H − Re kernel) μ
+        conjugate = torch.linalg.solve(0.5 * identity + kernel.imag, 0.5 * disk - kernel.real, left=False)
+        slope = torch.fft.ifft((1j * k)[:, None] * torch.fft.fft(conjugate - disk, dim=0), dim=0).real
+        asymmetry = float((slope - slope.T).abs().max()) / (n / 4)
+        return cls(boundary=boundary, kernel=kernel, correction=(slope + slope.T) / 2, asymmetry=asymmetry)
+
+    def __call__(self, x: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch n k"]:
+        """Λ of each column, sampled at t = j/n."""
+        n = x.shape[-2]
+        spectrum = torch.fft.rfft(x, dim=-2)
+        result = spectrum * torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)[:, None]
+        if self.correction is not None:
+            count = len(self.correction)
+            half = count // 2
+            low = torch.fft.irfft(spectrum[..., :half, :], n=count, dim=-2)
+            # the rows of a transpose: BLAS is far slower on narrow columns, and the matrix is symmetric
+            low = torch.fft.rfft((low.mT @ self.correction).mT, dim=-2)[..., :half, :]
+            result[..., :half, :] += low
+        values: Tensor = torch.fft.irfft(result, n=n, dim=-2)
+        return values
+
+
+def _smooth_kernel(
+    target: Complex[Tensor, " m"], source: Complex[Tensor, " n"], derivative: Complex[Tensor, " n"]
+) -> Complex[Tensor, "m n"]:
+    """Cauchy's kernel z'(τ)/(z(τ) − z(t)) less the circle's ½cot(π(τ − t)), per step of τ, over 2π.
+
+    Both curves are sampled at equal steps, t from 0 on; where t = τ the entry means nothing.
+    """
+    m, n = len(target), len(source)
+    real = derivative.real
+    turn = torch.arange(n).to(real)[None] / n - torch.arange(m).to(real)[:, None] / m
+    difference = source[None] - target[:, None]
+    same = turn == 0
+    cotangent = 0.5 / torch.tan(np.pi * turn.masked_fill(same, 0.5))
+    return derivative[None] / (2 * np.pi) / difference.masked_fill(same, 1) - cotangent

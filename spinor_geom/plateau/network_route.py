@@ -1,0 +1,291 @@
+"""The network route to a minimal disk: Gauss-Newton for a Cauchy network on an Ω flattened from a discrete disk.
+
+It takes every loop, with corners or without, and goes to the minimal disk nearest to where it starts, saddles of the
+area included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float, Int
+from torch import Tensor
+
+from spinor_geom.discrete.minimal_surface import Disk, finer_disk
+from spinor_geom.domain.flattening import flatten
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.errors import DomainError, OptionError, SingularMatrixError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.corners import CornerPairs
+from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.residual import Residual, independent_residual
+from spinor_geom.plateau.solution import Iteration
+from spinor_geom.plateau.start import lifted_spinors
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
+_LONGEST_RIM = 240
+_MAX_ROUNDS = 3
+# A fit that is left farther from Γ than this, in mean edges, is tried again from a finer discrete disk.
+_POOR = 1e-2
+# Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
+_PATH_ORDER = 16
+# A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
+_STALL, _STALL_LAST = 0.2, 0.05
+# The fit may go on to this share of the tolerance: while it converges fast, steps cost little and every digit is real.
+_BELOW_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cauchy:
+    """Options of the Cauchy network.
+
+    Attributes:
+        degree: highest degree of the polynomials; loops of fewer than 20 points take less.
+        pole_offset: distance of the poles from ∂Ω, in local edge lengths.
+    """
+
+    degree: int = 40
+    pole_offset: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Checks the options.
+
+        Raises:
+            OptionError: a negative degree or an offset that is not positive.
+        """
+        if self.degree < 1 or not self.pole_offset > 0:
+            raise OptionError(f"a Cauchy network needs degree ≥ 1 and pole_offset > 0, got {self}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NetworkSolver:
+    """One loop on the network route.
+
+    Attributes:
+        loop: the loop at unit size.
+        rim: indices of its points that stand for it in discrete disks.
+        curve: Γ.
+        options: of the network.
+        budget: what a fit may cost.
+        device: where the linear algebra runs.
+        clock: of the stages.
+    """
+
+    loop: BoundaryLoop
+    rim: Int[np.ndarray, " k"]
+    curve: BoundaryCurve
+    options: Cauchy
+    budget: Budget
+    device: torch.device
+    clock: Clock
+
+    def found_from(self, disk: Disk, history: tuple[Iteration, ...]) -> Found:
+        """The minimal disk that a discrete one leads to.
+
+        Raises:
+            DomainError: its flattening gives no simple domain.
+            SingularMatrixError: the discrete disk or the fit is degenerate.
+        """
+        fitted = self._fitted_from(disk, history)
+        poor = fitted.residual.rms > max(self.budget.allowed, _POOR * self.loop.mean_edge_length)
+        if poor and len(fitted.history) < self.budget.max_iterations:
+            fitted = self._improved(fitted, disk)
+        with self.clock.stage("surface"):
+            surface = _surface(fitted)
+            area = surface.area()
+        spent = len(fitted.history) >= self.budget.max_iterations
+        features = fitted.stage.network.mixing.shape[1]
+        return Found(
+            surface=surface,
+            matching=fitted.stage.matching(fitted.fit),
+            rms=fitted.residual.rms,
+            max=fitted.residual.max,
+            area=area,
+            route="network",
+            history=fitted.history,
+            limit="the limit on steps was reached"
+            if spent
+            else f"a network of {features} features follows the boundary no better",
+        )
+
+    def _improved(self, fitted: _Fitted, disk: Disk) -> _Fitted:
+        """The better of a fit and one that starts from a finer disk; the fit itself where that disk cannot be made."""
+        try:
+            with self.clock.stage("first fill"):
+                finer = finer_disk(disk, len(self.rim))
+            again = self._fitted_from(finer, fitted.history)
+        except (DomainError, SingularMatrixError):  # what a second try fails at must not cost the first one's result
+            return fitted
+        best = again if again.residual.rms < fitted.residual.rms else fitted
+        return replace(best, history=again.history)
+
+    def _fitted_from(self, disk: Disk, history: tuple[Iteration, ...]) -> _Fitted:
+        """The fit that starts from a discrete disk: its flattening gives Ω, its frames p and q."""
+        rim, curve, device = self.rim, self.curve, self.device
+        with self.clock.stage("flattening"):
+            flat = flatten(disk.vertices, disk.faces, len(rim))
+            corners = self.loop.corners[rim]
+            domain = PlaneDomain.from_boundary(flat.boundary, corners, flat.log_scale)
+        with self.clock.stage("features"):
+            pairs = CornerPairs(t=domain.boundary.parameters[:-1][corners], s=curve.breaks[rim[corners]])
+            stage = Discretisation.first(
+                domain,
+                CurveTensors.of(curve, device),
+                pairs,
+                degree=self.options.degree,
+                offset=self.options.pole_offset,
+                turning=float(np.quantile(turning_angles(self.loop.points), 0.9)),
+            )
+        with self.clock.stage("fit"):
+            spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, device)
+            edge = np.searchsorted(domain.boundary.parameters, stage.panels.t, side="right") - 1
+            readout = stage.readout_of(spinors[torch.as_tensor(edge, device=device)])
+            knots = np.append(curve.breaks[rim], curve.breaks[rim[0]] + 1)
+            slide = torch.as_tensor(np.interp(stage.panels.t, domain.boundary.parameters, knots), device=device)
+            return _fit_and_refine(
+                stage,
+                readout,
+                slide,
+                self.budget,
+                history,
+                points=len(self.loop),
+                offset=self.options.pole_offset,
+            )
+
+
+def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
+    """Indices of the points that stand for the loop in the first fill, in Ω and for the poles; corners stay."""
+    if len(loop) <= _LONGEST_RIM:
+        return np.arange(len(loop))
+    along = np.concatenate([[0.0], np.cumsum(loop.edge_lengths)[:-1]])
+    wanted = np.searchsorted(along, np.arange(_LONGEST_RIM) * (loop.perimeter / _LONGEST_RIM))
+    return np.unique(np.concatenate([[0], wanted.clip(0, len(loop) - 1), np.flatnonzero(loop.corners)]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fitted:
+    """The best round: its discretisation, its fit, its residual at unit size, its number, and the steps of all."""
+
+    stage: Discretisation
+    fit: Fit
+    residual: Residual
+    rounds: int
+    history: tuple[Iteration, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Budget:
+    """What a fit may cost: residual that is allowed at unit size, steps, and who hears of them."""
+
+    allowed: float
+    max_iterations: int
+    on_iteration: Callable[[Iteration], None] | None
+
+    def fit(
+        self,
+        stage: Discretisation,
+        readout: Complex[Tensor, "n 2"],
+        slide: Float[Tensor, " nodes"],
+        history: tuple[Iteration, ...],
+        *,
+        stall: float,
+    ) -> Fit:
+        """Gauss-Newton with what the history leaves of the steps."""
+        return gauss_newton(
+            stage.problem,
+            readout,
+            slide,
+            goal=_BELOW_TOLERANCE * self.allowed,
+            allowed=self.allowed,
+            max_iterations=self.max_iterations - len(history),
+            stall=stall,
+            first_index=len(history) + 1,
+            on_iteration=self.on_iteration,
+        )
+
+
+def _fit_and_refine(
+    stage: Discretisation,
+    readout: Complex[Tensor, "n 2"],
+    slide: Float[Tensor, " nodes"],
+    budget: Budget,
+    history: tuple[Iteration, ...],
+    *,
+    points: int,
+    offset: float,
+) -> _Fitted:
+    """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
+    best: _Fitted | None = None
+    for remaining in reversed(range(_MAX_ROUNDS)):
+        fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
+        history += fit.history
+        if best is None and fit.residual > budget.allowed and stage.has_moduli:
+            corrected, again, history = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+            if again.residual < fit.residual:
+                stage, fit = corrected, again
+        residual = independent_residual(stage, fit, points=points)
+        if best is not None and residual.rms >= best.residual.rms:
+            return replace(best, history=history)
+        best = _Fitted(stage=stage, fit=fit, residual=residual, rounds=_MAX_ROUNDS - remaining, history=history)
+        if residual.rms <= budget.allowed or len(history) >= budget.max_iterations:
+            break
+        finer = stage.refined(residual.energy, budget.allowed)
+        if finer is None:
+            break
+        readout, slide = finer.transferred(stage, fit)
+        stage = finer
+    assert best is not None
+    return best
+
+
+def _with_right_moduli(
+    stage: Discretisation,
+    readout: Complex[Tensor, "n 2"],
+    slide: Float[Tensor, " nodes"],
+    history: tuple[Iteration, ...],
+    budget: Budget,
+    *,
+    offset: float,
+) -> tuple[Discretisation, Fit, tuple[Iteration, ...]]:
+    """A fit in which Ω may move, so that its corners can meet Γ's; the moves are made, and it is fitted again."""
+    last = np.inf
+    while True:
+        fit = budget.fit(stage.flexible(), readout, slide, history, stall=_STALL)
+        history += fit.history
+        if fit.residual > last / 2 or len(history) >= budget.max_iterations:
+            break
+        last = fit.residual
+        try:
+            moved = stage.moved(fit, offset=offset)
+        except DomainError:  # the move would fold Ω: what is fitted so far stands
+            break
+        readout, slide = moved.transferred(stage, fit)
+        stage = moved
+    fit = budget.fit(stage, fit.readout, fit.slide, history, stall=_STALL)
+    return stage, fit, history + fit.history
+
+
+def _surface(fitted: _Fitted) -> SpinorSurface:
+    """The fitted surface at unit size."""
+    stage, fit = fitted.stage, fitted.fit
+    network, device = stage.network, fit.readout.device
+    with torch.no_grad():
+        network.readout.copy_(fit.readout)
+    surface = SpinorSurface(network, stage.domain, order=_PATH_ORDER * fitted.rounds).to(device)
+    # the fit counts positions from the boundary, the surface from its root: compare them at a few boundary points
+    some = torch.arange(0, len(stage.panels.t), max(1, len(stage.panels.t) // 16), device=device)
+    boundary = (stage.problem.positions(fit.readout) + fit.constant)[some]
+    with torch.no_grad():
+        offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
+        # the median: at a point right beside a pole the path integral has fewer digits
+        surface.constant.copy_(offset.median(0).values)
+    return surface

@@ -1,0 +1,159 @@
+"""Smooth plane domains made for a loop: a disk, an unfolding, or the flattening of a harmonic disk."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from scipy.interpolate import CubicSpline
+
+from spinor_geom.domain.flattening import is_simple
+from spinor_geom.domain.plane_domain import FourierBoundary
+from spinor_geom.errors import DomainError
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.dirichlet import DirichletForm
+from spinor_geom.plateau.douglas import HarmonicDisk
+
+# Width of the smoothing of the nodes' density, in points: it must not follow single edges.
+_DENSITY_WIDTH = 1.4
+# Samples of a spline for its Fourier coefficients, per coefficient kept.
+_OVERSAMPLING = 8
+# Largest asymmetry of Λ at which Ω counts as resolved.
+_RESOLVED = 1e-4
+# Shares of the nodes that follow the loop's length, its vertices, and its turning.
+_SHARES = (0.4, 0.3, 0.3)
+
+
+class NodeDensity:
+    """The parameter t of ∂Ω that a loop asks for: equal steps of t lie denser at its vertices and bends.
+
+    It is a weighted mean of three shares of the loop up to a point: of its length, of its vertices, of its turning;
+    made smooth, so that ∂Ω and the slide along it can be analytic. On a circle of equal edges t = s.
+    """
+
+    def __init__(self, curve: BoundaryCurve, points: int) -> None:
+        """Takes Γ and the number of points that Ω is made from, which sets the width of the smoothing."""
+        count = len(curve.breaks) - 1
+        n = _OVERSAMPLING * max(count, points)
+        s = np.arange(n + 1) / n
+        tangent = curve.derivative(s)
+        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+        turning = np.cumsum(np.linalg.norm(np.diff(tangent, axis=0, prepend=tangent[:1]), axis=1))
+        by_vertex = np.interp(s, curve.breaks, np.arange(count + 1) / count)
+        share = np.array(_SHARES) @ np.stack([s, by_vertex, turning / turning[-1]])
+        self._t = np.arange(n + 1) / n
+        offset = np.fft.rfft(np.interp(self._t[:-1], share, s) - self._t[:-1])
+        offset *= np.exp(-0.5 * (2 * np.pi * np.arange(len(offset)) * _DENSITY_WIDTH / points) ** 2)
+        smooth = np.fft.irfft(offset, n=n)
+        # the mean of increasing functions increases
+        self._s = self._t + np.append(smooth, smooth[0]) - smooth[0]
+        self._s_at_0 = smooth[0]
+
+    def parameter(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """t(s), continued around the circle."""
+        s = s - self._s_at_0
+        whole = np.floor(s)
+        return np.asarray(np.interp(s - whole, self._s, self._t) + whole)
+
+    def slide(self, t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """s(t), the inverse."""
+        whole = np.floor(t)
+        return np.asarray(np.interp(t - whole, self._t, self._s) + whole + self._s_at_0)
+
+
+def rounded_boundary(
+    polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], *, steps: int, width: float, count: int
+) -> FourierBoundary:
+    """An analytic curve near to a polygon: a spline through its vertices, rounded off.
+
+    Args:
+        polygon: vertices, counter-clockwise.
+        t: their parameters, increasing.
+        steps: that shall resolve the curve; it has a quarter as many frequencies of either sign.
+        width: standard deviation of the Gaussian that rounds it, as a share of the whole curve.
+        count: number of vertices of the result.
+    """
+    spline = CubicSpline(np.append(t, t[0] + 1), np.append(polygon, polygon[0]), bc_type="periodic")
+    highest = steps // 4
+    n = 2 * _OVERSAMPLING * highest
+    k = np.arange(-highest, highest + 1)
+    coefficients = np.fft.fft(spline(np.arange(n) / n))[k] / n
+    return FourierBoundary(coefficients * np.exp(-0.5 * (2 * np.pi * k * width) ** 2), count)
+
+
+def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
+    """Λ on ∂Ω.
+
+    Args:
+        boundary: ∂Ω.
+        n: steps.
+        device: of Λ.
+
+    Raises:
+        DomainError: ∂Ω crosses itself, or two parts of it come so near that n steps do not resolve Λ.
+    """
+    polygon = boundary.grid(n)[0]
+    if not is_simple(polygon):
+        raise DomainError("the rounded domain crosses itself", vertices=len(boundary.vertices))
+    form = DirichletForm.of(boundary, n, device)
+    if not form.asymmetry <= _RESOLVED:
+        raise DomainError(
+            f"the domain is too narrow somewhere for {n} steps around it (Λ is asymmetric by {form.asymmetry:.1e})",
+            vertices=len(boundary.vertices),
+        )
+    return form
+
+
+def reflattened(
+    disk: HarmonicDisk,
+    form: DirichletForm,
+    density: NodeDensity,
+    *,
+    share: float,
+    steps: int,
+    width: float,
+    count: int,
+) -> tuple[FourierBoundary, Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
+    """∂Ω for which a harmonic disk has boundary scale 1: its surface, low frequencies only, flattened.
+
+    With u = log of the scale and v the conjugate of u, ∫ e^{u + iv} dz maps Ω conformally onto the flattening
+    (`flatten` does the same for triangles). Nothing crowds there, whatever Ω was.
+
+    Args:
+        disk: a harmonic disk over Ω.
+        form: Λ of Ω.
+        density: parameter of the new ∂Ω.
+        share: of u: 1 for boundary scale 1, less to stay nearer to the old Ω.
+        steps: that shall resolve the new ∂Ω.
+        width: of the Gaussian that smooths the scale, as a share of ∂Ω.
+        count: number of vertices.
+
+    Returns:
+        The boundary, and pairs (t, s) of the same disk over it; None where the slide is too uneven to smooth.
+    """
+    n = len(disk.slide)
+    t = np.arange(n) / n
+    slide = disk.slide.cpu().numpy()
+    k = np.fft.fftfreq(n, 1 / n)
+    damping = np.exp(-0.5 * (2 * np.pi * k * width) ** 2)
+    offset = np.fft.fft(slide - t) * damping
+    smooth = t + np.fft.ifft(offset).real
+    stretch = 1 + np.fft.ifft(2j * np.pi * k * offset).real
+    if stretch.min() <= 0:
+        return None
+    _, dz, _ = form.boundary.grid(n)
+    u = share * np.fft.ifft(np.fft.fft(np.log(stretch / np.abs(dz))) * damping).real
+    slope = np.fft.fft(form(torch.tensor(u, device=disk.slide.device)[:, None])[:, 0].cpu().numpy())
+    v = _integral(2 * np.pi * slope).real
+    image = _integral(np.fft.fft(dz * np.exp(u + 1j * v)))
+    parameter = density.parameter(smooth)
+    return rounded_boundary(image, parameter, steps=steps, width=width, count=count), parameter, slide
+
+
+def _integral(spectrum: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
+    """∫ f dt at t = j/n from the discrete Fourier transform of samples of f, of mean 0."""
+    n = len(spectrum)
+    k = np.fft.fftfreq(n, 1 / n)
+    inverse = np.zeros(n, dtype=np.complex128)
+    np.divide(1, 2j * np.pi * k, out=inverse, where=(k != 0) & (2 * np.abs(k) != n))
+    return np.asarray(np.fft.ifft(spectrum * inverse))

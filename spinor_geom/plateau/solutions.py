@@ -1,0 +1,411 @@
+"""Several minimal disks of one loop: unstable ones are left for better ones, and others are looked for.
+
+It knows no solver: one is handed in as a function that makes a solution from a discrete disk. It must go to the nearest
+minimal disk, saddles of the area included, as Gauss-Newton on the boundary does.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import combinations
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.interpolate import LinearNDInterpolator
+
+from spinor_geom.discrete.area_descent import descend_area, harmonic_extension
+from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
+from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+from spinor_geom.plateau.solution import Iteration, PlateauSolution
+from spinor_geom.plateau.stability import lowest_modes
+
+# Growth of the triangles inwards: finer than a first fill, whose area may have no descent where the surface's has.
+_GROWTH = 0.1
+_CHANGE = 1e-8
+_MOST_STEPS = 200
+# Displacements along an eigenvector, in diagonals: those among which the least area is sought, and those that are tried
+# where that leads nowhere. From beyond a new disk Newton's method goes to it, from short of it back to the old one.
+_AMPLITUDES = 0.5 ** np.arange(1, 7, 0.5)
+_LARGE_AMPLITUDES = (0.2, 0.1, 0.05)
+_MOST_DEPARTURES = 4
+# Harmonic steps take the average of two disks near to a minimal one; more of them would slide off the ridge.
+_RIDGE_STEPS = 3
+# Two disks of one area and of one normal along Γ are the same (a minimal surface is determined by its normal along a
+# curve); what exact fits may differ by, and how many residuals per edge the normals of poor ones do.
+_SAME_AREA = 1e-6
+_SAME_NORMAL, _NORMAL_PER_RESIDUAL = 0.03, 15.0
+# Starts in all: a bound, not a number that loops come near to.
+_MOST_STARTS = 24
+# What a start may fail at.
+_FAILURES = (DomainError, FirstFillError, SingularMatrixError)
+
+
+class Solve(Protocol):
+    """Makes a solution from a discrete disk over the rim, its steps after those of a history."""
+
+    def __call__(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
+        """Raises DomainError or SingularMatrixError where the disk leads to no solution."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rim:
+    """The points of a loop that stand for it in discrete disks.
+
+    Attributes:
+        loop: the loop.
+        indices: of the points in it, ascending.
+    """
+
+    loop: BoundaryLoop
+    indices: Int[np.ndarray, " m"]
+
+    @cached_property
+    def points(self) -> Float[np.ndarray, "m 3"]:
+        """The points."""
+        return np.asarray(self.loop.points[self.indices])
+
+    @cached_property
+    def _edges(self) -> Float[np.ndarray, " m"]:
+        return np.asarray(np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1))
+
+    @cached_property
+    def round_mesh(self) -> PlaneTriangulation:
+        """A mesh of the disk whose circle is as long as the rim, the rim's points on it by their distances."""
+        length = self._edges.sum()
+        along = np.append(0.0, np.cumsum(self._edges)[:-1]) / length
+        circle = length / (2 * np.pi) * np.exp(2j * np.pi * along)
+        return triangulate_polygon(circle, graded_size(circle, growth=_GROWTH))
+
+    def round_disk(self) -> Disk:
+        """The harmonic disk over a plane one: it has the symmetries of the loop, where a triangulation breaks them."""
+        return _disk(_harmonic(self.round_mesh, self.points), self.round_mesh)
+
+    def mean(self, values: Float[np.ndarray, " m"]) -> float:
+        """Mean of values at the points by the length of their edges, without corners, where they may not exist."""
+        smooth = ~self.loop.corners[self.indices]
+        counted = smooth if smooth.any() else ~smooth
+        weight = self._edges + np.roll(self._edges, 1)
+        return float(np.average(values[counted], weights=weight[counted]))
+
+    def normals(self, solution: PlateauSolution) -> Float[np.ndarray, "m 3"]:
+        """A solution's unit normals at the points."""
+        return solution.surface.normal(solution.loop_points_in_domain()[self.indices])
+
+    def domain_mesh(self, solution: PlateauSolution) -> PlaneTriangulation:
+        """A mesh of a solution's Ω whose boundary vertices are the rim's points.
+
+        Raises:
+            DomainError: the rim's points in Ω make no simple polygon.
+        """
+        polygon = solution.loop_points_in_domain()[self.indices]
+        return triangulate_polygon(polygon, graded_size(polygon, growth=_GROWTH))
+
+    def positions(self, solution: PlateauSolution, mesh: PlaneTriangulation) -> Float[np.ndarray, "n 3"]:
+        """A solution's positions at the vertices of a mesh of its Ω, with the rim's own at its boundary."""
+        x = solution.surface.position(mesh.points)
+        x[: mesh.boundary_size] = self.points
+        return x
+
+    def round_positions(self, solution: PlateauSolution) -> Float[np.ndarray, "n 3"]:
+        """A solution's positions at the vertices of the round mesh: Ω is mapped harmonically to it.
+
+        Raises:
+            DomainError: the rim's points in Ω make no simple polygon.
+        """
+        mesh, target = self.domain_mesh(solution), self.round_mesh
+        m = mesh.boundary_size
+        circle = target.points[:m]
+        # harmonic onto a convex domain, with a Delaunay mesh's positive weights: one to one
+        plane = _harmonic(mesh, np.column_stack([circle.real, circle.imag]))
+        x = self.positions(solution, mesh)
+        moved = LinearNDInterpolator(plane, x)(target.points[m:].real, target.points[m:].imag)
+        return np.concatenate([self.points, moved])
+
+
+def leave_unstable(solution: PlateauSolution, rim: Rim, solve: Solve, *, max_iterations: int) -> PlateauSolution:
+    """A better disk than an unstable one, where one is found along an eigenvector of its second variation.
+
+    The disk is moved along the eigenvector to the least area, the area descends from there, and the solver starts from
+    the discrete disk that this leads to. This is repeated until a disk is not unstable.
+
+    Args:
+        solution: it comes back as it is unless its verdict is "unstable".
+        rim: of its loop.
+        solve: the solver.
+        max_iterations: limit on its steps, those of the solution included.
+
+    Returns:
+        The last disk. History and timings are those of all tries, the reason says what was left.
+    """
+    left: list[str] = []
+    tries = _Tries(solve=solve, history=solution.history, timings=dict(solution.timings), limit=max_iterations)
+    while solution.stability.verdict == "unstable" and len(left) < _MOST_DEPARTURES:
+        better = tries.first_better(solution, rim)
+        if better is None:
+            reason = f"{solution.reason}; the disk is unstable, and no better one was found along its eigenvectors"
+            return replace(solution, history=tries.history, timings=tries.timings, reason=reason)
+        left.append(f"{solution.area:.6g}")
+        solution = better
+    if not left:
+        return solution
+    reason = f"{solution.reason}; left an unstable disk of area {', then one of '.join(left)}"
+    return replace(solution, history=tries.history, timings=tries.timings, reason=reason)
+
+
+def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
+    """Minimal disks of one loop, sorted by area.
+
+    Starts: the unfolded least-area triangulation, the harmonic disk over a plane one, and, where neither leads to an
+    unstable disk, the first one mirrored in the harmonic one. Every unstable disk is left to both sides along each of
+    its eigenvectors. Where Γ bounds no degenerate disk, Σ(−1)^index = 1 over all disks; while the sum is larger, the
+    averages of pairs of stable disks are starts too, because between two minima there is a saddle.
+
+    Args:
+        rim: of the loop.
+        solve: the solver.
+
+    Returns:
+        Different disks, all converged; the nearest one alone where none converged.
+
+    Raises:
+        DomainError, FirstFillError, SingularMatrixError: no start led to a solution; that of the first one.
+
+    Source: Dierkes, Hildebrandt & Tromba, Global Analysis of Minimal Surfaces (2010), for the sum over the indices.
+    """
+    search = _Search(rim=rim, solve=solve)
+    search.start(lambda: first_disk(rim.points))
+    search.start(rim.round_disk)
+    if search.entries and all(entry.solution.stability.verdict != "unstable" for entry in search.entries):
+        search.start(search.mirrored)
+    search.leave_all()
+    for pair in search.open_pairs():
+        search.start(partial(search.ridge, *pair))
+        search.leave_all()
+    return search.result()
+
+
+@dataclass(kw_only=True, eq=False)
+class _Tries:
+    """Solutions beside an unstable one, with the steps and the time of all tries."""
+
+    solve: Solve
+    history: tuple[Iteration, ...]
+    timings: dict[str, float]
+    limit: int
+
+    def first_better(self, solution: PlateauSolution, rim: Rim) -> PlateauSolution | None:
+        """The first solution of less area; None where no try leads to one."""
+        start, before = time.perf_counter(), sum(self.timings.values())
+        better = next(self._better(solution, rim), None)
+        own = time.perf_counter() - start - (sum(self.timings.values()) - before)
+        self.timings["leaving"] = self.timings.get("leaving", 0.0) + own
+        return better
+
+    def _better(self, solution: PlateauSolution, rim: Rim) -> Iterator[PlateauSolution]:
+        for direction in _departures(solution, rim):
+            for disk in direction:
+                if len(self.history) >= self.limit:
+                    return
+                try:
+                    again = self.solve(disk, self.history)
+                except _FAILURES:
+                    continue
+                self.history = again.history
+                for stage, seconds in again.timings.items():
+                    self.timings[stage] = self.timings.get(stage, 0.0) + seconds
+                if _is_lower(again, solution):
+                    if again.converged or again.boundary_residual.rms <= solution.boundary_residual.rms:
+                        yield again
+                    break  # from farther along the solver would only come here again
+
+
+@dataclass(kw_only=True, eq=False)
+class _Entry:
+    """A disk that was found, its normals at the rim's points, and whether it was left along its eigenvectors."""
+
+    solution: PlateauSolution
+    normals: Float[np.ndarray, "m 3"]
+    left: bool = False
+
+    @property
+    def residual(self) -> float:
+        return self.solution.boundary_residual.rms_per_edge
+
+    @property
+    def is_stable(self) -> bool:
+        return self.solution.stability.index == 0
+
+    @property
+    def sign(self) -> int:
+        """(−1)^index; 0 where the index is not known."""
+        index = self.solution.stability.index
+        return 0 if index is None else 1 - 2 * (index % 2)
+
+
+@dataclass(kw_only=True, eq=False)
+class _Search:
+    """Different disks of one loop, and what has been tried to find them."""
+
+    rim: Rim
+    solve: Solve
+    entries: list[_Entry] = field(default_factory=list)
+    poor: list[PlateauSolution] = field(default_factory=list)
+    errors: list[DomainError | FirstFillError | SingularMatrixError] = field(default_factory=list)
+    starts: int = 0
+
+    def start(self, make_disk: Callable[[], Disk]) -> None:
+        """Solves from a disk that is yet to be made."""
+        try:
+            disk = make_disk()
+        except _FAILURES as error:
+            self.errors.append(error)
+        else:
+            self.start_from(disk)
+
+    def start_from(self, disk: Disk) -> PlateauSolution | None:
+        """The solution from a discrete disk, which is kept if it converged and is new; None where there is none."""
+        self.starts += 1
+        if self.starts > _MOST_STARTS:
+            return None
+        try:
+            solution = self.solve(disk)
+        except _FAILURES as error:
+            self.errors.append(error)
+            return None
+        if not solution.converged:
+            self.poor.append(solution)
+            return solution
+        new = _Entry(solution=solution, normals=self.rim.normals(solution))
+        known = next((entry for entry in self.entries if self._are_one(entry, new)), None)
+        if known is None:
+            self.entries.append(new)
+        elif new.residual < known.residual:
+            known.solution, known.normals = new.solution, new.normals
+        return solution
+
+    def _are_one(self, a: _Entry, b: _Entry) -> bool:
+        apart = abs(a.solution.area - b.solution.area)
+        turned = self.rim.mean(((a.normals - b.normals) ** 2).sum(axis=1)) ** 0.5
+        allowed = _SAME_NORMAL + _NORMAL_PER_RESIDUAL * (a.residual + b.residual)
+        return apart <= _area_error(a.solution, b.solution) and turned <= allowed
+
+    def leave_all(self) -> None:
+        """Starts to both sides of every unstable disk along its eigenvectors, and of those that this finds."""
+        while True:
+            waiting = [e for e in self.entries if not e.left and e.solution.stability.verdict == "unstable"]
+            if not waiting:
+                return
+            waiting[0].left = True
+            unstable = waiting[0].solution
+            for direction in _departures(unstable, self.rim):
+                for disk in direction:
+                    found = self.start_from(disk)
+                    if found is not None and _is_lower(found, unstable):
+                        break
+
+    def mirrored(self) -> Disk:
+        """The first disk mirrored in the harmonic one, its area descended: a way into another valley."""
+        first = self.rim.round_positions(self.entries[0].solution)
+        return self._descended(2 * self.rim.round_disk().vertices - first, _MOST_STEPS)
+
+    def ridge(self, first: _Entry, second: _Entry) -> Disk:
+        """The average of two disks, nearly minimal."""
+        positions = [self.rim.round_positions(entry.solution) for entry in (first, second)]
+        return self._descended((positions[0] + positions[1]) / 2, _RIDGE_STEPS)
+
+    def _descended(self, vertices: Float[np.ndarray, "n 3"], steps: int) -> Disk:
+        mesh = self.rim.round_mesh
+        descent = descend_area(vertices, mesh.faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=steps)
+        return Disk(vertices=descent.vertices, faces=mesh.faces, areas=descent.areas, converged=descent.converged)
+
+    def open_pairs(self) -> Iterator[tuple[_Entry, _Entry]]:
+        """Pairs of stable disks, nearest in area to the least first, while the list is not complete."""
+        used: set[tuple[int, int]] = set()
+        while sum(entry.sign for entry in self.entries) > 1:
+            stable = sorted((e for e in self.entries if e.is_stable), key=lambda entry: entry.solution.area)
+            pairs = [pair for pair in combinations(stable, 2) if (id(pair[0]), id(pair[1])) not in used]
+            if not pairs or self.starts >= _MOST_STARTS:
+                return
+            used.add((id(pairs[0][0]), id(pairs[0][1])))
+            yield pairs[0]
+
+    def result(self) -> tuple[PlateauSolution, ...]:
+        """The solutions by area."""
+        different: list[_Entry] = []
+        # once more, the best first: poor fits may not have been known for the same disk
+        for entry in sorted(self.entries, key=lambda entry: entry.residual):
+            if not any(self._are_one(entry, other) for other in different):
+                different.append(entry)
+        if different:
+            return tuple(sorted((entry.solution for entry in different), key=lambda solution: solution.area))
+        if self.poor:
+            return (min(self.poor, key=lambda solution: solution.boundary_residual.rms),)
+        raise self.errors[0]
+
+
+def _departures(solution: PlateauSolution, rim: Rim) -> Iterator[Iterator[Disk]]:
+    """For each unstable eigenvector and each side discrete disks beside an unstable disk, the most promising first."""
+    try:
+        mesh = rim.domain_mesh(solution)
+    except DomainError:  # points that slid together make no polygon: there is no mesh to move
+        return
+    m = mesh.boundary_size
+    x = rim.positions(solution, mesh)
+    normal = solution.surface.normal(mesh.points)
+    normal[:m] = 0  # it may not exist at corners
+    _, modes = lowest_modes(solution.surface, mesh, solution.stability.index or 1)
+    for mode in modes.T:
+        # a mode's own sign is arbitrary
+        mode = mode * np.sign(mode[np.abs(mode).argmax()])
+        for side in (1.0, -1.0):
+            yield _beside(x, side * rim.loop.diagonal * mode[:, None] * normal, mesh)
+
+
+def _beside(
+    x: Float[np.ndarray, "n 3"], displacement: Float[np.ndarray, "n 3"], mesh: PlaneTriangulation
+) -> Iterator[Disk]:
+    """Disks that a displacement leads to: by area descent where the mesh has one, then without."""
+    faces = mesh.faces
+    areas = np.array([face_areas(x + a * displacement, faces).sum() for a in _AMPLITUDES])
+    if areas.min() < face_areas(x, faces).sum():
+        start = x + _AMPLITUDES[areas.argmin()] * displacement
+        try:
+            descent = descend_area(
+                start, faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=_MOST_STEPS
+            )
+        except SingularMatrixError:  # triangles collapsed on the way
+            pass
+        else:
+            yield _disk(descent.vertices, mesh)
+    for amplitude in _LARGE_AMPLITUDES:
+        yield _disk(x + amplitude * displacement, mesh)
+
+
+def _is_lower(solution: PlateauSolution, other: PlateauSolution) -> bool:
+    """Whether its area is surely less."""
+    return solution.area < other.area - _area_error(solution, other)
+
+
+def _area_error(a: PlateauSolution, b: PlateauSolution) -> float:
+    """Difference of area that two fits of one disk may have: the first variation of area is at most ∮ |δr| ds."""
+    residuals = a.boundary_residual.rms + b.boundary_residual.rms
+    return _SAME_AREA * max(a.area, b.area) + residuals * a.loop.perimeter
+
+
+def _harmonic(mesh: PlaneTriangulation, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
+    """Values at a plane mesh's vertices, harmonic inside."""
+    flat = np.column_stack([mesh.points.real, mesh.points.imag, np.zeros(len(mesh.points))])
+    return harmonic_extension(cotangent_laplacian(flat, mesh.faces), boundary)
+
+
+def _disk(vertices: Float[np.ndarray, "n 3"], mesh: PlaneTriangulation) -> Disk:
+    area = float(face_areas(vertices, mesh.faces).sum())
+    return Disk(vertices=vertices, faces=mesh.faces, areas=(area,), converged=False)

@@ -1,0 +1,266 @@
+"""Loops that cross themselves are refused; patches that cross something are kept, counted, and it is said where."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.adapters import read_mesh
+from spinor_geom.errors import SelfCrossingLoopError, ZeroWidthSlitError
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.one_loop import refuse_what_is_no_hole
+from spinor_geom.fill.result import FillResult, LoopOutcome
+from spinor_geom.fill.stitch import RimEdges
+from spinor_geom.fill.surroundings import Crossings, Surroundings
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.intersections import intersections_between, self_intersections
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.meshing.embed import Patch
+from tests.fill.shapes import as_mesh, collar, cone, figure_eight, linked_rings, spiked_tetrahedron, trefoil, tube
+from tests.strategies import SEEDS, HoledDisk, RigidMotion, holed_disks, rigid_motions
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+def loop_with(vertex: int, loops: list[BoundaryLoop]) -> int:
+    return next(place for place, loop in enumerate(loops) if vertex in loop.vertex_ids)
+
+
+def filled_at(mesh: tuple[np.ndarray, np.ndarray], *vertices: int, **options: float) -> tuple[FillResult, LoopOutcome]:
+    """The result of filling the loops through some vertices, and the outcome of the last of them."""
+    places = [loop_with(vertex, boundary_loops(mesh)) for vertex in vertices]
+    _, report = fill_hole(mesh, places, return_report=True, **options)  # type: ignore[call-overload]
+    return report, report.loops[max(places)]
+
+
+def named_faces(note: str) -> tuple[int, int]:
+    found = re.search(r"first \((\d+), (\d+)\) of the filled mesh", note)
+    assert found
+    return int(found[1]), int(found[2])
+
+
+# --- loops ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_figure_eight_is_refused_and_its_crossing_edges_are_named() -> None:
+    mesh = collar(figure_eight(64, 0.5), np.array([0, 0, 0.3]))
+    _, report = fill_hole(mesh, return_report=True)
+    for outcome, middle in zip(report.loops, ([(31, 32), (63, 0)], [(64, 127), (96, 95)]), strict=True):
+        assert outcome.requested
+        assert not outcome.filled
+        assert outcome.solution is None  # refused before anything was solved
+        assert "its edges {} and {} meet".format(*middle) in outcome.reason
+    (loop, _) = boundary_loops(mesh)
+    with pytest.raises(SelfCrossingLoopError, match="move them apart") as caught:
+        refuse_what_is_no_hole(loop, RimEdges(as_mesh(mesh), [loop]))
+    assert caught.value.edges == ((31, 32), (63, 0))
+    assert caught.value.count == 1
+
+
+def test_two_vertices_in_one_place_are_refused() -> None:
+    mesh = collar(figure_eight(64, 0.0), np.array([0, 0, 0.3]))
+    _, report = fill_hole(mesh, return_report=True)
+    assert not any(outcome.filled for outcome in report.loops)
+    assert "its edges (0, 1) and (31, 32) meet (and 3 more pairs)" in report.loops[0].reason
+
+
+def test_a_loop_that_crosses_itself_stops_no_other() -> None:
+    eight, faces = collar(figure_eight(32, 0.5), np.array([0, 0, 0.3]))
+    vertices, others = tube()
+    mesh = np.concatenate([vertices, eight + np.array([10.0, 0, 0])]), np.concatenate([others, faces + len(vertices)])
+    _, report = fill_hole(mesh, return_report=True)
+    assert sorted(outcome.filled for outcome in report.loops) == [False, False, True, True]
+
+
+def test_a_figure_eight_that_passes_over_itself_is_filled() -> None:
+    lifted = figure_eight(48, 0.5)
+    lifted[:, 2] = 0.4 * lifted[:, 1] + 0.3 * np.cos(2 * np.pi * (np.arange(48) + 0.5) / 48)
+    _, outcome = filled_at(collar(lifted, np.array([0, 0, 0.2])), 0, tolerance=1e-2)
+    assert outcome.filled, outcome.reason
+
+
+def test_a_slit_at_the_edge_of_a_hole_is_named() -> None:
+    t = 2 * np.pi * np.arange(40) / 40
+    circle = np.column_stack([np.cos(t), np.sin(t), np.zeros(40)])
+    out = np.array([[1.2, 0, 0], [1.4, 0, 0], [1.6, 0, 0]])
+    rim = np.concatenate([circle, circle[:1], out, out[-2::-1]])
+    mesh = as_mesh(collar(rim, np.array([0, 0, 0.3])))
+    loop = next(loop for loop in find_boundary_loops(mesh) if 0 in loop.vertex_ids)
+    with pytest.raises(ZeroWidthSlitError, match=r"16% of the loop is a zero-width slit .* vertices \(40, 41\)"):
+        refuse_what_is_no_hole(loop, RimEdges(mesh, [loop]))
+
+
+# --- patches ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_patch_over_a_knot_crosses_itself_and_says_where() -> None:
+    mesh = trefoil(60)
+    report, outcome = filled_at(mesh, 0, tolerance=1e-2)
+    assert outcome.filled
+    assert outcome.self_intersections > 0
+    vertices, faces = report.mesh
+    first = len(mesh[1])
+    pairs = first + self_intersections(vertices, faces[first:])
+    assert len(pairs) == outcome.self_intersections
+    own = [note for note in outcome.notes if "crosses itself" in note]
+    assert len(own) == 1
+    assert f"in {len(pairs)} pairs of faces" in own[0]
+    assert named_faces(own[0]) == tuple(pairs[0])
+    assert not report.intersection_free
+    # converged and its reason speak of the boundary alone
+    assert outcome.converged is bool(outcome.solution and outcome.solution.converged)
+    assert "cross" not in outcome.reason
+
+
+def test_a_patch_that_a_part_of_the_mesh_pokes_through_says_so() -> None:
+    report, outcome = filled_at(spiked_tetrahedron(), 0)
+    assert (outcome.filled, outcome.converged, outcome.faces_added) == (True, True, 1)
+    assert (outcome.self_intersections, outcome.mesh_intersections, outcome.patch_intersections) == (0, 1, 0)
+    (note,) = outcome.notes
+    assert note.startswith("the patch crosses the mesh in 1 pair of faces, first (4, 3) of the filled mesh, near (1.33")
+    assert outcome.intersections == 1
+    assert report.complete
+    assert not report.intersection_free
+
+
+@pytest.mark.parametrize("height", [-1e-9, 0.0])
+def test_a_spike_whose_tip_is_on_the_patch_crosses_it_and_one_just_below_does_not(height: float) -> None:
+    report, outcome = filled_at(spiked_tetrahedron(height), 0)
+    assert outcome.mesh_intersections == (1 if height == 0 else 0)
+    assert report.intersection_free is (height < 0)
+
+
+def test_a_spike_through_a_patch_of_many_faces_is_found() -> None:
+    vertices, faces = tube()
+    spike = np.array([[0.3, 0.2, 1.2], [0.35, 0.2, 0.8], [0.2, 0.25, 0.8]])
+    mesh = np.concatenate([vertices, spike]), np.concatenate([faces, [[48, 49, 50]]])
+    report, outcome = filled_at(mesh, 32)
+    new_vertices, new_faces = report.mesh
+    pairs = intersections_between(new_vertices, new_faces[len(mesh[1]) :], new_vertices, mesh[1])
+    assert outcome.mesh_intersections == len(pairs) > 0
+    assert (pairs[:, 1] == len(faces)).all()
+
+
+def test_patches_of_two_loops_that_cross_are_counted_once() -> None:
+    report, _ = filled_at(linked_rings(), 0, 64)
+    large, small = (report.loops[loop_with(vertex, [o.loop for o in report.loops])] for vertex in (0, 64))
+    assert large.index < small.index
+    assert large.patch_intersections == 0
+    patches = [report.extension.faces[report.extension.face_loops == o.index] for o in (small, large)]
+    vertices = report.mesh[0]
+    assert small.patch_intersections == len(intersections_between(vertices, patches[0], vertices, patches[1])) > 0
+    assert any("patches of other loops" in note for note in small.notes)
+    assert large.mesh_intersections > 0  # the small ring itself passes the large hole
+    assert large.self_intersections == small.self_intersections == 0
+
+
+def test_counts_and_notes_are_in_the_report_and_heard_at_once() -> None:
+    heard: list[LoopOutcome] = []
+    mesh = spiked_tetrahedron()
+    place = loop_with(0, boundary_loops(mesh))
+    _, report = fill_hole(mesh, place, return_report=True, on_loop=lambda outcome, _: heard.append(outcome))
+    assert heard == [report.loops[place]]
+    entry = json.loads(json.dumps(report.to_dict(), allow_nan=False))
+    assert entry["intersection_free"] is False
+    counts = ("self_intersections", "mesh_intersections", "patch_intersections")
+    assert [entry["loops"][place][name] for name in counts] == [0, 1, 0]
+    assert entry["loops"][place]["notes"] == list(report.loops[place].notes)
+    assert "crossings" in entry["loops"][place]["timings"]
+
+
+# --- no false alarms --------------------------------------------------------------------------------------------------
+
+
+def plane_with_hole(noise: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """A ring in the plane z = 0 around a ragged hole of 40 vertices."""
+    t = 2 * np.pi * np.arange(40) / 40
+    random = np.random.default_rng(seed)
+    radius = 1 + noise * (2 * np.pi / 40) * random.normal(size=40)
+    rim = np.column_stack([radius * np.cos(t), radius * np.sin(t), np.zeros(40)])
+    return collar(rim, 1.5 * np.column_stack([np.cos(t), np.sin(t), np.zeros(40)]) - rim * 0.2)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.15])
+@pytest.mark.parametrize("tilted", [False, True])
+def test_a_plane_hole_in_a_plane_mesh_crosses_nothing(noise: float, tilted: bool) -> None:
+    vertices, faces = plane_with_hole(noise)
+    if tilted:
+        vertices = vertices @ np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    report, outcome = filled_at((vertices, faces), 0)
+    assert outcome.filled
+    assert outcome.notes == ()
+    assert report.intersection_free
+
+
+def test_closed_tubes_cross_nothing() -> None:
+    _, report = fill_hole(tube(), return_report=True)
+    assert report.complete
+    assert report.intersection_free
+
+
+@pytest.mark.parametrize(
+    ("name", "places"), [("trimesh_reference.obj", [0, 1]), ("plane_holes.obj", [1, 2, 20]), ("spot_cut.obj", [2, 60])]
+)
+def test_patches_of_real_meshes_cross_nothing(name: str, places: list[int]) -> None:
+    _, report = fill_hole(read_mesh(DATA / name), places, return_report=True)
+    assert all(report.loops[place].filled for place in places)
+    assert report.intersection_free
+    assert all(outcome.notes == () for outcome in report.loops)
+
+
+def star(disk: HoledDisk, loop: BoundaryLoop) -> Patch:
+    """The faces that were taken away around a vertex, as a patch on the loop that they left."""
+    vertex = disk.removed[disk.holes.index(frozenset(loop.vertex_ids.tolist()))]
+    patch = cone(loop)
+    return Patch(
+        vertices=np.vstack([loop.points, disk.mesh.vertices[vertex]]),
+        faces=patch.faces,
+        boundary_size=patch.boundary_size,
+        points=patch.points,
+    )
+
+
+@settings(max_examples=25)
+@given(disk=holed_disks(), motion=rigid_motions(), scale=st.floats(1e-6, 1e6))
+def test_what_was_cut_out_of_a_sheet_fits_back_without_crossings(
+    disk: HoledDisk, motion: RigidMotion, scale: float
+) -> None:
+    moved = TriangleMesh(scale * motion(disk.mesh.vertices), disk.mesh.faces)
+    whole = HoledDisk(mesh=moved, removed=disk.removed, holes=disk.holes, rim=disk.rim)
+    surroundings = Surroundings(moved)
+    for loop in find_boundary_loops(moved):
+        if frozenset(loop.vertex_ids.tolist()) in disk.holes:
+            assert total(surroundings.join(star(whole, loop))) == 0
+
+
+@settings(max_examples=25)
+@given(seed=SEEDS, motion=rigid_motions(), scale=st.floats(1e-6, 1e6))
+def test_counts_do_not_change_under_motion_and_scale(seed: int, motion: RigidMotion, scale: float) -> None:
+    vertices, faces = tube(12, 4)
+    vertices = vertices + 0.15 * np.random.default_rng(seed).normal(size=vertices.shape)
+    counts = []
+    for points in (vertices, scale * motion(vertices)):
+        mesh = TriangleMesh(points, faces)
+        surroundings = Surroundings(mesh)
+        # apexes far on the other side: they pass through the tube and each other
+        patches = [cone(loop) for loop in find_boundary_loops(mesh)]
+        ends = [patch.vertices[-1].copy() for patch in patches]
+        for patch, opposite in zip(patches, reversed(ends), strict=True):
+            patch.vertices[-1] = opposite + 0.3 * (patch.vertices[0] - opposite)
+        found = [surroundings.join(patch) for patch in patches]
+        counts.append([(len(f.own), len(f.mesh), len(f.patches)) for f in found])
+    assert sum(map(sum, counts[0])) > 0
+    assert counts[0] == counts[1]
+
+
+def total(crossings: Crossings) -> int:
+    assert bool(crossings.notes) == bool(len(crossings.own) + len(crossings.mesh) + len(crossings.patches))
+    return len(crossings.own) + len(crossings.mesh) + len(crossings.patches)

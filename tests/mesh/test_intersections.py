@@ -1,0 +1,388 @@
+"""Crossing faces against rational arithmetic, crossing edges against all pairs; real meshes, invariance, cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from time import process_time
+from typing import TypeAlias
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.measures import self_intersections as exported
+from spinor_geom.mesh import TriangleMesh
+from spinor_geom.mesh.intersections import (
+    intersections_between,
+    is_graph,
+    loop_crossings,
+    self_intersections,
+)
+from tests.strategies import SEEDS, RigidMotion, rigid_motions, rough_loops, smooth_loops
+
+Point: TypeAlias = tuple[Fraction, ...]
+BOTH = np.array([[0, 1, 2], [3, 4, 5]])
+
+
+# --- rational arithmetic ----------------------------------------------------------------------------------------------
+
+
+def rational(points: np.ndarray) -> list[Point]:
+    return [tuple(Fraction(x) for x in point) for point in points.tolist()]
+
+
+def minus(a: Point, b: Point) -> Point:
+    return tuple(x - y for x, y in zip(a, b, strict=True))
+
+
+def dot(a: Point, b: Point) -> Fraction:
+    return sum((x * y for x, y in zip(a, b, strict=True)), Fraction(0))
+
+
+def cross(a: Point, b: Point) -> Point:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def clipped(polygon: Sequence[Point], height: Callable[[Point], Fraction], *, plane: bool = False) -> list[Point]:
+    """The part of a convex polygon where a linear function is not negative, or where it is zero."""
+    heights = [height(p) for p in polygon]
+    part = []
+    for p, q, a, b in zip(polygon, (*polygon[1:], polygon[0]), heights, (*heights[1:], heights[0]), strict=True):
+        if a == 0 or (a > 0 and not plane):
+            part.append(p)
+        if a * b < 0:
+            part.append(tuple(x + a / (a - b) * (y - x) for x, y in zip(p, q, strict=True)))
+    return part
+
+
+def inside_reaches(f: list[Point], g: list[Point]) -> bool:
+    """Whether the inside of triangle f has a point of triangle g: g is cut down to f, its middle then lies inside."""
+    normal = cross(minus(f[1], f[0]), minus(f[2], f[0]))
+    if not any(normal) or not any(cross(minus(g[1], g[0]), minus(g[2], g[0]))):
+        return False
+    part = clipped(g, lambda p: dot(normal, minus(p, f[0])), plane=True)
+    inwards = [cross(normal, minus(f[(k + 1) % 3], f[k])) for k in range(3)]
+    for k in range(3):
+        if part:
+            part = clipped(part, lambda p, k=k: dot(inwards[k], minus(p, f[k])))  # type: ignore[misc]
+    if not part:
+        return False
+    middle = tuple(sum(x, Fraction(0)) / len(part) for x in zip(*part, strict=True))
+    return all(dot(inwards[k], minus(middle, f[k])) > 0 for k in range(3))
+
+
+def cross_exactly(f: np.ndarray, g: np.ndarray) -> bool:
+    a, b = rational(f), rational(g)
+    return inside_reaches(a, b) or inside_reaches(b, a)
+
+
+def meet_exactly(a: Point, b: Point, c: Point, d: Point) -> bool:
+    """Whether segments ab and cd have a common point."""
+    u, v, w = minus(b, a), minus(d, c), minus(c, a)
+    normal = cross(u, v)
+    if any(normal):
+        s, t = (dot(cross(w, x), normal) / dot(normal, normal) for x in (v, u))
+        return dot(w, normal) == 0 and 0 <= s <= 1 and 0 <= t <= 1
+    start, end = sorted((dot(w, u), dot(minus(d, a), u)))
+    return not any(cross(w, u)) and end >= 0 and start <= dot(u, u)
+
+
+def crossings_exactly(points: np.ndarray) -> list[list[int]]:
+    p, count = rational(points), len(points)
+    edges = [(p[i], p[(i + 1) % count]) for i in range(count)]
+    pairs = []
+    for i in range(count):
+        for j in range(i + 1, count):
+            if (j - i) % count in (1, count - 1):
+                a, b, c = p[i], p[j], p[(j + 1) % count]
+                if j - i > 1:
+                    a, b, c = p[j], p[i], p[1]
+                u, v = minus(b, a), minus(c, b)
+                met = not any(cross(u, v)) and dot(u, v) < 0
+            else:
+                met = meet_exactly(*edges[i], *edges[j])
+            if met:
+                pairs.append([i, j])
+    return pairs
+
+
+# --- faces ------------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40)
+@given(seed=SEEDS, reach=st.integers(1, 3))
+def test_two_triangles_cross_as_in_rational_arithmetic(seed: int, reach: int) -> None:
+    # small whole coordinates: most pairs share corners or sides, touch, lie in a plane, or have no area
+    random = np.random.default_rng(seed)
+    for triangles in random.integers(-reach, reach + 1, size=(25, 2, 3, 3)).astype(float):
+        expected = [[0, 0]] if cross_exactly(*triangles) else []
+        assert intersections_between(triangles[0], BOTH[:1], triangles[1], BOTH[:1]).tolist() == expected
+        assert len(self_intersections(triangles.reshape(-1, 3), BOTH)) == len(expected)
+
+
+@settings(max_examples=40)
+@given(seed=SEEDS)
+def test_triangles_with_common_vertices_cross_as_in_rational_arithmetic(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    vertices = random.integers(-2, 3, size=(5, 3)).astype(float)
+    faces = np.array([random.permutation(5)[:3] for _ in range(8)])
+    faces = np.unique(np.sort(faces, axis=1), axis=0)
+    faces = random.permuted(faces, axis=1)
+    triangles = vertices[faces]
+    expected = [
+        [i, j] for i in range(len(faces)) for j in range(i + 1, len(faces)) if cross_exactly(triangles[i], triangles[j])
+    ]
+    assert self_intersections(vertices, faces).tolist() == expected
+
+
+@given(seed=SEEDS, scale=st.sampled_from([2.0**-40, 2.0**-20, 1.0, 2.0**30]))
+def test_a_soup_crosses_as_in_rational_arithmetic_at_any_scale(seed: int, scale: float) -> None:
+    vertices = scale * np.random.default_rng(seed).normal(size=(9, 3))
+    faces = np.array([[0, 1, 2], [2, 3, 4], [4, 5, 6], [6, 7, 8], [8, 0, 4]])
+    expected = [
+        [i, j] for i in range(5) for j in range(i + 1, 5) if cross_exactly(vertices[faces[i]], vertices[faces[j]])
+    ]
+    assert self_intersections(vertices, faces).tolist() == expected
+
+
+def test_a_crossing_is_found_among_many_faces() -> None:
+    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0], [0.4, 0.4, -1], [0.5, 0.4, 1], [0.4, 0.5, 1]])
+    assert len(self_intersections(vertices, np.array([[0, 1, 2], [1, 3, 2]]))) == 0
+    assert self_intersections(vertices, np.array([[0, 1, 2], [1, 3, 2], [4, 5, 6]])).tolist() == [[0, 2]]
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-6, 1.0])
+def test_faces_with_a_common_vertex_or_side_that_cross_are_found_at_any_scale(scale: float) -> None:
+    pierced = scale * np.array([[0, 0, 0], [2, -1, 0], [2, 1, 0], [1.5, 0, -1], [1.5, 0.1, 1]])
+    assert self_intersections(pierced, np.array([[0, 1, 2], [0, 3, 4]])).tolist() == [[0, 1]]
+    folded = scale * np.array([[0, 0, 0], [1, 0, 0], [0.3, 1, 0], [0.5, 0.7, 0], [0.5, -1, 0]])
+    for order in ([0, 1, 3], [1, 0, 3]):
+        assert self_intersections(folded, np.array([[0, 1, 2], order])).tolist() == [[0, 1]]
+    for order in ([0, 1, 4], [1, 0, 4]):
+        assert len(self_intersections(folded, np.array([[0, 1, 2], order]))) == 0
+
+
+def test_faces_that_only_touch_do_not_cross() -> None:
+    # a corner on a face, a corner on a side, side by side in one plane with corners that do not match
+    face = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0.0]])
+    for touching in (
+        [[2, 0, 0], [3, -1, 1], [3, -1, -1]],
+        [[1, 0, 0], [3, 0, 0], [2, -1, 0]],
+        [[0, 0, 0], [2, 0, 0], [0, 0, 3]],
+        [[4, 0, 0], [0, 4, 0], [4, 4, 0]],
+    ):
+        assert len(intersections_between(face, BOTH[:1], np.array(touching, dtype=float), BOTH[:1])) == 0
+
+
+def test_a_side_that_lies_in_a_face_and_a_corner_on_its_inside_do_cross() -> None:
+    face = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0.0]])
+    for crossing in ([[1, 1, 0], [2, 1, 0], [1, 1, 1]], [[1, 1, 0], [2, 1, 1], [1, 2, 1]]):
+        assert len(intersections_between(face, BOTH[:1], np.array(crossing, dtype=float), BOTH[:1])) == 1
+
+
+def test_no_faces_cross_nothing() -> None:
+    none = np.zeros((0, 3), dtype=np.int64)
+    assert self_intersections(np.eye(3), none).shape == (0, 2)
+    assert intersections_between(np.eye(3), BOTH[:1], np.eye(3), none).shape == (0, 2)
+    assert intersections_between(np.eye(3), none, np.eye(3), BOTH[:1]).shape == (0, 2)
+
+
+@settings(max_examples=30)
+@given(motion=rigid_motions(), scale=st.floats(1e-6, 1e6), seed=SEEDS)
+def test_counts_do_not_change_under_motion_and_scale(motion: RigidMotion, scale: float, seed: int) -> None:
+    vertices, faces = crumpled(seed)
+    pairs = self_intersections(vertices, faces)
+    assert len(pairs)
+    np.testing.assert_array_equal(self_intersections(scale * motion(vertices), faces), pairs)
+    half = len(faces) // 2
+    between = pairs[(pairs[:, 0] < half) & (pairs[:, 1] >= half)] - [0, half]
+    np.testing.assert_array_equal(intersections_between(vertices, faces[:half], vertices, faces[half:]), between)
+    flipped = intersections_between(vertices, faces[half:], vertices, faces[:half])
+    assert sorted(map(tuple, flipped[:, ::-1].tolist())) == sorted(map(tuple, between.tolist()))
+
+
+@settings(max_examples=10)
+@given(seed=SEEDS)
+def test_all_pairs_of_a_crumpled_sheet_are_found(seed: int) -> None:
+    vertices, faces = crumpled(seed, size=5)
+    expected = [
+        [i, j]
+        for i in range(len(faces))
+        for j in range(i + 1, len(faces))
+        if boxes_meet(vertices[faces[i]], vertices[faces[j]]) and cross_exactly(vertices[faces[i]], vertices[faces[j]])
+    ]
+    assert self_intersections(vertices, faces).tolist() == expected
+
+
+def boxes_meet(f: np.ndarray, g: np.ndarray) -> bool:
+    return bool(((f.min(axis=0) <= g.max(axis=0)) & (g.min(axis=0) <= f.max(axis=0))).all())
+
+
+def grid(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """A square of size × size vertices in a plane, every quad divided."""
+    x, y = np.meshgrid(np.arange(size, dtype=float), np.arange(size, dtype=float))
+    corner = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
+    right, up, across = corner + 1, corner + size, corner + size + 1
+    faces = np.concatenate([np.column_stack([corner, right, across]), np.column_stack([corner, across, up])])
+    return np.column_stack([x.ravel(), y.ravel(), np.zeros(size * size)]), faces
+
+
+def crumpled(seed: int, size: int = 9) -> tuple[np.ndarray, np.ndarray]:
+    vertices, faces = grid(size)
+    return vertices + 0.7 * np.random.default_rng(seed).normal(size=vertices.shape), faces
+
+
+@pytest.mark.parametrize("tilted", [False, True])
+def test_a_plane_mesh_does_not_cross_itself(tilted: bool) -> None:
+    vertices, faces = grid(30)
+    if tilted:
+        vertices = vertices @ np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    assert len(self_intersections(vertices, faces)) == 0
+
+
+@pytest.mark.parametrize(
+    "name", ["spot_cut.obj", "plane_holes.obj", "trimesh_reference.obj", "demosthenes_low_res.obj"]
+)
+def test_real_meshes_without_defects_do_not_cross_themselves(
+    real_mesh: Callable[[str], TriangleMesh], name: str
+) -> None:
+    mesh = real_mesh(name)
+    assert len(self_intersections(mesh.vertices, mesh.faces)) == 0
+
+
+def test_measures_export_the_same_function() -> None:
+    assert exported is self_intersections
+
+
+# --- graphs -----------------------------------------------------------------------------------------------------------
+
+
+def polar(turn: float, *, radii: tuple[float, ...] = (1.0, 0.5), points: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    """A strip around an axis over an angle, one turn and a half overlapping itself in projection; its rim first."""
+    angle = turn * np.arange(points) / (points - 1)
+    outer, inner = (np.column_stack([r * np.cos(angle), r * np.sin(angle), 0.2 * angle]) for r in radii)
+    a = np.arange(points - 1)
+    other = 2 * points - 1 - a
+    faces = np.concatenate([np.column_stack([a, a + 1, other]), np.column_stack([a + 1, other - 1, other])])
+    return np.concatenate([outer, inner[::-1]]), faces
+
+
+def test_a_strip_is_a_graph_until_it_overlaps() -> None:
+    for turn, graph in ((np.pi, True), (0.95 * 2 * np.pi, True), (3 * np.pi, False)):
+        vertices, faces = polar(turn)
+        assert is_graph(vertices, faces, len(vertices)) is graph
+        assert len(self_intersections(vertices, faces)) == 0
+
+
+def test_a_folded_sheet_is_no_graph() -> None:
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0.2], [0.5, 0.7, 1]])
+    assert is_graph(vertices, np.array([[0, 1, 2], [1, 0, 3]]), 4) is False
+    assert is_graph(vertices[:3], np.array([[0, 1, 2]]), 3) is True
+
+
+@given(points=smooth_loops(min_points=12, max_points=40), height=st.floats(-3, 3))
+def test_a_graph_does_not_cross_itself(points: np.ndarray, height: float) -> None:
+    vertices = np.vstack([points, points.mean(axis=0) + np.array([0, 0, height])])
+    rim = np.arange(len(points))
+    faces = np.column_stack([rim, np.roll(rim, -1), np.full(len(rim), len(rim))])
+    if is_graph(vertices, faces, len(rim)):
+        assert len(self_intersections(vertices, faces)) == 0
+
+
+# --- polygons ---------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=150)
+@given(seed=SEEDS, count=st.integers(3, 9), reach=st.integers(1, 3), flat=st.booleans())
+def test_edges_meet_as_in_rational_arithmetic(seed: int, count: int, reach: int, flat: bool) -> None:
+    points = np.random.default_rng(seed).integers(-reach, reach + 1, size=(count, 3)).astype(float)
+    if flat:
+        points[:, 2] = 0
+    if (points == np.roll(points, -1, axis=0)).all(axis=1).any():
+        return
+    assert loop_crossings(points).tolist() == crossings_exactly(points)
+
+
+@settings(max_examples=30)
+@given(seed=SEEDS, count=st.integers(4, 40))
+def test_plane_polygons_cross_where_exact_predicates_say_so(seed: int, count: int) -> None:
+    import igl.predicates
+
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    points[:, 2] = 0.5
+    ends = np.roll(points, -1, axis=0)
+    expected = [
+        [i, j]
+        for i in range(count)
+        for j in range(i + 2, count)
+        if j - i < count - 1
+        and igl.predicates.segment_segment_intersect(points[i, :2], ends[i, :2], points[j, :2], ends[j, :2])
+    ]
+    assert loop_crossings(points).tolist() == expected
+
+
+@settings(max_examples=30)
+@given(points=rough_loops(max_noise=0.15, max_points=300), motion=rigid_motions(), scale=st.floats(1e-6, 1e6))
+def test_rough_loops_in_space_do_not_cross(points: np.ndarray, motion: RigidMotion, scale: float) -> None:
+    assert len(loop_crossings(scale * motion(points))) == 0
+
+
+@pytest.mark.parametrize("count", [64, 65, 200, 1001])
+def test_a_figure_eight_crosses_once(count: int) -> None:
+    t = 2 * np.pi * (np.arange(count) + 0.3) / count
+    eight = np.column_stack([np.sin(t), np.sin(t) * np.cos(t), np.zeros(count)])
+    ((i, j),) = loop_crossings(eight).tolist()
+    for edge in (i, j):
+        assert eight[edge, 0] * eight[(edge + 1) % count, 0] < 0
+    lifted = eight + [0, 0, 1e-9] * np.cos(t)[:, None]
+    assert len(loop_crossings(lifted)) == 0
+
+
+def test_two_vertices_in_one_place_are_found_through_their_edges() -> None:
+    t = 2 * np.pi * np.arange(8) / 8
+    circle = np.column_stack([1 - np.cos(t), np.sin(t), 0.2 * np.sin(2 * t)])
+    pinched = np.concatenate([circle, circle * [-1, -1, 1]])
+    assert loop_crossings(pinched).tolist() == [[0, 7], [0, 8], [7, 15], [8, 15]]
+
+
+def test_a_polygon_that_turns_back_is_found_and_a_sharp_one_is_not() -> None:
+    spike = np.array([[0, 0, 0], [1, 0, 0], [3, 0, 0], [1, 0, 0], [1, 1, 0.0]])
+    assert [1, 2] in loop_crossings(spike).tolist()
+    # back onto the edge before, whose tip edge 3 then starts from
+    spike[3] = [2, 0, 0]
+    assert loop_crossings(spike).tolist() == [[1, 2], [1, 3]]
+    assert loop_crossings(np.roll(spike, -2, axis=0)).tolist() == [[0, 4], [1, 4]]
+    spike[3] = [2, 1e-6, 0]
+    assert len(loop_crossings(spike)) == 0
+
+
+def test_a_narrow_slit_does_not_cross_and_one_of_no_width_does() -> None:
+    x = np.arange(50.0)
+    for width, found in ((1e-6, False), (0.0, True)):
+        sides = [np.column_stack([x, np.full(50, y), 0 * x]) for y in (0.0, width)]
+        ends = np.array([[50, width / 2, 0]]), np.array([[-1, width / 2, 0]])
+        slit = np.concatenate([sides[0], ends[0], sides[1][::-1], ends[1]])
+        assert bool(len(loop_crossings(slit))) is found
+
+
+@pytest.mark.parametrize(("height", "found"), [(0.0, True), (1e-6, False)])
+def test_a_long_edge_is_compared_with_the_short_ones_it_passes(height: float, found: bool) -> None:
+    t = 2 * np.pi * np.arange(2001) / 2000
+    circle = np.column_stack([np.cos(t), np.sin(t), np.sin(t / 2)])
+    # from the end of the circle, which lies over its start, up and back past the vertex on the far side
+    far = np.array([[30.0, 0, -1], [-1, 30, 1 + height], [-1, -30, 1 + height]])
+    circle[-1, 2] = -0.1
+    crossings = loop_crossings(np.concatenate([circle, far]))
+    assert crossings.tolist() == ([[999, 2002], [1000, 2002]] if found else [])
+
+
+def test_long_loops_take_little_time() -> None:
+    t = 2 * np.pi * np.arange(5000) / 5000
+    noise = 0.15 * (2 * np.pi / 5000) * np.random.default_rng(0).normal(size=(5000, 3))
+    loop = np.column_stack([np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)]) + noise
+    start = process_time()
+    assert len(loop_crossings(loop)) == 0
+    # about 5 ms where nothing else runs; all pairs would take seconds
+    assert process_time() - start < 0.25

@@ -1,0 +1,296 @@
+"""Several disks of one loop: known ones are found, unstable ones are left, and what fails is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+import pytest
+
+from spinor_geom import gallery
+from spinor_geom.discrete.minimal_surface import first_disk
+from spinor_geom.errors import DomainError, FirstFillError, OptionError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau import PlateauSolution, Stability, solutions, solve, solve_plateau
+from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable
+from tests.exact_solutions import ENNEPER, exact_solution
+from tests.loops import noisy_ellipse
+from tests.plateau.solved import distance_to_surface
+
+# What the spline through so many points leaves of the curve's own area, relative to it.
+SPLINE = 2e-6
+UNSTABLE = Stability(verdict="unstable", eigenvalue=0.9, index=1, total_curvature=7.0)
+
+
+def seam(a: float, points: int = 100) -> BoundaryLoop:
+    return gallery.tennis_seam(a).sample(points)
+
+
+@cache
+def all_disks(kind: str, parameter: float, points: int = 100) -> tuple[PlateauSolution, ...]:
+    loop = seam(parameter, points) if kind == "seam" else gallery.enneper(parameter).rim(points)
+    return solve_plateau(loop, all_solutions=True)
+
+
+def start_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets the solver start from the harmonic disk over a plane one, which leads to symmetric disks."""
+
+    def round_disk(points):
+        return Rim(loop=BoundaryLoop.from_points(points), indices=np.arange(len(points))).round_disk()
+
+    monkeypatch.setattr(solve, "first_disk", round_disk)
+
+
+def solver_of(loop: BoundaryLoop, monkeypatch: pytest.MonkeyPatch):
+    """The rim of a loop, and the function that solves from a discrete disk over it."""
+    handed = []
+    monkeypatch.setattr(solve, "find_disks", lambda rim, function: handed.extend([rim, function]) or ())
+    solve_plateau(loop, all_solutions=True)
+    return handed
+
+
+def is_area(found: float, known: float, error: float = SPLINE) -> bool:
+    return abs(found / known - 1) < error
+
+
+# --- known lists ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("a", [0.76, 0.75, 0.6])
+def test_tennis_seams_below_the_threshold_bound_two_stable_disks_and_a_symmetric_one(a):
+    stable, symmetric = gallery.tennis_seam(a).disks
+    found = all_disks("seam", a, 128 if a == 0.6 else 100)
+    assert [s.stability.verdict for s in found] == ["stable", "stable", "unstable"]
+    assert [s.stability.index for s in found] == [0, 0, 1]
+    for solution in found[:2]:
+        assert is_area(solution.area, stable.area, SPLINE + stable.relative_error)
+    assert is_area(found[2].area, symmetric.area)
+
+
+def test_stable_disks_of_a_tennis_seam_are_images_of_each_other():
+    first, second, symmetric = all_disks("seam", 0.75)
+    turned = first.surface.position(first.domain.triangulation.points[first.domain.triangulation.boundary_size :])
+    turned = turned @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, -1]])  # the seam's own rotary reflection
+    assert distance_to_surface(turned, second.surface).max() < 1e-4
+    assert distance_to_surface(turned, symmetric.surface).max() > 0.01
+    assert distance_to_surface(turned, first.surface).max() > 0.01
+
+
+@pytest.mark.parametrize(("kind", "parameter"), [("seam", 0.8), ("Enneper", 0.9)])
+def test_loops_with_one_disk_have_one(kind, parameter):
+    (only,) = all_disks(kind, parameter)
+    area = gallery.tennis_seam(0.8).disks[0].area if kind == "seam" else gallery.enneper(0.9).area
+    assert only.stability.verdict == "stable"
+    assert only.stability.index == 0
+    assert is_area(only.area, area)
+
+
+@pytest.mark.parametrize("radius", [1.1, pytest.param(1.5, marks=pytest.mark.slow)])
+def test_ennepers_own_disk_is_the_unstable_one_of_three(radius):
+    *stable, own = all_disks("Enneper", radius)
+    assert [s.stability.index for s in stable] == [0, 0]
+    assert own.stability.verdict == "unstable"
+    assert own.stability.index == 1
+    assert is_area(own.area, gallery.enneper(radius).area)
+    assert is_area(stable[0].area, stable[1].area, 1e-7)
+    assert stable[0].area < own.area
+
+
+@pytest.mark.slow
+def test_helicoid_strips_on_both_sides_of_the_threshold():
+    """Half-width 1.6 and 1.9 of the pitch, a full turn: √3 lies between."""
+    narrow, wide = (gallery.helicoid(r, 1.0, both_sides=True) for r in (1.6, 1.9))
+    solution = solve_plateau(narrow.rim(128))
+    assert solution.stability.verdict == "stable"
+    assert is_area(solution.area, narrow.area, 1e-5)
+    *stable, own = solve_plateau(wide.rim(128), all_solutions=True)
+    assert [s.stability.verdict for s in stable] == ["stable", "stable"]
+    assert own.stability.index == 1
+    assert is_area(own.area, wide.area, 1e-5)
+    assert all(s.area < 0.998 * own.area for s in stable)
+
+
+def test_rough_rims_bound_one_disk_however_it_is_found():
+    (only,) = solve_plateau(noisy_ellipse(60, ratio=1.0, amount=0.15), all_solutions=True, tolerance=1e-2)
+    assert only.stability.verdict == "stable"
+
+
+def test_list_does_not_depend_on_the_first_point():
+    points = seam(0.75, 64).points
+    rolled = solve_plateau(BoundaryLoop.from_points(np.roll(points, 17, axis=0)), all_solutions=True)
+    for a, b in zip(rolled, all_disks("seam", 0.75, 64), strict=True):
+        assert abs(a.area / b.area - 1) < 1e-6
+        assert a.stability.index == b.stability.index
+
+
+def test_two_searches_are_equal_bit_for_bit():
+    again = solve_plateau(seam(0.75, 64), all_solutions=True)
+    assert [s.area for s in again] == [s.area for s in all_disks("seam", 0.75, 64)]
+
+
+# --- ways to other disks ----------------------------------------------------------------------------------------------
+
+
+def test_mirrored_disk_and_ridge_lead_to_the_other_stable_disk_and_to_the_saddle(monkeypatch):
+    rim, function = solver_of(seam(0.75, 64), monkeypatch)
+    search = solutions._Search(rim=rim, solve=function)
+    search.start(partial(first_disk, rim.points))
+    search.start(search.mirrored)
+    (pair,) = list(search.open_pairs())
+    search.start(partial(search.ridge, *pair))
+    assert [s.stability.index for s in search.result()] == [0, 0, 1]
+
+
+def test_round_positions_converge_to_the_surface():
+    """Ω's harmonic map to the round mesh is a similarity here, so that the surface's positions there are known."""
+    errors = []
+    for points in (32, 64, 128):
+        exact = exact_solution(ENNEPER, points)
+        rim = Rim(loop=exact.loop, indices=np.arange(points))
+        positions = rim.round_positions(exact)
+        assert np.array_equal(positions[:points], exact.loop.points)
+        z = rim.round_mesh.points / np.abs(rim.round_mesh.points[0])
+        errors.append(np.sqrt(((positions - exact.surface.position(z)) ** 2).sum(axis=1).mean()))
+    assert errors[0] < 2e-2
+    # triangles that grow inwards: between order 1 and 2
+    assert errors[1] < 0.6 * errors[0]
+    assert errors[2] < 0.6 * errors[1]
+
+
+# --- leaving ----------------------------------------------------------------------------------------------------------
+
+
+def test_unstable_disk_is_kept_on_request_and_left_otherwise(monkeypatch):
+    start_round(monkeypatch)
+    stable, symmetric = gallery.tennis_seam(0.75).disks
+    kept = solve_plateau(seam(0.75), model="cauchy", unstable="keep")
+    assert kept.stability.verdict == "unstable"
+    assert kept.stability.index == 1
+    assert is_area(kept.area, symmetric.area)
+    heard = []
+    left = solve_plateau(seam(0.75), model="cauchy", on_iteration=heard.append)
+    assert left.stability.verdict == "stable"
+    assert left.converged
+    assert is_area(left.area, stable.area)
+    # the steps and times of the disk that was left count
+    assert tuple(heard) == left.history
+    assert left.history[: len(kept.history)] == kept.history
+    assert [step.index for step in left.history] == list(range(1, len(left.history) + 1))
+    assert left.timings["leaving"] > 0
+    assert f"left an unstable disk of area {kept.area:.6g}" in left.reason
+
+
+def test_limit_on_steps_holds_for_leaving(monkeypatch):
+    start_round(monkeypatch)
+    loop = seam(0.75, 64)
+    kept = solve_plateau(loop, model="cauchy", unstable="keep")
+    solution = solve_plateau(loop, model="cauchy", max_iterations=len(kept.history))
+    assert solution.stability.verdict == "unstable"
+    assert solution.history == kept.history
+    assert "no better one was found" in solution.reason
+
+
+@pytest.mark.parametrize("radius", [1.02, pytest.param(1.5, marks=pytest.mark.slow)])
+def test_ennepers_disk_is_left_near_and_far_from_its_threshold(monkeypatch, radius):
+    start_round(monkeypatch)
+    solution = solve_plateau(gallery.enneper(radius).rim(100), model="cauchy")
+    assert solution.stability.verdict == "stable"
+    assert solution.converged
+    assert solution.area < (1 - 1e-4) * gallery.enneper(radius).area
+
+
+def unstable_ennepers_disk() -> tuple[PlateauSolution, Rim]:
+    exact = exact_solution(((1, 0), (0, 1.2)), 64)
+    return replace(exact, stability=UNSTABLE), Rim(loop=exact.loop, indices=np.arange(64))
+
+
+def test_stable_disk_comes_back_as_it_is():
+    exact = exact_solution(ENNEPER, 64)
+    assert leave_unstable(exact, Rim(loop=exact.loop, indices=np.arange(64)), _fails, max_iterations=9) is exact
+
+
+def test_disk_that_cannot_be_left_comes_back_with_the_reason():
+    unstable, rim = unstable_ennepers_disk()
+    solution = leave_unstable(unstable, rim, _fails, max_iterations=9)
+    assert solution.surface is unstable.surface
+    assert solution.stability is UNSTABLE
+    assert "no better one was found along its eigenvectors" in solution.reason
+
+
+def test_lower_disk_far_from_the_loop_is_no_better_one():
+    unstable, rim = unstable_ennepers_disk()
+    tries = []
+
+    def poor(disk, history=()):
+        tries.append(disk)
+        residual = replace(unstable.boundary_residual, rms=1e-3)
+        return replace(unstable, area=0.9 * unstable.area, converged=False, boundary_residual=residual)
+
+    assert leave_unstable(unstable, rim, poor, max_iterations=9).surface is unstable.surface
+    assert len(tries) == 2  # one to each side
+
+
+def test_disks_beside_an_unstable_one_lie_on_its_two_sides():
+    unstable, rim = unstable_ennepers_disk()
+    up, down = (next(direction) for direction in solutions._departures(unstable, rim))
+    for disk in (up, down):
+        assert np.array_equal(disk.vertices[:64], rim.points)
+        assert disk.areas[-1] < 0.9999 * unstable.area
+    middle = unstable.surface.position(rim.domain_mesh(unstable).points)
+    normal = unstable.surface.normal(rim.domain_mesh(unstable).points)
+    along_up, along_down = (((disk.vertices - middle) * normal).sum(axis=1)[64:].mean() for disk in (up, down))
+    assert along_up > 0.01
+    assert along_down < -0.01
+
+
+# --- what fails -------------------------------------------------------------------------------------------------------
+
+
+def _fails(disk, history=()):
+    raise DomainError("folded")
+
+
+def test_search_in_which_nothing_is_found_raises_the_first_error(monkeypatch):
+    rim = Rim(loop=seam(0.75, 32), indices=np.arange(32))
+    with pytest.raises(DomainError, match="folded"):
+        find_disks(rim, _fails)
+
+    def no_fill(points):
+        raise FirstFillError("no fill")
+
+    monkeypatch.setattr(solutions, "first_disk", no_fill)
+    with pytest.raises(FirstFillError, match="no fill"):
+        find_disks(rim, _fails)
+
+
+def test_search_in_which_nothing_converged_returns_the_nearest_disk():
+    exact = exact_solution(ENNEPER, 32)
+    rim = Rim(loop=exact.loop, indices=np.arange(32))
+    residuals = iter([3e-3, 2e-3, 4e-3])
+
+    def poor(disk, history=()):
+        residual = replace(exact.boundary_residual, rms=next(residuals))
+        return replace(exact, converged=False, boundary_residual=residual)
+
+    (nearest,) = find_disks(rim, poor)
+    assert nearest.boundary_residual.rms == 2e-3
+
+
+def test_number_of_starts_is_bounded():
+    """A solver that finds another unstable disk each time must not be followed for ever."""
+    exact = replace(exact_solution(ENNEPER, 32), stability=UNSTABLE)
+    areas = iter(np.linspace(2, 1, 1000))
+    calls = []
+
+    def another(disk, history=()):
+        calls.append(disk)
+        return replace(exact, area=next(areas))
+
+    found = find_disks(Rim(loop=exact.loop, indices=np.arange(32)), another)
+    assert len(calls) == len(found) == solutions._MOST_STARTS
+
+
+def test_unknown_choice_for_unstable_disks_is_refused():
+    with pytest.raises(OptionError, match="'maybe'"):
+        solve_plateau(seam(0.75, 32), unstable="maybe")
