@@ -40,6 +40,7 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
         matching=np.stack([t, curve.breaks[:-1]], axis=1),
         boundary_residual=BoundaryResidual(rms=0.0, max=0.0, mean_edge=loop.mean_edge_length, diagonal=loop.diagonal),
         area=surface.area(),
+        route="disk",
         history=(),
         timings={"fit": 0.25},
         tolerance=1e-3,

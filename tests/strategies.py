@@ -1,4 +1,4 @@
-"""Hypothesis strategies for the whole test suite: closed loops, disks with holes, rigid motions."""
+"""Hypothesis strategies for the whole test suite: closed loops, plane domains, disks with holes, rigid motions."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
+from spinor_geom.domain import FourierBoundary
 from spinor_geom.mesh import TriangleMesh
 
 SEEDS = st.integers(min_value=0, max_value=2**32 - 1)
@@ -65,6 +66,18 @@ def rough_loops(draw: st.DrawFn, max_noise: float = 0.25, **options: int) -> np.
     random = np.random.default_rng(draw(SEEDS))
     edge = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).mean()
     return points + draw(st.floats(0.02, max_noise)) * edge * random.normal(size=points.shape)
+
+
+@st.composite
+def analytic_boundaries(draw: st.DrawFn, harmonics: int = 5, most: float = 0.5) -> FourierBoundary:
+    """Random deformations of the circle that are simple: Σ |k c_k| over all k but 1 is at most `most` < 1 = |c_1|."""
+    random = np.random.default_rng(draw(SEEDS))
+    k = np.arange(-harmonics, harmonics + 1)
+    c = random.normal(size=len(k)) + 1j * random.normal(size=len(k))
+    c[np.isin(k, (0, 1))] = 0
+    c *= draw(st.floats(0, most)) / np.abs(k * c).sum()
+    c[k == 1] = 1
+    return FourierBoundary(c, 64)
 
 
 @st.composite

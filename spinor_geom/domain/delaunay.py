@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -11,45 +13,93 @@ from spinor_geom.errors import DomainError
 
 # a walk that has not arrived after so many triangles counts as blocked
 _LONGEST_WALK = 16
-_OUTSIDE = np.iinfo(np.uint32).max
+_NONE = np.iinfo(np.uint32).max
 
 
-def constrained_delaunay(
-    points: Complex[np.ndarray, " n"], m: int
-) -> tuple[Int[np.ndarray, "t 3"], Int[np.ndarray, "t 3"]]:
-    """Constrained Delaunay triangulation of the inside of a polygon.
+class ConstrainedDelaunay:
+    """Constrained Delaunay triangulation of the inside of a polygon, to which points can be added.
+
+    Attributes:
+        faces: Counter-clockwise triangles; those outside the polygon stay among them, with vertices that mean nothing.
+        inside: Numbers of the triangles inside.
+    """
+
+    faces: Int[np.ndarray, "t 3"]
+    inside: Int[np.ndarray, " i"]
+
+    def __init__(self, points: Complex[np.ndarray, " n"], m: int) -> None:
+        """Takes the polygon's m vertices, counter-clockwise, then points inside it.
+
+        Raises:
+            DomainError: Two edges of the polygon cross, or two points are equal.
+        """
+        import pythoncdt
+
+        self._cdt = pythoncdt.Triangulation(
+            pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
+        )
+        index = np.arange(m, dtype=np.uint32)
+        # Any: numpy's stubs do not say that arrays are buffers
+        edges: Any = np.stack([index, np.roll(index, -1)], axis=1)
+        self._m = m
+        self._insert(points)
+        with self._typed_errors():
+            self._cdt.insert_edges(edges)
+        outer = self._cdt.collect_outer_triangles()
+        # no point is ever added out there, so these stay as they are
+        self._outer = np.fromiter(outer, dtype=np.int64, count=len(outer))
+        self._read()
+
+    def insert(self, points: Complex[np.ndarray, " k"]) -> None:
+        """Adds points inside the polygon and off its edges; the numbers of the triangles change.
+
+        Raises:
+            DomainError: Two points are equal.
+        """
+        self._insert(points)
+        self._read()
+
+    @property
+    def neighbours(self) -> Int[np.ndarray, "t 3"]:
+        """For each triangle inside: number k lies across the edge from vertex k to the next, −1 across the polygon."""
+        number = np.full(len(self.faces), -1)
+        number[self.inside] = self.inside
+        neighbours = self._cdt.triangles_array(copy=False)["neighbors"].astype(np.int64)
+        return np.where(neighbours == _NONE, -1, number[np.where(neighbours == _NONE, 0, neighbours)])
+
+    def _insert(self, points: Complex[np.ndarray, " k"]) -> None:
+        vertices: Any = plane_coordinates(points)
+        with self._typed_errors():
+            self._cdt.insert_vertices(vertices)
+
+    def _read(self) -> None:
+        # the vertices of a triangle around everything come first
+        self.faces = self._cdt.triangles_array(copy=False)["vertices"].astype(np.int64) - 3
+        is_inside = np.ones(len(self.faces), dtype=bool)
+        is_inside[self._outer] = False
+        self.inside = np.flatnonzero(is_inside)
+
+    @contextmanager
+    def _typed_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except RuntimeError as error:
+            reason = str(error).partition("\n")[0]
+            raise DomainError(f"the polygon is not simple ({reason})", vertices=self._m) from error
+
+
+def constrained_delaunay(points: Complex[np.ndarray, " n"], m: int) -> Int[np.ndarray, "t 3"]:
+    """Counter-clockwise faces of a polygon with inner points.
 
     Args:
         points: The polygon's m vertices, counter-clockwise, then points inside it.
         m: Number of the polygon's vertices.
 
-    Returns:
-        Counter-clockwise faces, and for each the neighbours: number k lies across the edge from vertex k to the next,
-        −1 where that edge is on the polygon.
-
     Raises:
         DomainError: Two edges of the polygon cross, or two points are equal.
     """
-    import pythoncdt
-
-    cdt = pythoncdt.Triangulation(
-        pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
-    )
-    index = np.arange(m, dtype=np.uint32)
-    # Any: numpy's stubs do not say that arrays are buffers
-    vertices: Any = plane_coordinates(points)
-    edges: Any = np.stack([index, np.roll(index, -1)], axis=1)
-    try:
-        cdt.insert_vertices(vertices)
-        cdt.insert_edges(edges)
-    except RuntimeError as error:
-        reason = str(error).partition("\n")[0]
-        raise DomainError(f"the polygon is not simple ({reason})", vertices=m) from error
-    cdt.erase_outer_triangles()
-    triangles = cdt.triangles_array()
-    neighbours = triangles["neighbors"].astype(np.int64)
-    neighbours[neighbours == _OUTSIDE] = -1
-    return triangles["vertices"].astype(np.int64), neighbours
+    mesh = ConstrainedDelaunay(points, m)
+    return np.asarray(mesh.faces[mesh.inside])
 
 
 def plane_coordinates(z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
@@ -88,19 +138,20 @@ def circumcircles(
 
 
 def reachable(
-    p: Complex[np.ndarray, "t 3"],
+    points: Complex[np.ndarray, " n"],
+    faces: Int[np.ndarray, "t 3"],
     neighbours: Int[np.ndarray, "t 3"],
     start: Int[np.ndarray, " k"],
     target: Complex[np.ndarray, " k"],
 ) -> Bool[np.ndarray, " k"]:
-    """Whether a walk over the triangles p from number `start` towards `target` arrives without leaving the polygon."""
-    along = p[:, [1, 2, 0]] - p
+    """Whether a walk over the triangles from number `start` towards `target` arrives without leaving the polygon."""
     arrived = np.zeros(len(start), dtype=bool)
     active, at = np.arange(len(start)), start
     for _ in range(_LONGEST_WALK):
-        side = cross(along[at], target[active][:, None] - p[at])
+        p = points[faces[at]]
+        side = cross(p[:, [1, 2, 0]] - p, target[active][:, None] - p)
         way_out = side.argmin(axis=1)
-        inside = side.min(axis=1) >= 0
+        inside = side[np.arange(len(at)), way_out] >= 0
         arrived[active[inside]] = True
         following = neighbours[at, way_out]
         go = ~inside & (following >= 0)

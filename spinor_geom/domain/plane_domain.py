@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -185,7 +185,7 @@ class PlaneDomain:
         """
         return cls(
             boundary=boundary,
-            triangulation=triangulate_polygon(boundary.vertices, graded_size(boundary.vertices)),
+            triangulation=_graded_triangulation(boundary.vertices.tobytes()),
             log_scale=np.zeros(len(boundary.vertices)) if log_scale is None else log_scale,
         )
 
@@ -225,8 +225,15 @@ class PlaneDomain:
         return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))
 
     @cached_property
+    def root(self) -> int:
+        """Index of the inner vertex of the triangulation nearest to their mean; of any vertex where none is inner."""
+        points, m = self.triangulation.points, self.triangulation.boundary_size
+        first = m if len(points) > m else 0
+        return first + int(np.argmin(np.abs(points[first:] - points[first:].mean())))
+
+    @cached_property
     def paths(self) -> PathTree:
-        """Tree over the triangulation's edges from the inner vertex nearest to the middle.
+        """Tree over the triangulation's edges from its root.
 
         It is a tree of shortest paths in which an edge that touches ∂Ω counts many times its length: near ∂Ω the poles
         of p and q are near too, and integrals along it cost digits. So boundary vertices are leaves where they can be.
@@ -237,12 +244,18 @@ class PlaneDomain:
         on_boundary = (edges < m).sum(axis=1)
         cost = np.abs(points[edges[:, 1]] - points[edges[:, 0]]) * np.array([1.0, 1e3, 1e6])[on_boundary]
         graph = coo_array((cost, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
-        candidates = np.arange(m, n) if n > m else np.arange(n)
-        root = int(candidates[np.argmin(np.abs(points[candidates] - points[candidates].mean()))])
-        _, before = dijkstra(graph, directed=False, indices=np.array(root), return_predecessors=True)
+        _, before = dijkstra(graph, directed=False, indices=np.array(self.root), return_predecessors=True)
         parent = before.ravel().astype(np.int64)
-        parent[root] = root
-        return PathTree(root=root, parent=parent, levels=_levels(root, parent))
+        parent[self.root] = self.root
+        return PathTree(root=self.root, parent=parent, levels=_levels(self.root, parent))
+
+
+# the boundaries of many domains are one: the circle on which most loops are solved
+@lru_cache(maxsize=16)
+def _graded_triangulation(vertices: bytes) -> PlaneTriangulation:
+    """The triangulation of a polygon given as the bytes of its complex vertices, with edges that grow inwards."""
+    polygon = np.frombuffer(vertices, dtype=np.complex128)
+    return triangulate_polygon(polygon, graded_size(polygon))
 
 
 def _levels(root: int, parent: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, "_"], ...]:

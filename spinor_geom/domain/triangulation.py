@@ -11,6 +11,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import (
+    ConstrainedDelaunay,
     circumcircles,
     constrained_delaunay,
     edge_codes,
@@ -18,11 +19,15 @@ from spinor_geom.domain.delaunay import (
     reachable,
     unique_edges,
 )
+from spinor_geom.domain.lattice import lattice_inside
 from spinor_geom.domain.smoothing import polish, smooth
 from spinor_geom.errors import DomainError, OptionError
 
 SizeFunction = Callable[[Complex[np.ndarray, " k"]], Float[np.ndarray, " k"]]
+SizeBounds = Callable[[Complex[np.ndarray, " k"]], tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]
 
+# points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
+_SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
 # a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 _LARGEST_RADIUS = 0.75
 # new points of one batch keep this share of the smaller of their circumradii between them
@@ -77,20 +82,40 @@ def graded_size(boundary: Complex[np.ndarray, " m"], *, growth: float = 0.35, ca
     Returns:
         A function from points (k,) to edge lengths (k,).
     """
+    bounds = size_bounds(boundary, growth=growth, decay=0.0)
+
+    def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        _, h = bounds(z)
+        return h if cap is None else np.asarray(np.minimum(h, cap))
+
+    return size
+
+
+def size_bounds(boundary: Complex[np.ndarray, " m"], *, growth: float, decay: float) -> SizeBounds:
+    """The range of edge lengths that pass gradually into those of a boundary.
+
+    Args:
+        boundary: Closed polygon, in units of Ω.
+        growth: Increase of the upper bound per unit of distance; it is `graded_size`.
+        decay: Decrease of the lower bound, from the local edge length at the nearest boundary vertex.
+
+    Returns:
+        A function from points (k,) to lower bounds (k,), which may be negative, and upper bounds (k,).
+    """
     edge = np.abs(np.roll(boundary, -1) - boundary)
-    local = 0.5 * (edge + np.roll(edge, 1))
+    own = local = 0.5 * (edge + np.roll(edge, 1))
     tree = cKDTree(plane_coordinates(boundary))
     distance, index = tree.query(plane_coordinates(boundary), k=min(8, len(boundary)))
     for _ in range(4):
         local = (local[index] + growth * distance).min(axis=1)
     neighbours = min(3, len(boundary))
 
-    def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    def bounds(z: Complex[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         distance, index = tree.query(plane_coordinates(z), k=neighbours)
-        h: Float[np.ndarray, " k"] = (local[index] + growth * distance).min(axis=1)
-        return h if cap is None else np.asarray(np.minimum(h, cap))
+        low: Float[np.ndarray, " k"] = own[index[:, 0]] - decay * distance[:, 0]
+        return low, (local[index] + growth * distance).min(axis=1)
 
-    return size
+    return bounds
 
 
 def triangulate_polygon(
@@ -136,18 +161,20 @@ def triangulate_polygon(
             raise OptionError(f"the size function must give positive, finite lengths, got {h[wrong][0]}")
         return np.asarray(h / scale)
 
-    points = polygon
-    faces, neighbours = constrained_delaunay(points, m)
-    if len(faces) != m - 2 or len(unique_edges(faces, m)) != 2 * m - 3 or (neighbours < 0).sum() != m:
+    mesh = ConstrainedDelaunay(polygon, m)
+    faces = mesh.faces[mesh.inside]
+    sides = (mesh.neighbours[mesh.inside] < 0).sum()
+    if len(faces) != m - 2 or len(unique_edges(faces, m)) != 2 * m - 3 or sides != m:
         raise DomainError("the polygon is not simple: one of its vertices lies on another of its edges", vertices=m)
     guard = _Guard(polygon)
-    points, faces = _refine(points, faces, neighbours, guard, wanted, min_angle, max_points)
+    points = np.append(polygon, _seeds(polygon, guard, wanted, max_points - m))
+    points, faces = _refine(points, ConstrainedDelaunay(points, m), guard, wanted, min_angle, max_points)
     for _ in range(3):
         middle = _long_bridges(points, faces, m, wanted, guard)
         if len(middle) == 0:
             break
         points = np.append(points, middle)
-        faces, _ = constrained_delaunay(points, m)
+        faces = constrained_delaunay(points, m)
     points, faces = smooth(points, faces, m)
     points, faces = polish(points, faces, m, min_angle)
     result = points * scale + centre
@@ -184,37 +211,60 @@ class _Guard:
         return inside
 
 
+def _seeds(
+    polygon: Complex[np.ndarray, " m"], guard: _Guard, size: SizeFunction, most: int
+) -> Complex[np.ndarray, " k"]:
+    """Points of a lattice as wide as the largest of the sizes wanted: inner points to start from."""
+    area = 0.5 * (np.conj(polygon) * np.roll(polygon, -1)).imag.sum()
+    sample = lattice_inside(polygon, np.sqrt(area / _SIZE_SAMPLES))
+    if len(sample) == 0 or most <= 0:
+        return sample[:0]
+    spacing = max(float(size(sample).max()), np.sqrt(area / most))
+    points = lattice_inside(polygon, spacing)
+    distance, _ = cKDTree(plane_coordinates(polygon)).query(plane_coordinates(points))
+    points = points[distance > _ROOM_AT_BOUNDARY * spacing]
+    return points[~guard.too_near(points)]
+
+
 def _refine(
     points: Complex[np.ndarray, " n"],
-    faces: Int[np.ndarray, "t 3"],
-    neighbours: Int[np.ndarray, "t 3"],
+    mesh: ConstrainedDelaunay,
     guard: _Guard,
     size: SizeFunction,
     min_angle: float,
     max_points: int,
 ) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, "s 3"]]:
     """Inserts batches of circumcentres until no triangle wants and can have one."""
-    m, sine = len(points), np.sin(np.radians(min_angle))
+    sine = np.sin(np.radians(min_angle))
     at_points, at_centres = size(points), False
+    # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
+    is_open = np.ones(len(points), dtype=bool)
     for _ in range(_BATCHES):
-        p = points[faces]
+        faces = mesh.faces
+        seen = mesh.inside[is_open[faces[mesh.inside]].any(axis=1)]
+        p = points[faces[seen]]
         # sizes at the vertices, each asked for once, are enough until the triangles are nearly small enough
-        wanted = size(p.mean(axis=1)) if at_centres else at_points[faces].mean(axis=1)
+        wanted = size(p.mean(axis=1)) if at_centres else at_points[faces[seen]].mean(axis=1)
         centre, radius, shortest = circumcircles(p)
         excess = radius / (_LARGEST_RADIUS * wanted)
         poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * sine))
         poor = poor[~guard.too_near(centre[poor])]
-        poor = poor[reachable(p, neighbours, poor, centre[poor])]
-        new = centre[poor][_independent(centre[poor], _BATCH_SPACING * radius[poor], excess[poor])]
-        new = new[: max(0, max_points - len(points))]
+        if len(poor):
+            poor = poor[reachable(points, faces, mesh.neighbours, seen[poor], centre[poor])]
+        chosen = _independent(centre[poor], _BATCH_SPACING * radius[poor], excess[poor])
+        new = centre[poor[chosen]][: max(0, max_points - len(points))]
         if len(new) == 0:
             if at_centres:
                 break
             at_centres = True
+            is_open[:] = True
             continue
+        is_open = np.zeros(len(points) + len(new), dtype=bool)
+        is_open[len(points) :] = True
+        is_open[faces[seen[np.delete(poor, chosen)]]] = True
         points, at_points = np.append(points, new), np.append(at_points, size(new))
-        faces, neighbours = constrained_delaunay(points, m)
-    return points, faces
+        mesh.insert(new)
+    return points, mesh.faces[mesh.inside]
 
 
 def _independent(
@@ -229,22 +279,27 @@ def _independent(
     z, spacing, priority = z[first], spacing[first], priority[first]
     rank = np.empty(len(z), dtype=np.int64)
     rank[np.argsort(-priority, kind="stable")] = np.arange(len(z))
-    distance, index = cKDTree(plane_coordinates(z)).query(plane_coordinates(z), k=np.arange(1, min(9, len(z)) + 1))
-    other = np.asarray(index)[:, 1:].ravel()
-    own = np.repeat(np.arange(len(z)), len(other) // len(z))
-    conflict = np.asarray(distance)[:, 1:].ravel() < np.minimum(spacing[own], spacing[other])
-    own, other = np.append(own[conflict], other[conflict]), np.append(other[conflict], own[conflict])
-    state = np.zeros(len(z), dtype=np.int8)  # 0 open, 1 taken, 2 dropped
+    plane = plane_coordinates(z)
+    nearest = np.arange(2, min(9, len(z)) + 1)
+    distance, index = cKDTree(plane).query(plane, k=nearest, distance_upper_bound=spacing.max())
+    own, place = np.nonzero(distance < spacing[:, None])
+    other = np.asarray(index)[own, place]
+    conflict = np.asarray(distance)[own, place] < spacing[other]
+    own, other = own[conflict], other[conflict]
+    first_wins = rank[own] < rank[other]
+    better, worse = np.where(first_wins, own, other), np.where(first_wins, other, own)
+    taken, is_open = np.zeros(len(z), dtype=bool), np.ones(len(z), dtype=bool)
     for _ in range(8):
-        best = np.full(len(z), len(z))
-        np.minimum.at(best, own, rank[other])
-        state[(state == 0) & (rank < best)] = 1
-        state[own[state[other] == 1]] = 2
-        keep = (state[own] == 0) & (state[other] == 0)
-        own, other = own[keep], other[keep]
-        if not (state == 0).any():
+        blocked = np.zeros(len(z), dtype=bool)
+        blocked[worse] = True
+        taken |= is_open & ~blocked
+        is_open &= blocked
+        is_open[worse[taken[better]]] = False
+        keep = is_open[better] & is_open[worse]
+        better, worse = better[keep], worse[keep]
+        if not is_open.any():
             break
-    return np.asarray(first[state == 1])
+    return np.asarray(first[taken])
 
 
 def _first_in_cell(
@@ -252,10 +307,10 @@ def _first_in_cell(
 ) -> Int[np.ndarray, " s"]:
     """Index of the point of highest priority in each occupied square cell, a quarter to half a spacing wide."""
     level = np.floor(np.log2(spacing))
-    cell = np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None])
-    order = np.lexsort((-priority, level, cell[:, 1], cell[:, 0]))
-    key = np.column_stack([cell, level])[order]
-    new = np.append(True, (key[1:] != key[:-1]).any(axis=1))
+    x, y = np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]).T
+    order = np.lexsort((-priority, level, y, x))
+    x, y, level = x[order], y[order], level[order]
+    new = np.append(True, (x[1:] != x[:-1]) | (y[1:] != y[:-1]) | (level[1:] != level[:-1]))
     return np.asarray(order[new])
 
 
@@ -263,7 +318,7 @@ def _long_bridges(
     points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], m: int, size: SizeFunction, guard: _Guard
 ) -> Complex[np.ndarray, " k"]:
     """Points that split inner edges between boundary vertices, where the polygon has room for one."""
-    edges = unique_edges(faces, len(points))
+    edges = unique_edges(faces[(faces < m).sum(axis=1) > 1], len(points))
     gap = edges[:, 1] - edges[:, 0]
     edges = edges[(edges[:, 1] < m) & (gap != 1) & (gap != m - 1)]
     if len(edges) == 0:

@@ -34,8 +34,8 @@ class LoopPatch:
 def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
     """The patch's inner edges that join two rim vertices, as pairs of patch vertices (lower first), each once."""
     rim = patch.boundary_size
-    edges = np.sort(np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    edges = np.unique(edges[edges[:, 1] < rim], axis=0)
+    edges = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    edges = np.unique(np.sort(edges[(edges < rim).all(axis=1)], axis=1), axis=0)
     apart = edges[:, 1] - edges[:, 0]
     chords: Int[np.ndarray, "c 2"] = edges[(apart > 1) & (apart < rim - 1)]
     return chords

@@ -60,7 +60,7 @@ class CauchyInterpolant(torch.nn.Module):
         return _in_blocks(self._value, z, len(self.nodes))
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
-        """(p'(z), q'(z)); at a node infinite or NaN."""
+        """(p'(z), q'(z))."""
         return _in_blocks(self._derivative, z, len(self.nodes))
 
     def _value(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
@@ -73,6 +73,11 @@ class CauchyInterpolant(torch.nn.Module):
         total = kernel.sum(-1, keepdim=True)
         value = (kernel @ self.values) / total
         squared = kernel * inverse
+        # at a node ζ_k the limit, Σ_{j≠k} w_j (f_k − f_j)/(ζ_j − ζ_k)/w_k
+        hit = self.nodes == z[..., None]
+        at_node = hit.any(-1, keepdim=True)
+        own = torch.where(at_node, hit.to(kernel.dtype) @ self.weights[:, None], 1)
+        squared = torch.where(at_node, -(self.weights * inverse).masked_fill(hit, 0) / own, squared)
         return (squared @ self.values - value * squared.sum(-1, keepdim=True)) / total
 
     def _kernel(self, z: Complex[Tensor, "*pts"]) -> tuple[Complex[Tensor, "*pts n"], Complex[Tensor, "*pts n"]]:
@@ -96,8 +101,7 @@ class CauchyInterpolant(torch.nn.Module):
         return cls(zeros, zeros.clone(), torch.zeros(count, 2, dtype=torch.complex128))
 
 
-def _in_blocks(
-    function: Callable[[Tensor], Tensor], z: Complex[Tensor, "*pts"], n: int) -> Complex[Tensor, "*pts 2"]:
+def _in_blocks(function: Callable[[Tensor], Tensor], z: Complex[Tensor, "*pts"], n: int) -> Complex[Tensor, "*pts 2"]:
     size = max(1, _BLOCK // n)
     flat = z.reshape(-1)
     parts = [function(flat[start : start + size]) for start in range(0, max(1, len(flat)), size)]

@@ -41,6 +41,15 @@ class HolomorphicModel(Protocol):
         ...
 
 
+@runtime_checkable
+class IntegrableModel(HolomorphicModel, Protocol):
+    """A model whose squares have a closed integral."""
+
+    def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+        """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from a point of its own to z, to round-off."""
+        ...
+
+
 MODELS: dict[str, type[CauchyInterpolant] | type[CauchyNetwork] | type[PowerSeries]] = {
     CauchyInterpolant.kind: CauchyInterpolant,
     CauchyNetwork.kind: CauchyNetwork,

@@ -11,6 +11,9 @@ from torch import Tensor
 
 from spinor_geom.errors import DtypeError
 
+# powers in a table of them, and points: it stays in the cache however long the series is
+_POWERS, _POINTS = 32, 1 << 10
+
 
 class PowerSeries(torch.nn.Module):
     """p and q as polynomials Σ a_k ((z − centre)/radius)^k.
@@ -37,18 +40,25 @@ class PowerSeries(torch.nn.Module):
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts k"]:
         """Powers ((z − centre)/radius)^k, k = 0 … K − 1."""
-        return _powers((z - self.center) / self.radius, len(self.coefficients))
+        return _powers((z - self.center) / self.radius, len(self.coefficients)).movedim(0, -1)
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
-        return self.features(z) @ self.coefficients
+        return _sums((z - self.center) / self.radius, self.coefficients)
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
-        count = len(self.coefficients)
-        k = torch.arange(1, count, device=z.device, dtype=self.coefficients.real.dtype)
-        powers = _powers((z - self.center) / self.radius, max(count - 1, 0))
-        return powers @ (self.coefficients[1:] * (k / self.radius)[:, None])
+        k = torch.arange(len(self.coefficients), device=z.device, dtype=self.coefficients.real.dtype)
+        return _sums((z - self.center) / self.radius, (self.coefficients * (k / self.radius)[:, None])[1:])
+
+    def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+        """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from the centre to z, polynomials too."""
+        u = (z - self.center) / self.radius
+        # a convolution of the coefficients, of 2K − 1 terms
+        p, q = torch.fft.fft(self.coefficients, n=max(2 * len(self.coefficients) - 1, 1), dim=0).unbind(-1)
+        products = torch.fft.ifft(torch.stack([p * p, q * q, p * q], dim=-1), dim=0)
+        k = torch.arange(1, len(products) + 1, device=z.device, dtype=products.real.dtype)
+        return u[..., None] * _sums(u, products * (self.radius / k)[:, None])
 
     def config(self) -> dict[str, Any]:
         """Number of terms, centre and radius."""
@@ -65,11 +75,28 @@ class PowerSeries(torch.nn.Module):
         return cls(zeros, center=complex(*config["center"]), radius=float(config["radius"]))
 
 
-def _powers(u: Complex[Tensor, "*pts"], count: int) -> Complex[Tensor, "*pts k"]:
+def _sums(u: Complex[Tensor, "*pts"], coefficients: Complex[Tensor, "k c"]) -> Complex[Tensor, "*pts c"]:
+    """Σ_k a_k u^k for each column of coefficients: Horner's rule on blocks of `_POWERS` terms."""
+    parts = [part.mT for part in torch.split(coefficients, _POWERS)]
+
+    def block(some: Complex[Tensor, " n"]) -> Complex[Tensor, "c n"]:
+        powers = _powers(some, min(_POWERS, len(coefficients)))
+        total = parts[-1] @ powers[: parts[-1].shape[1]]
+        if len(parts) > 1:
+            step = powers[-1] * some
+            for part in reversed(parts[:-1]):
+                total = total * step + part @ powers
+        return total
+
+    total = torch.cat([block(some) for some in torch.split(u.reshape(-1), _POINTS)], dim=-1)
+    return total.mT.reshape(*u.shape, coefficients.shape[1])
+
+
+def _powers(u: Complex[Tensor, "*pts"], count: int) -> Complex[Tensor, "k *pts"]:
+    """u⁰ … u^(count − 1)."""
     if count == 0:
-        return u.new_zeros((*u.shape, 0))
-    ones = torch.ones_like(u)
+        return u.new_zeros((0, *u.shape))
+    ones = torch.ones_like(u)[None]
     if count == 1:
-        return ones[..., None]
-    repeated = u[..., None].expand(*u.shape, count - 1)
-    return torch.cat([ones[..., None], torch.cumprod(repeated, dim=-1)], dim=-1)
+        return ones
+    return torch.cat([ones, torch.cumprod(u.expand(count - 1, *u.shape), dim=0)])

@@ -208,12 +208,15 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
 
     Point i is a corner if the polygon turns there by θ_i ≥ 35° and by at most θ_i/4 at each of the two points before
     and the two points after it: a corner stands alone on a smooth curve, while on a noisy rim large turns stand side by
-    side. Polygons of fewer than 8 points are too coarse to tell and have none; so has a point beside an edge of
-    length 0.
+    side. Where half of all points turn by more than 35°/4 the curve is not smooth, and nothing stands out of it: such
+    polygons have no corners. Polygons of fewer than 8 points are too coarse to tell and have none; so has a point beside
+    an edge of length 0.
     """
     if len(points) < MIN_LOOP_WITH_CORNERS:
         return np.zeros(len(points), dtype=bool)
     turn = turning_angles(points)
+    if np.nanmedian(turn) > MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
+        return np.zeros(len(points), dtype=bool)
     limit = turn * MAX_NEIGHBOUR_TURN_RATIO
     corners: Bool[np.ndarray, " m"] = turn >= MIN_CORNER_TURN
     for step in range(1, CORNER_NEIGHBOURS + 1):

@@ -77,9 +77,9 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
 
 
 def inner_positions(surface: SpinorSurface, plane: PlaneTriangulation) -> Float[np.ndarray, "k 3"]:
-    """Positions of a triangulation's inner points, by integration of φ along its own edges.
+    """Positions of a triangulation's inner points: in closed form, or by integration of φ along its own edges.
 
-    In each connected part of the inner edges the point farthest from the boundary is placed by
+    Where it takes quadrature: in each connected part of the inner edges the point farthest from the boundary is placed by
     `SpinorSurface.position`; a breadth-first tree of inner edges leads from it to the others, with two to eight
     Gauss–Legendre nodes an edge: p and q are holomorphic in Ω, so few are enough far from its boundary.
 
@@ -88,8 +88,8 @@ def inner_positions(surface: SpinorSurface, plane: PlaneTriangulation) -> Float[
     """
     m = plane.boundary_size
     points, count = plane.points[m:], len(plane.points) - m
-    if count == 0:
-        return np.zeros((0, 3))
+    if surface.has_closed_positions or count == 0:
+        return np.asarray(surface.position(points)).reshape(-1, 3)
     rim = cKDTree(_coordinates(plane.points[:m]))
     depth, _ = rim.query(_coordinates(points))
     roots, parent = _forest(plane.edges[plane.edges[:, 0] >= m] - m, np.asarray(depth))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.spatial import cKDTree
 
-from spinor_geom.domain.triangulation import SizeFunction, graded_size
+from spinor_geom.domain.triangulation import SizeFunction, size_bounds
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # change of the edge length per unit of distance from the boundary, upwards and downwards
@@ -33,16 +33,12 @@ def patch_size_field(surface: SpinorSurface, boundary: Complex[np.ndarray, " m"]
     Returns:
         A function from points (k,) of Ω to lengths (k,) in units of Ω.
     """
-    longest = graded_size(boundary, growth=GROWTH)
-    edge = np.abs(np.roll(boundary, -1) - boundary)
-    local = 0.5 * (edge + np.roll(edge, 1))
-    tree = cKDTree(_plane(boundary))
+    bounds = size_bounds(boundary, growth=GROWTH, decay=DECAY)
     stretch = _interpolated_stretch(surface)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        distance, index = tree.query(_plane(z))
-        shortest = local[index] - DECAY * distance
-        return np.asarray(np.minimum(np.maximum(target / stretch(z), shortest), longest(z)))
+        shortest, longest = bounds(z)
+        return np.asarray(np.minimum(np.maximum(target / stretch(z), shortest), longest))
 
     return size
 

@@ -61,6 +61,7 @@ def minimise_dirichlet_energy(
     *,
     tolerance: float,
     max_steps: int,
+    near: bool = False,
     on_step: Callable[[float], None] | None = None,
 ) -> HarmonicDisk:
     """Newton's method with conjugate gradients for the slide, all of it by fast Fourier transforms.
@@ -76,24 +77,25 @@ def minimise_dirichlet_energy(
         slide: start at t = j/n, increasing around the circle.
         tolerance: gradient, as in `HarmonicDisk`, at which to stop.
         max_steps: limit on Newton steps.
+        near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
         on_step: is called with the gradient before each step.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
     """
     problem = _Problem.of(curve, form, slide)
     state = problem.state(slide)
-    reflection, steps, crowded, sizes = 1.0, 0, False, [np.inf]
+    reflection, steps, crowded, sizes = 0.0 if near else 1.0, 0, False, [np.inf]
     while True:
         gradient = problem.gradient(state)
         size = float((gradient.square().mean() / state.force.square().mul(state.speed2).mean()).sqrt())
-        if on_step is not None:
-            on_step(size)
         crowded = float(state.increments.max()) * len(slide) > _CROWDED
         # what is left once it stays as it is belongs to conformal maps of Ω, to which the samples are not quite blind
         stays = size < _SMALL_GRADIENT and size > min(sizes[-_PATIENCE:]) / 2
         if not size > tolerance or stays or steps >= max_steps or crowded:
             break
-        sizes.append(size)
+        if on_step is not None:
+            on_step(size)
+        sizes = [*sizes, size] if reflection == 0 else [np.inf]
         direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=min(0.1, size))
         moved, full = problem.line_search(state, direction)
         steps += 1
@@ -237,7 +239,7 @@ def resampled(slide: Float[Tensor, " m"], n: int) -> Float[Tensor, " n"]:
     if m == n:
         return slide
     even = torch.arange(n, dtype=slide.dtype, device=slide.device) / n
-    fine = band_limited((slide - torch.arange(m, device=slide.device) / m)[:, None], n)[:, 0] + even
+    fine = band_limited((slide - torch.arange(m, dtype=slide.dtype, device=slide.device) / m)[:, None], n)[:, 0] + even
     if (torch.diff(fine, append=fine[:1] + 1) > 0).all():
         return fine
     # a rough slide overshoots

@@ -200,13 +200,18 @@ def _directions(
     tangent: Float[Tensor, "nodes 3"], held: Int[Tensor, " k"]
 ) -> Iterator[tuple[Float[Tensor, "n 3"], Tensor | slice]]:
     """Directions in which a residual counts, with their nodes: both normals everywhere, the tangent where held."""
+    for normal in normals_of(tangent):
+        yield normal, slice(None)
+    if len(held):
+        yield torch.nn.functional.normalize(tangent[held], dim=1), held
+
+
+def normals_of(tangent: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+    """Two orthonormal directions normal to each tangent."""
     unit = torch.nn.functional.normalize(tangent, dim=1)
     axis = torch.nn.functional.one_hot(unit.abs().argmin(1), 3).to(unit.dtype)
     first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=1)
-    yield first, slice(None)
-    yield torch.linalg.cross(unit, first), slice(None)
-    if len(held):
-        yield unit[held], held
+    return first, torch.linalg.cross(unit, first)
 
 
 def _gram(rows: Float[Tensor, "m k"]) -> Float[Tensor, "k k"]:

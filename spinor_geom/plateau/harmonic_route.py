@@ -13,11 +13,13 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.discrete.first_fill import unfolded_loop
+from spinor_geom.discrete.minimal_surface import Disk
+from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError, FirstFillError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
@@ -36,26 +38,31 @@ from spinor_geom.plateau.omega import (
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.solution import Iteration, Route
 
-# Turning angle, exceeded by one point in ten, from which a loop counts as rough.
-_ROUGH_TURN = np.radians(12.0)
+# Turning angle, exceeded by one point in ten, from which a loop counts as rough, and as ragged: ragged ones of at most
+# so many points are left to the network first.
+_ROUGH_TURN, _RAGGED_TURN = np.radians(12.0), np.radians(50.0)
+_LONG = 240
 # A loop longer than so many times its width crowds on the disk.
 _DISK_ELONGATION = 2.5
-# Points that Ω is made from; loops longer than so many times their width get twice as many.
-_POINTS = 128
-_MOST_VERTICES = 128
-_NARROW = 12.0
+# Points that Ω is made from, and most vertices of it.
+_FEWEST_POINTS, _POINTS = 32, 128
 # Steps of ∂Ω for each of them, and the width, in points, of the Gaussian that rounds ∂Ω: it has to be analytic.
 _STEPS_PER_POINT = 4
 _ROUNDING_ROUGH, _ROUNDING_SMOOTH = 0.7, 0.35
 # Gaussian width, in points, of the smooth loop that a rough one is deformed from, and the number of deformations.
 _SMOOTHING = 2.0
+# Ratio of consecutive widths from there to as many edges, and nodes on each width.
+_WIDTH_RATIO, _NODES_PER_WIDTH = 4.0, 8.0
 _DEFORMATIONS = 4
 # Width of the Gaussian, as a share of the loop, that leaves of it not much more than an ellipse.
 _WIDEST = 0.25
+# Domains that are tried besides the disk.
+_MOST_STARTS = 2
 # Shares of a new flattening that are tried until Ω is simple.
 _SHARES_OF_FLATTENING = (1.0, 0.7, 0.4)
-# Nodes per loop edge: first for rough loops, most for all; smooth loops start with one.
-_FIRST_PER_EDGE, _MOST_PER_EDGE = 4, 64
+# Nodes per edge of a rough loop that a distance from Γ, in edges, is met with as a rule; smooth loops start with one.
+_PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
+_MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 24
 _FEWEST_NODES, _MOST_NODES = 256, 1 << 17
 _MORE_NODES = 1.5
 # Where so many times more nodes do not halve the residual, it is not their number that limits it.
@@ -64,8 +71,12 @@ _PATIENCE = 3
 _UNEVEN = 3.0
 # Quadrature nodes on each piece of a path in Ω.
 _PATH_ORDER = 16
-# Gradient at which a coarse solve stops; the last one goes on to this share of the distance allowed, within bounds.
-_COARSE, _SHARE_OF_ALLOWED, _FINEST, _LEAST_FINE = 1e-3, 1e-3, 1e-11, 1e-5
+# Newton steps of one solve.
+_MOST_STEPS = 60
+# Gradient at which a coarse solve stops; the last one goes on to a share of the distance allowed in edges: to a small
+# one on smooth loops, where each step doubles the digits.
+_COARSE, _FINEST = 1e-3, 1e-11
+_FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,17 +108,37 @@ class HarmonicSolver:
         return CurveTensors.of(self.curve, self.device)
 
     @cached_property
+    def _turning(self) -> float:
+        """Turning angle that one point in ten exceeds, less what a loop of so few points has however smooth it is."""
+        return float(np.quantile(turning_angles(self.loop.points), 0.9)) - 3 * np.pi / len(self.loop)
+
+    @property
     def _rough(self) -> bool:
-        turning = float(np.quantile(turning_angles(self.loop.points), 0.9))
-        return self.curve.degree == min(DEGREES) and turning > _ROUGH_TURN
+        return self.curve.degree == min(DEGREES) and self._turning > _ROUGH_TURN
+
+    @property
+    def is_promising(self) -> bool:
+        """Whether the loop is likelier to be met here than by a Cauchy network."""
+        return self._turning < _RAGGED_TURN or len(self.loop) > _LONG
 
     @property
     def _rounding(self) -> float:
         return _ROUNDING_ROUGH if self._rough else _ROUNDING_SMOOTH
 
     @property
+    def _first_per_edge(self) -> int:
+        if not self._rough:
+            return 1
+        wanted = self.allowed / self.loop.mean_edge_length
+        return next((nodes for limit, nodes in _PER_EDGE_ROUGH if wanted >= limit), _PER_EDGE_ROUGH[-1][1])
+
+    @property
+    def _fineness(self) -> float:
+        return _FINE_ROUGH if self._rough else _FINE_SMOOTH
+
+    @property
     def _count(self) -> int:
-        return min(len(self.loop), _MOST_VERTICES)
+        return int(np.clip(len(self.loop), _FEWEST_POINTS, _POINTS))
 
     def tries(self) -> Iterator[Found]:
         """A minimal disk on one Ω after the other, the cheapest first, for the caller to take or leave."""
@@ -115,43 +146,83 @@ class HarmonicSolver:
             disk = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
             even = torch.arange(_FEWEST_NODES, dtype=torch.float64, device=self.device) / _FEWEST_NODES
             yield from self._fitted(disk, even, "disk", None)
-        shape = _Shape.of(self.curve, _POINTS if self.loop.elongation < _NARROW else 2 * _POINTS)
-        yield from self._deformed(self._near(shape), shape, "unfolded")
-        yield from self._deformed([*self._far(shape), *self._near(shape)], shape, "deformed")
+        shape = _Shape.of(self.curve, int(np.clip(len(self.loop), _FEWEST_POINTS, _POINTS)))
+        near, far = self._near(shape), self._far(shape)
+        way, started = [*far, *near], 0
+        for start in range(len(far), -1, -1):
+            form = self._unfolded(way[start].curve, shape)
+            if form is not None and started < _MOST_STARTS:
+                started += 1
+                yield from self._deformed(way[start:], form, shape, "unfolded" if start == len(far) else "deformed")
 
-    def _near(self, shape: _Shape) -> list[BoundaryCurve]:
+    def tries_from(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Iterator[Found]:
+        """The minimal disk of less energy that a discrete disk leads to, on its flattening.
+
+        Args:
+            disk: over the loop at unit size.
+            rim: indices of the loop's points that are its boundary vertices.
+        """
+        shape = _Shape.of(self.curve, int(np.clip(len(self.loop), _FEWEST_POINTS, _POINTS)))
+        t = shape.density.parameter(self.curve.breaks[rim])
+        try:
+            with self.clock.stage("flattening"):
+                polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
+                form = resolved_form(
+                    rounded_boundary(
+                        polygon, t, steps=shape.steps, width=self._rounding / shape.points, count=self._count
+                    ),
+                    shape.steps,
+                    self.device,
+                )
+        except DomainError:
+            return
+        yield from self._deformed([_Step(curve=self.curve, nodes=shape.steps)], form, shape, "flattened")
+
+    def _unfolded(self, curve: BoundaryCurve, shape: _Shape) -> DirichletForm | None:
+        """Ω from the unfolded least-area triangulation of a curve; None where it is not simple or too narrow."""
+        even = np.arange(shape.points) / shape.points
+        try:
+            with self.clock.stage("first fill"):
+                polygon = unfolded_loop(curve.point(shape.density.slide(even)))
+            with self.clock.stage("flattening"):
+                boundary = rounded_boundary(
+                    polygon, even, steps=shape.steps, width=self._rounding / shape.points, count=self._count
+                )
+                return resolved_form(boundary, shape.steps, self.device)
+        except (DomainError, FirstFillError):
+            return None
+
+    def _near(self, shape: _Shape) -> list[_Step]:
         """Γ, or where it is rough curves that lead to it from one so smooth that the points of Ω resolve it.
 
         Newton's method finds its way through many sharp bends only if they grow on it, and Ω grows with them.
         """
+        m = len(self.loop)
         if not self._rough:
-            return [self.curve]
-        smooth = self.curve.smoothed(_SMOOTHING / min(shape.points, len(self.loop)))
-        return [smooth.towards(self.curve, share) for share in np.linspace(0, 1, _DEFORMATIONS + 1)]
+            return [_Step(curve=self.curve, nodes=shape.steps)]
+        nodes = max(shape.steps, self._first_per_edge * m)
+        smoothest, least = _SMOOTHING / min(shape.points, m), _SMOOTHING / m
+        count = 1 + int(np.ceil(np.log(smoothest / least) / np.log(_WIDTH_RATIO)))
+        averages = [self._average(width, shape) for width in np.geomspace(smoothest, least, count)]
+        rest = [
+            averages[-1].curve.towards(self.curve, share) for share in np.arange(1, _DEFORMATIONS + 1) / _DEFORMATIONS
+        ]
+        return [*averages, *(_Step(curve=curve, nodes=nodes) for curve in rest)]
 
-    def _far(self, shape: _Shape) -> list[BoundaryCurve]:
-        """Curves that lead to a smooth one from an ellipse: averages of Γ over ever shorter parts of it."""
-        widths = _WIDEST * 0.5 ** np.arange(np.log2(_WIDEST * shape.points / _SMOOTHING))
-        return [self.curve.smoothed(width) for width in widths]
+    def _far(self, shape: _Shape) -> list[_Step]:
+        """Curves that lead to Γ from not much more than an ellipse: averages over ever shorter parts of it."""
+        widths = _WIDEST * 0.7 ** np.arange(int(np.log(_SMOOTHING / shape.points / _WIDEST) / np.log(0.7)) + 1)
+        return [self._average(width, shape) for width in widths]
 
-    def _deformed(self, way: list[BoundaryCurve], shape: _Shape, route: Route) -> Iterator[Found]:
+    def _average(self, width: float, shape: _Shape) -> _Step:
+        return _Step(curve=self.curve.smoothed(width), nodes=max(shape.steps, int(_NODES_PER_WIDTH / width)))
+
+    def _deformed(self, way: list[_Step], form: DirichletForm, shape: _Shape, route: Route) -> Iterator[Found]:
         """The fit for the last of several curves, each on the Ω that the one before left."""
-        even = np.arange(shape.points) / shape.points
-        try:
-            with self.clock.stage("first fill"):
-                polygon = unfolded_loop(way[0].point(shape.density.slide(even)))
-            boundary = rounded_boundary(
-                polygon, even, steps=shape.steps, width=self._rounding / shape.points, count=self._count
-            )
-            with self.clock.stage("flattening"):
-                form = resolved_form(boundary, shape.steps, self.device)
-        except (DomainError, FirstFillError):
-            return
         slide = torch.tensor(shape.density.slide(np.arange(shape.steps) / shape.steps), device=self.device)
-        for place, curve in enumerate(way):
-            if place == len(way) - 1:  # the last one is Γ itself, its nodes follow its edges
-                slide = resampled(slide, _even(max(len(slide), _FIRST_PER_EDGE * len(self.loop) if self._rough else 0)))
-            disk = self._solved(CurveTensors.of(curve, self.device), form, slide, _COARSE)
+        for place, step in enumerate(way):
+            slide = resampled(slide, _even(step.nodes))
+            disk = self._solved(CurveTensors.of(step.curve, self.device), form, slide, _COARSE)
             if disk.crowded:
                 return
             slide = disk.slide
@@ -191,21 +262,21 @@ class HarmonicSolver:
     ) -> Iterator[Found]:
         """The fit with as many nodes as the tolerance asks for, or as help."""
         m = len(self.loop)
-        nodes = max(len(slide), m)
+        nodes = max(len(slide), m * self._first_per_edge)
         best: tuple[Lift, HarmonicDisk, DirichletForm] | None = None
-        fine = float(np.clip(_SHARE_OF_ALLOWED * self.allowed, _FINEST, _LEAST_FINE))
-        last_gain, most = 0, max(4 * _FEWEST_NODES, _MOST_PER_EDGE * m)
+        fine = float(np.clip(self._fineness * self.allowed / self.loop.mean_edge_length, _FINEST, _COARSE))
+        last_gain, most = 0, max(4 * _FEWEST_NODES, (_MOST_PER_EDGE_ROUGH if self._rough else _MOST_PER_EDGE) * m)
         limit = "more nodes on the domain's boundary do not help"
         for attempt in itertools.count():
             n = _even(nodes)
-            disk = self._solved(self._exact, form, resampled(slide, n), fine)
+            disk = self._solved(self._exact, form, resampled(slide, n), fine, near=attempt > 0 and not self._rough)
             if disk.crowded:
                 limit = "the nodes crowd on the domain's boundary"
                 break
             slide = disk.slide
             try:
                 with self.clock.stage("lift"):
-                    lift = lifted(disk, form, self._exact)
+                    lift = lifted(disk, form, self._exact, allowed=self.allowed)
             except SurfaceError:  # more nodes may tell the sheets apart
                 lift = None
             if lift is not None and (best is None or lift.rms < best[0].rms):
@@ -242,7 +313,13 @@ class HarmonicSolver:
         )
 
     def _solved(
-        self, curve: CurveTensors, form: DirichletForm, slide: Float[Tensor, " n"], tolerance: float
+        self,
+        curve: CurveTensors,
+        form: DirichletForm,
+        slide: Float[Tensor, " n"],
+        tolerance: float,
+        *,
+        near: bool = False,
     ) -> HarmonicDisk:
         def heard(gradient: float) -> None:
             step = Iteration(index=len(self.history) + 1, method="Douglas-Newton", residual=gradient)
@@ -250,13 +327,23 @@ class HarmonicSolver:
             if self.on_iteration is not None:
                 self.on_iteration(step)
 
-        left = max(0, self.max_steps - len(self.history))
+        left = max(0, min(_MOST_STEPS, self.max_steps - len(self.history)))
         with self.clock.stage("slide"):
-            return minimise_dirichlet_energy(curve, form, slide, tolerance=tolerance, max_steps=left, on_step=heard)
+            return minimise_dirichlet_energy(
+                curve, form, slide, tolerance=tolerance, max_steps=left, near=near, on_step=heard
+            )
 
     def _smooth_curve(self, points: int) -> BoundaryCurve:
         """Γ, or where it is rough an average of it that so many points resolve."""
         return self.curve.smoothed(_SMOOTHING / min(points, len(self.loop))) if self._rough else self.curve
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Step:
+    """A curve on the way to Γ, and the nodes that its slide takes."""
+
+    curve: BoundaryCurve
+    nodes: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

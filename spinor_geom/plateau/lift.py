@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -11,10 +12,12 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import SurfaceError
+from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import HarmonicDisk, band_limited
+from spinor_geom.plateau.douglas import HarmonicDisk, resampled
+from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import projected
 from spinor_geom.surface.formulas import phi
@@ -25,6 +28,11 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 _ROUND_OFF = 1e-17
 # rounds in which the constant of r and the nearest points of Γ are found from each other
 _CONSTANT_STEPS = 3
+# Gauss-Newton with polynomials: their degree, its steps, points that its equations are taken at, and its damping: it is
+# singular where maps of Ω onto itself move the boundary along Γ
+_SETTLING_DEGREE, _SETTLING_STEPS, _SETTLING_ROWS, _SETTLING_DAMPING = 16, 3, 4096, 1e-10
+# lifts in all, and the share of the last one's distance that a new one must come below
+_MOST_LIFTS, _WORTHWHILE = 8, 0.9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,57 +56,158 @@ class Lift:
     area: float
 
 
-def lifted(disk: HarmonicDisk, form: DirichletForm, curve: CurveTensors) -> Lift:
+def lifted(disk: HarmonicDisk, form: DirichletForm, curve: CurveTensors, *, allowed: float) -> Lift:
     """The minimal surface next to a harmonic disk, and its distance from Γ at the nodes and between them.
 
     φ = 2∂X/∂z on ∂Ω comes from X and its conjugate; p and q are its spinors there, and the model continues them into Ω:
     a power series on a disk, Cauchy's formula elsewhere. Where X is not quite conformal φ is not quite null, and the
-    surface of p and q is off X by as much: that is in the distance, as it is that surface's own boundary.
+    surface of p and q is off X. While that leaves it too far from Γ, polynomials are added to p and q by Gauss-Newton,
+    which takes away the slow part of the distance, and what is left of it is taken from X before the next lift.
+
+    Args:
+        disk: X.
+        form: Λ.
+        curve: Γ.
+        allowed: RMS distance from Γ that is near enough.
 
     Raises:
         SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
     """
-    n = len(disk.slide)
-    device = disk.points.device
-    z, dz, _ = (torch.tensor(row, device=device) for row in form.boundary.grid(n))
-    p, q = spinors_from_phi(torch.complex(_derivative(disk.points), 2 * np.pi * form(disk.points)) / dz[:, None])
-    if spin_invariant(p, q) < 0:
-        raise SurfaceError(
-            "the harmonic disk over the loop has a branch point of odd order, p and q change sign around it; no "
-            "immersed minimal surface was found near it"
-        )
-    values = torch.stack([p, q], dim=-1)
-    fine_dz = torch.tensor(form.boundary.grid(2 * n)[1], device=device)
-    model: PowerSeries | CauchyInterpolant
-    if form.kernel is None:
-        coefficients = torch.fft.fft(values, dim=0)[: n // 2] / n
-        large = (coefficients.abs() > _ROUND_OFF * coefficients.abs().max()).any(-1).nonzero()
-        coefficients = coefficients[: int(large[-1]) + 1]
-        model = PowerSeries(coefficients)
-        fine = torch.fft.ifft(coefficients, n=2 * n, dim=0) * (2 * n)
-    else:
-        model = CauchyInterpolant(z, dz, values)
-        between = _between_nodes(values, form.kernel)
-        fine = torch.stack([values, between], dim=1).reshape(2 * n, 2)
-    velocity = phi(fine[:, 0], fine[:, 1]) * fine_dz[:, None]
-    null_curve = _integral(velocity)
-    start = band_limited((disk.slide - torch.arange(n, device=device) / n)[:, None], 2 * n)[:, 0]
-    slide = start + torch.arange(2 * n, device=device) / (2 * n)
-    weights = fine_dz.abs() / fine_dz.abs().sum()
-    error = null_curve.real - curve.point_and_derivative(slide)[0]
-    for _ in range(_CONSTANT_STEPS):
-        null_curve = null_curve - weights @ error
-        slide = projected(null_curve.real, slide, curve, limit=0.5 / n)
-        error = null_curve.real - curve.point_and_derivative(slide)[0]
-    square = error.square().sum(-1)
+    sampled = _SampledBoundary.of(form, len(disk.slide), curve)
+    points, slide = disk.points, resampled(disk.slide, 2 * len(disk.slide))
+    best: _Placed | None = None
+    for _ in range(_MOST_LIFTS):
+        try:
+            placed = sampled.placed(sampled.spinors(points), slide)
+        except SurfaceError:
+            if best is None:
+                raise
+            break
+        if placed.rms > allowed:
+            placed = sampled.settled(placed)
+        if best is not None and not placed.rms < _WORTHWHILE * best.rms:
+            break
+        best = placed
+        if best.rms <= allowed:
+            break
+        points = points - placed.error[::2]
+    assert best is not None
     return Lift(
-        model=model,
-        null_curve=null_curve,
-        slide=slide,
-        rms=float((weights * square).sum().sqrt()),
-        max=float(square.max().sqrt()),
-        area=0.5 * float((null_curve.real * velocity.imag).sum()) / (2 * n),
+        model=sampled.model(best.values),
+        null_curve=best.null_curve,
+        slide=best.slide,
+        rms=best.rms,
+        max=float(best.error.square().sum(-1).max().sqrt()),
+        area=0.5 * float((best.null_curve.real * best.velocity.imag).sum()) / len(best.slide),
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Placed:
+    """A surface with given p and q at the n nodes, as near to Γ as its constant can bring it; the rest at 2n points."""
+
+    values: Tensor  # (n, 2)
+    fine: Tensor  # (2n, 2), p and q
+    velocity: Tensor  # (2n, 3), φ dz/dt
+    null_curve: Tensor  # (2n, 3)
+    slide: Tensor  # (2n,), of the point of Γ near each
+    error: Tensor  # (2n, 3), r − Γ(slide)
+    rms: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _SampledBoundary:
+    """∂Ω at n nodes and at 2n points, the nodes and one between each two."""
+
+    form: DirichletForm
+    curve: CurveTensors
+    z: Tensor  # (2n,)
+    dz: Tensor  # (2n,), dz/dt
+
+    @classmethod
+    def of(cls, form: DirichletForm, n: int, curve: CurveTensors) -> _SampledBoundary:
+        z, dz, _ = (torch.tensor(row, device=curve.breaks.device) for row in form.boundary.grid(2 * n))
+        return cls(form=form, curve=curve, z=z, dz=dz)
+
+    def spinors(self, points: Float[Tensor, "n 3"]) -> Complex[Tensor, "n 2"]:
+        """P and q at the nodes of the harmonic surface with given boundary values."""
+        velocity = torch.complex(_derivative(points), 2 * np.pi * self.form(points))
+        p, q = spinors_from_phi(velocity / self.dz[::2, None])
+        if spin_invariant(p, q) < 0:
+            raise SurfaceError(
+                "the harmonic disk over the loop has a branch point of odd order, p and q change sign around it; no "
+                "immersed minimal surface was found near it"
+            )
+        return torch.stack([p, q], dim=-1)
+
+    def model(self, values: Complex[Tensor, "n 2"]) -> PowerSeries | CauchyInterpolant:
+        """The model with given values at the nodes."""
+        if self.form.kernel is None:
+            return PowerSeries(_series(values))
+        return CauchyInterpolant(self.z[::2], self.dz[::2], values)
+
+    def placed(self, values: Complex[Tensor, "n 2"], slide: Float[Tensor, " m"]) -> _Placed:
+        """The surface with given p and q at the nodes; the slide says where on Γ to look for the nearest points."""
+        m = len(self.z)
+        if self.form.kernel is None:
+            fine = torch.fft.ifft(_series(values), n=m, dim=0) * m
+        else:
+            fine = torch.stack([values, _between_nodes(values, self.form.kernel)], dim=1).reshape(m, 2)
+        velocity = phi(fine[:, 0], fine[:, 1]) * self.dz[:, None]
+        null_curve = _integral(velocity)
+        weights = self._weights
+        error = null_curve.real - self.curve.point_and_derivative(slide)[0]
+        for _ in range(_CONSTANT_STEPS):
+            null_curve = null_curve - weights @ error
+            slide = projected(null_curve.real, slide, self.curve, limit=1 / m)
+            error = null_curve.real - self.curve.point_and_derivative(slide)[0]
+        rms = float((weights * error.square().sum(-1)).sum().sqrt())
+        return _Placed(
+            values=values, fine=fine, velocity=velocity, null_curve=null_curve, slide=slide, error=error, rms=rms
+        )
+
+    def settled(self, placed: _Placed) -> _Placed:
+        """The surface with polynomials added to p and q that bring it nearer to Γ."""
+        basis = self._polynomials
+        for _ in range(_SETTLING_STEPS):
+            change = self._gauss_newton_step(placed, basis)
+            nearer = self.placed(placed.values + basis[::2] @ change, placed.slide)
+            if not nearer.rms < placed.rms:
+                break
+            enough = nearer.rms > _WORTHWHILE * placed.rms
+            placed = nearer
+            if enough:
+                break
+        return placed
+
+    @property
+    def _weights(self) -> Float[Tensor, " m"]:
+        return self.dz.abs() / self.dz.abs().sum()
+
+    @cached_property
+    def _polynomials(self) -> Complex[Tensor, "m k"]:
+        hessenberg = arnoldi_hessenberg(self.z, self._weights, _SETTLING_DEGREE)
+        return arnoldi_polynomials(self.z, hessenberg)
+
+    def _gauss_newton_step(self, placed: _Placed, basis: Complex[Tensor, "m k"]) -> Complex[Tensor, "k 2"]:
+        """Coefficients of the polynomials that lessen the distance normal to Γ, to first order."""
+        stride = max(1, len(self.z) // _SETTLING_ROWS)
+        by_p, by_q = (_integral(placed.fine[:, i : i + 1] * basis * self.dz[:, None])[::stride] for i in (0, 1))
+        _, tangent = self.curve.point_and_derivative(placed.slide[::stride])
+        root = self._weights[::stride].sqrt()[:, None]
+        rows, right = [], []
+        for normal in normals_of(tangent):
+            e = root * normal
+            along = torch.complex(e[:, :1], -e[:, 1:2])
+            upright = e[:, 2:]
+            row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
+            rows.append(2 * torch.cat([row.real, -row.imag, e / 2], dim=1))
+            right.append(-(e * placed.error[::stride]).sum(1))
+        matrix, k = torch.cat(rows), basis.shape[1]
+        gram = matrix.T @ matrix
+        gram.diagonal().add_(_SETTLING_DAMPING * gram.diagonal().mean())
+        x = torch.linalg.solve(gram, matrix.T @ torch.cat(right))
+        return torch.complex(x[: 2 * k], x[2 * k : 4 * k]).reshape(2, k).T
 
 
 def surface_of(lift: Lift, boundary: FourierBoundary, *, order: int) -> SpinorSurface:
@@ -156,3 +265,11 @@ def _between_nodes(values: Complex[Tensor, "n 2"], kernel: Complex[Tensor, "c c"
     shifted = torch.fft.ifft(total * torch.exp(1j * np.pi * k / n)[:, None], dim=0) * n
     between: Tensor = shifted[:, :2] / shifted[:, 2:]
     return between
+
+
+def _series(values: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
+    """Power series from values at the roots of unity, without what is rounding error."""
+    coefficients = torch.fft.fft(values, dim=0)[: len(values) // 2] / len(values)
+    large = (coefficients.abs() > _ROUND_OFF * coefficients.abs().max()).any(-1).nonzero()
+    kept: Tensor = coefficients[: int(large[-1]) + 1]
+    return kept

@@ -14,7 +14,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-Route = Literal["disk", "unfolded", "deformed", "network"]
+Route = Literal["disk", "unfolded", "deformed", "flattened", "network"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,9 +103,10 @@ class PlateauSolution:
             Γ(s); it covers one turn of both, s may exceed [0, 1).
         boundary_residual: distance of the surface's boundary from Γ.
         area: ½∮ r·Im(φ dz), in squared mesh units.
-        route: how it was found. "disk", "unfolded", "deformed": Douglas's slide on the unit disk, on the unfolded
-            least-area triangulation, or on a domain that grew with the loop from an ellipse; p and q are a power series
-            or Cauchy's formula. "network": Gauss-Newton for a Cauchy network.
+        route: how it was found. "disk", "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the
+            unfolded least-area triangulation, on a domain that grew with the loop from an average of it, or on a
+            flattened discrete disk; p and q are a power series or Cauchy's formula. "network": Gauss-Newton for a
+            Cauchy network.
         history: the steps.
         timings: wall time of each stage, in seconds.
         tolerance: RMS residual per mean edge that was asked for.

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, overload
 
 import torch
 
 from spinor_geom.discrete.minimal_surface import Disk, first_disk
-from spinor_geom.errors import DomainError, FirstFillError, OptionError, SingularMatrixError
+from spinor_geom.errors import DomainError, FirstFillError, OptionError, SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
@@ -25,6 +26,8 @@ Model: TypeAlias = Literal["auto", "cauchy"] | Cauchy
 
 # A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the network.
 _POOR = 1e-2
+# Share of the steps that harmonic disks may take: the rest is the network's.
+_HARMONIC_SHARE = 0.7
 
 
 @overload
@@ -33,7 +36,7 @@ def solve_plateau(
     *,
     model: Model = "auto",
     tolerance: float = 1e-3,
-    max_iterations: int = 300,
+    max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
     all_solutions: Literal[False] = False,
     device: str | torch.device = "cpu",
@@ -47,7 +50,7 @@ def solve_plateau(
     *,
     model: Model = "auto",
     tolerance: float = 1e-3,
-    max_iterations: int = 300,
+    max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
     all_solutions: Literal[True],
     device: str | torch.device = "cpu",
@@ -60,7 +63,7 @@ def solve_plateau(
     *,
     model: Model = "auto",
     tolerance: float = 1e-3,
-    max_iterations: int = 300,
+    max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
     all_solutions: bool = False,
     device: str | torch.device = "cpu",
@@ -79,7 +82,7 @@ def solve_plateau(
         model: "auto" for what suits the loop; "cauchy" for a Cauchy network whatever the loop, or its options.
         tolerance: RMS distance of the surface's boundary from Γ, in mean loop edges, below which the result counts as
             converged.
-        max_iterations: limit on Gauss-Newton steps in all; with `all_solutions` on those from each start.
+        max_iterations: limit on steps in all; with `all_solutions` on those from each start.
         unstable: "keep" returns an unstable disk, which is only a critical point of the area, as it was found.
         all_solutions: look for several disks over the loop, unstable ones too; see `find_disks`. It takes several times
             as long, and more disks may exist than are found.
@@ -110,7 +113,8 @@ def solve_plateau(
             return find_disks(rim, task.from_disk)
         solution = task.first(harmonic=model == "auto")
         if unstable == "leave":
-            solution = leave_unstable(solution, rim, task.from_disk, max_iterations=max_iterations)
+            down = task.down_from_disk if model == "auto" else task.from_disk
+            solution = leave_unstable(solution, rim, down, max_iterations=max_iterations)
         return solution
 
 
@@ -154,7 +158,7 @@ class _Task:
             loop=unit,
             curve=curve,
             allowed=allowed,
-            max_steps=max_iterations,
+            max_steps=math.ceil(_HARMONIC_SHARE * max_iterations),
             device=device,
             clock=clock,
             on_iteration=on_iteration,
@@ -162,32 +166,67 @@ class _Task:
         return cls(loop=loop, tolerance=tolerance, network=network, harmonic=harmonic)
 
     def first(self, *, harmonic: bool) -> PlateauSolution:
-        """The solution from the cheapest start that meets the tolerance; of all of them the best where none does."""
-        unit = self.network.loop
-        best: Found | None = None
-        history: tuple[Iteration, ...] = ()
+        """The solution from the likeliest start that meets the tolerance; the best of all where none does."""
         # a kink of Γ is a singularity of p and q, which the network has poles for
-        if harmonic and not unit.corners.any():
-            for found in self.harmonic.tries():
-                best = _nearer(best, found)
-                if best.rms <= max(self.network.budget.allowed, _POOR * unit.mean_edge_length):
-                    return self.solution(best)
-            history = tuple(self.harmonic.history)
-        try:
-            with self.network.clock.stage("first fill"):
-                disk = first_disk(unit.points[self.network.rim])
-            best = _nearer(best, self.network.found_from(disk, history))
-        except (DomainError, FirstFillError, SingularMatrixError):
-            if best is None:
-                raise
+        if not harmonic or self.network.loop.corners.any():
+            return self.solution(self._on_network(()))
+        best: Found | None = None
+        error: SpinorGeomError | None = None
+        for on_network in (False, True) if self.harmonic.is_promising else (True, False):
+            history = () if best is None else best.history
+            try:
+                tries = [self._on_network(history)] if on_network else self._harmonic_tries(history)
+                for found in tries:
+                    best = _nearer(best, found)
+            except (DomainError, FirstFillError, SingularMatrixError) as failure:
+                error = failure
+            if best is not None and self._is_near(best):
+                break
+        if best is None:
+            raise error or FirstFillError(
+                "no minimal disk was found over the loop; check that it does not cross itself"
+            )
         return self.solution(best)
 
+    def _on_network(self, history: tuple[Iteration, ...]) -> Found:
+        with self.network.clock.stage("first fill"):
+            disk = first_disk(self.network.loop.points[self.network.rim])
+        return self.network.found_from(disk, history)
+
+    def _harmonic_tries(self, history: tuple[Iteration, ...]) -> Iterator[Found]:
+        """Harmonic disks up to the first that is near to Γ."""
+        for found in replace(self.harmonic, history=list(history)).tries():
+            yield found
+            if self._is_near(found):
+                return
+
+    def _is_near(self, found: Found) -> bool:
+        return found.rms <= max(self.network.budget.allowed, _POOR * self.network.loop.mean_edge_length)
+
     def from_disk(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
-        """The solution that starts from a discrete disk in the loop's coordinates, timed by itself."""
-        unit = replace(disk, vertices=(disk.vertices - self.loop.centroid) / self.loop.diagonal)
+        """The minimal disk nearest to a discrete one in the loop's coordinates, saddles included, timed by itself."""
+        timed = self._timed_anew(history)
+        return timed.solution(timed.network.found_from(self._at_unit_size(disk), history))
+
+    def down_from_disk(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
+        """The minimal disk to which the area falls from a discrete one, timed by itself."""
+        timed, best = self._timed_anew(history), None
+        if not self.loop.corners.any():
+            best = next(timed.harmonic.tries_from(self._at_unit_size(disk), self.network.rim), None)
+            if best is not None and best.rms <= self.network.budget.allowed:
+                return timed.solution(best)
+        return timed.solution(_nearer(best, timed.network.found_from(self._at_unit_size(disk), history)))
+
+    def _timed_anew(self, history: tuple[Iteration, ...]) -> _Task:
         clock = Clock()
-        network = replace(self.network, clock=clock)
-        return replace(self, network=network).solution(network.found_from(unit, history))
+        return replace(
+            self,
+            network=replace(self.network, clock=clock),
+            harmonic=replace(self.harmonic, clock=clock, history=list(history)),
+        )
+
+    def _at_unit_size(self, disk: Disk) -> Disk:
+        return replace(disk, vertices=(disk.vertices - self.loop.centroid) / self.loop.diagonal)
 
     def solution(self, found: Found) -> PlateauSolution:
         """A disk in the loop's coordinates, with its verdict."""

@@ -27,8 +27,14 @@ def phi(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Complex[Tenso
         DtypeError: p or q is not complex.
     """
     _require_complex(p=p, q=q)
-    p2, q2 = p * p, q * q
-    return torch.stack([p2 - q2, -1j * (p2 + q2), 2 * p * q], dim=-1)
+    return null_vector(p * p, q * q, p * q)
+
+
+def null_vector(
+    pp: Complex[Tensor, "*pts"], qq: Complex[Tensor, "*pts"], pq: Complex[Tensor, "*pts"]
+) -> Complex[Tensor, "*pts 3"]:
+    """(pp − qq, −i(pp + qq), 2pq): φ from p², q² and pq, its integral from theirs."""
+    return torch.stack([pp - qq, -1j * (pp + qq), 2 * pq], dim=-1)
 
 
 def conformal_factor(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:

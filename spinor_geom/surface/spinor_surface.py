@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -16,8 +17,8 @@ from torch import Tensor
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
-from spinor_geom.errors import DtypeError, OptionError
-from spinor_geom.holomorphic.model import HolomorphicModel
+from spinor_geom.errors import DomainError, DtypeError, OptionError
+from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
 from spinor_geom.surface import branch, curvature, formulas, frames, storage
 from spinor_geom.surface.anchors import Anchors
 
@@ -78,12 +79,16 @@ class SpinorSurface(torch.nn.Module):
         self.register_buffer("spinor_map", identity if spinor_map is None else spinor_map.detach().clone())
         self.quadrature: RuleName = quadrature
         self.order = order
-        self._anchors = Anchors(domain)
 
     @property
     def root(self) -> complex:
         """The point of Ω where r = constant: a vertex of the domain's triangulation near its middle."""
-        return complex(self.domain.triangulation.points[self.domain.paths.root])
+        return complex(self.domain.triangulation.points[self.domain.root])
+
+    @property
+    def has_closed_positions(self) -> bool:
+        """Whether positions need no quadrature: the model has closed integrals, and no other rule was asked for."""
+        return self.quadrature == "gauss" and isinstance(self.model, IntegrableModel)
 
     # --- p and q ------------------------------------------------------------------------------------------------------
 
@@ -109,8 +114,14 @@ class SpinorSurface(torch.nn.Module):
     def position(self, z: Points) -> Points:
         """Positions r(z), shape (*pts, 3).
 
-        φ is integrated along edges of the domain's triangulation to a vertex near z, and from there straight to z.
+        φ is integrated in closed form where the model has one and the rule is "gauss"; else along edges of the domain's
+        triangulation to a vertex near z, and from there straight to z.
+
+        Raises:
+            DomainError: a point of an array is NaN or infinite.
         """
+        if not isinstance(z, Tensor) and not np.isfinite(z).all():
+            raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
         return self._answer(self._position, z)
 
     def integrate(self, start: Points, end: Points) -> Points:
@@ -284,12 +295,29 @@ class SpinorSurface(torch.nn.Module):
     def _phi(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
         return formulas.phi(*self._pair(z))
 
+    @cached_property
+    def _anchors(self) -> Anchors:
+        return Anchors(self.domain)
+
     def _position(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+        if self.has_closed_positions:
+            integral = self._null_integral(torch.cat([z.reshape(-1), z.new_full((1,), self.root)])).real
+            return self.constant + (integral[:-1] - integral[-1:]).reshape(*z.shape, 3)
         index = self._anchors.nearest_tensor(z).reshape(-1)
         vertices = torch.from_numpy(self.domain.triangulation.points).to(z.device)
         # index_select and not indexing, which vmap cannot batch for a single point
         start, anchored = vertices.index_select(0, index), self._anchor_positions().index_select(0, index)
         return (anchored + self._integrate(start, z.reshape(-1))).reshape(*z.shape, 3)
+
+    def _null_integral(self, z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 3"]:
+        """∫ φ dζ from the model's own point to z, in closed form."""
+        pp, qq, pq = cast(IntegrableModel, self.model).primitive(z).unbind(-1)
+        (a, b), (c, d) = self.spinor_map
+        return formulas.null_vector(
+            a * a * pp + b * b * qq + 2 * a * b * pq,
+            c * c * pp + d * d * qq + 2 * c * d * pq,
+            a * c * pp + b * d * qq + (a * d + b * c) * pq,
+        )
 
     def _anchor_positions(self) -> Float[Tensor, "n 3"]:
         """Positions of the triangulation's vertices, summed along the tree of paths from the root."""

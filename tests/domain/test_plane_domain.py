@@ -9,11 +9,15 @@ from spinor_geom.domain import FourierBoundary, PlaneDomain, SplineBoundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.errors import DomainError, OptionError
 from tests.loops import L_SHAPE, planar, slit
+from tests.strategies import SEEDS, analytic_boundaries
 
 FLAT = np.array([1, 1j, 0])
 ANGLES = 2 * np.pi * np.arange(80) / 80
+# three frequencies of either sign, without symmetry
+BENT = FourierBoundary(np.array([0.05j, 0.1, 0.2 - 0.1j, 1.0 + 0.5j, 1.2, 0.15 + 0.1j, -0.05]), 72)
 DOMAINS = {
     "disk": PlaneDomain.disk(),
+    "bent": PlaneDomain.inside(BENT),
     "ellipse": PlaneDomain.from_boundary(8 * np.cos(ANGLES) + 1j * np.sin(ANGLES)),
     "L": PlaneDomain.from_boundary(planar(L_SHAPE, 60).points @ FLAT, planar(L_SHAPE, 60).corners),
     "horseshoe": PlaneDomain.from_boundary(
@@ -58,6 +62,43 @@ def test_circle_is_exact():
     np.testing.assert_allclose(np.abs(circle.point(t)), 2.5, rtol=1e-15)
     np.testing.assert_allclose(circle.derivative(t), 2j * np.pi * circle.point(t), rtol=1e-15)
     assert not circle.corners.any()
+
+
+def test_fourier_boundary_is_its_series():
+    t = np.random.default_rng(0).uniform(-2, 3, size=(4, 5))
+    k = np.arange(-3, 4)
+    np.testing.assert_array_equal(BENT.frequencies, k)
+    powers = np.exp(2j * np.pi * k * t[..., None])
+    np.testing.assert_allclose(BENT.point(t), powers @ BENT.coefficients, atol=1e-14)
+    np.testing.assert_allclose(BENT.derivative(t), powers @ (2j * np.pi * k * BENT.coefficients), atol=1e-13)
+    assert BENT.point(np.array(0.3)).shape == ()
+    assert BENT.point(t[:0]).shape == (0, 5)
+
+
+@pytest.mark.parametrize("n", [7, 8, 72, 101])
+def test_grid_of_a_fourier_boundary_is_the_series_and_its_derivatives_at_equal_steps(n):
+    t = np.arange(n) / n
+    z, dz, ddz = BENT.grid(n)
+    np.testing.assert_allclose(z, BENT.point(t), atol=1e-13)
+    np.testing.assert_allclose(dz, BENT.derivative(t), atol=1e-12)
+    k = BENT.frequencies
+    np.testing.assert_allclose(ddz, np.exp(2j * np.pi * k * t[:, None]) @ (-((2 * np.pi * k) ** 2) * BENT.coefficients))
+
+
+def test_vertices_of_a_fourier_boundary_lie_at_equal_steps():
+    assert len(BENT.vertices) == 72
+    np.testing.assert_allclose(BENT.parameters, np.arange(73) / 72, atol=1e-15)
+    np.testing.assert_array_equal(BENT.vertices, BENT.point(BENT.parameters[:-1]))
+    assert BENT.corners.shape == (72,)
+    assert not BENT.corners.any()
+
+
+@settings(max_examples=20)
+@given(boundary=analytic_boundaries(harmonics=40, most=0.9), seed=SEEDS)
+def test_boundaries_of_the_tests_are_simple(boundary, seed):
+    s, t = np.random.default_rng(seed).uniform(size=(2, 200))
+    chord = np.abs(np.exp(2j * np.pi * s) - np.exp(2j * np.pi * t))
+    assert (np.abs(boundary.point(s) - boundary.point(t)) >= 0.1 * chord - 1e-12).all()
 
 
 def test_perimeter_and_diameter_of_a_polygon():

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from spinor_geom.domain import PlaneDomain
+from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.panels import Panels
 from spinor_geom.errors import DtypeError, StorageError
 from spinor_geom.holomorphic import MODELS, CauchyNetwork, HolomorphicModel, PowerSeries, rebuild
+from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.model import IntegrableModel
 from spinor_geom.holomorphic.poles import place_poles
 
 ANGLES = 2 * np.pi * np.arange(60) / 60
@@ -38,10 +40,17 @@ def cauchy_network(degree=12):
     return network
 
 
+def interpolant(count=60):
+    # the ellipse's own parameter
+    z, dz, _ = FourierBoundary(np.array([0.5, 0, 1.5]), count).grid(count)
+    return CauchyInterpolant(torch.from_numpy(z), torch.from_numpy(dz), complex_normal(count, 2))
+
+
 MADE = {
     "series": PowerSeries(complex_normal(9, 2), center=0.3 - 0.1j, radius=2.5),
     "constant": PowerSeries(complex_normal(1, 2)),
     "cauchy": cauchy_network(),
+    "cauchy-interpolant": interpolant(),
 }
 every_model = pytest.mark.parametrize("model", MADE.values(), ids=MADE.keys())
 
@@ -94,10 +103,37 @@ def test_derivative_equals_that_of_autodiff(model):
         torch.testing.assert_close(gradient.conj().resolve_conj(), derivative, rtol=0, atol=1e-10 * scale)
 
 
+@pytest.mark.parametrize("name", ["series", "constant"])
+def test_primitive_is_the_integral_of_the_products(name):
+    model, z = MADE[name], inner_points()
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    # from one point to the next, exact for these polynomials
+    path = z[:-1, None] + (z[1:] - z[:-1])[:, None] * torch.from_numpy((nodes + 1) / 2)
+    with torch.no_grad():
+        p, q = model.value(path).unbind(-1)
+        products = torch.stack([p * p, q * q, p * q], dim=-1)
+        integral = (products * torch.from_numpy(weights / 2)[:, None]).sum(1) * (z[1:] - z[:-1])[:, None]
+        difference = torch.diff(model.primitive(z), dim=0)
+        torch.testing.assert_close(difference, integral, rtol=0, atol=1e-12 * float(products.abs().max()))
+        assert isinstance(model, IntegrableModel)
+        assert model.primitive(z.reshape(2, 20)).shape == (2, 20, 3)
+
+
+def test_long_series_are_summed_in_blocks():
+    coefficients = complex_normal(1000, 2) / torch.arange(1, 1001)[:, None] ** 3
+    model = PowerSeries(coefficients, radius=2.5)
+    z = inner_points()
+    powers = (z[:, None] / 2.5) ** torch.arange(1000)
+    with torch.no_grad():
+        torch.testing.assert_close(model.value(z), powers @ coefficients, rtol=0, atol=1e-13)
+        slope = (powers[:, :-1] * torch.arange(1, 1000)) @ coefficients[1:] / 2.5
+        torch.testing.assert_close(model.derivative(z), slope, rtol=0, atol=1e-13)
+
+
 @every_model
 def test_value_is_linear_in_the_features(model):
     z = inner_points()
-    readout = model.coefficients if isinstance(model, PowerSeries) else model.readout
+    (readout,) = model.parameters()
     with torch.no_grad():
         value = model.value(z)
         torch.testing.assert_close(value, model.features(z) @ readout, rtol=0, atol=1e-10 * float(value.abs().max()))
@@ -135,7 +171,7 @@ def test_saved_model_is_rebuilt_bit_for_bit(model):
 
 
 def test_unknown_kind_is_refused():
-    with pytest.raises(StorageError, match=r"'mlp'; known: cauchy, series"):
+    with pytest.raises(StorageError, match=r"'mlp'; known: cauchy, cauchy-interpolant, series"):
         rebuild("mlp", {}, {})
 
 

@@ -1,4 +1,4 @@
-"""BoundaryCurve: interpolation, smoothness, convergence, corners, nearest point."""
+"""BoundaryCurve: interpolation, smoothness, choice of degree, convergence, corners, averages, nearest point."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import PPoly
+from scipy.spatial import cKDTree
 
 from spinor_geom.errors import RepeatedPointError
 from spinor_geom.mesh import BoundaryCurve, BoundaryLoop
+from spinor_geom.mesh import curve as rules
 from tests.strategies import SEEDS, RigidMotion, rigid_motions, rough_loops, smooth_loops
 
 L_SHAPE = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0]])
@@ -23,16 +26,40 @@ def curve_of(points: np.ndarray, corners: list[int] | None = None) -> BoundaryCu
     return BoundaryCurve.from_loop(BoundaryLoop.from_points(points, corners="auto" if corners is None else corners))
 
 
-def jump(curve: BoundaryCurve, order: str, at: np.ndarray) -> np.ndarray:
-    """Change of a derivative across parameters, from the polynomial pieces themselves."""
-    a, b, c, _ = curve.coefficients
-    h = np.diff(curve.breaks)[:, None]
-    end, start = {
-        "first": ((3 * a * h + 2 * b) * h + c, c),
-        "second": (6 * a * h + 2 * b, 2 * b),
-        "third": (6 * a, 6 * a),
-    }[order]
-    return np.linalg.norm(start[at] - end[at - 1], axis=1)
+def wave(count: int, uneven: float = 0.0) -> np.ndarray:
+    """Points of a curve without symmetry; `uneven` changes their distances by so large a share."""
+    t = 2 * np.pi * np.arange(count) / count
+    return wave_point(t + uneven * np.sin(t + 1))
+
+
+def wave_point(t: np.ndarray) -> np.ndarray:
+    return np.stack([2 * np.cos(t), np.sin(t) + 0.2 * np.cos(2 * t), 0.4 * np.sin(2 * t + 1)], axis=-1)
+
+
+def distance_to_wave(points: np.ndarray) -> np.ndarray:
+    """Distance from the curve of `wave`, by Newton's method from the nearest of many of its points."""
+    many = 2 * np.pi * np.arange(5000) / 5000
+    t = many[cKDTree(wave_point(many)).query(points)[1]]
+    for _ in range(4):
+        slope = np.stack([-2 * np.sin(t), np.cos(t) - 0.4 * np.sin(2 * t), 0.8 * np.cos(2 * t + 1)], axis=-1)
+        t = t + ((points - wave_point(t)) * slope).sum(axis=1) / (slope**2).sum(axis=1)
+    return np.linalg.norm(points - wave_point(t), axis=1)
+
+
+def force_degree(degree: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets the rule take a degree whatever the points are."""
+    monkeypatch.setattr(rules, "DEGREES", tuple(range(3, degree + 1, 2)))
+    monkeypatch.setattr(rules, "GAIN_PER_DEGREE", 0.0)
+
+
+def jump(curve: BoundaryCurve, order: int, at: np.ndarray) -> np.ndarray:
+    """Change of a derivative across the breaks at given indices, from the polynomial pieces themselves."""
+    coefficients = PPoly(curve.coefficients, curve.breaks).derivative(order).c
+    width = np.diff(curve.breaks)[:, None]
+    end = np.zeros_like(coefficients[0])
+    for row in coefficients:
+        end = end * width + row
+    return np.linalg.norm(coefficients[-1][at] - end[at - 1], axis=1)
 
 
 class TestInterpolation:
@@ -53,8 +80,22 @@ class TestInterpolation:
         curve = curve_of(points, [])
         vertices = np.arange(len(points))
         scale = np.abs(curve.coefficients[1]).max()
-        assert jump(curve, "first", vertices).max() < 1e-12 * scale
-        assert jump(curve, "second", vertices).max() < 1e-9 * scale
+        assert jump(curve, 1, vertices).max() < 1e-12 * scale
+        assert jump(curve, 2, vertices).max() < 1e-9 * scale
+
+    @pytest.mark.parametrize("degree", [3, 5, 7])
+    def test_all_derivatives_below_the_degree_are_continuous(
+        self, degree: int, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        force_degree(degree, monkeypatch)
+        curve = curve_of(wave(60, 0.3), [])
+        assert curve.degree == degree
+        for order in range(1, degree):
+            # each derivative costs the digits of one division by the width of a piece, 1/60 and less
+            size = np.abs(PPoly(curve.coefficients, curve.breaks).derivative(order).c[-1]).max()
+            assert jump(curve, order, np.arange(60)).max() < 1e-12 * 10**order * size
+        size = np.abs(PPoly(curve.coefficients, curve.breaks).derivative(degree).c[-1]).max()
+        assert jump(curve, degree, np.arange(60)).max() > 1e-3 * size
 
     def test_parameters_are_taken_mod_one(self) -> None:
         curve = curve_of(circle(20))
@@ -86,16 +127,85 @@ class TestInterpolation:
         assert caught.value.fields == {"index": 1}
 
 
+class TestDegree:
+    @pytest.mark.parametrize(
+        ("points", "degree"),
+        [
+            (circle(15), 3),  # too few to show how smooth they are
+            (circle(16), 7),
+            (wave(32), 3),  # its bends take 10 points each
+            (wave(96), 5),
+            (wave(97), 5),
+            (wave(256), 7),
+            (wave(256, 0.3), 7),
+            (wave(1000), 7),
+        ],
+        ids=lambda value: str(value if isinstance(value, int) else len(value)),
+    )
+    def test_smooth_samplings_get_high_degrees_once_they_are_resolved(self, points: np.ndarray, degree: int) -> None:
+        assert curve_of(points, []).degree == degree
+
+    @settings(deadline=None, max_examples=30)
+    @given(points=rough_loops())
+    def test_noisy_samplings_get_the_cubic(self, points: np.ndarray) -> None:
+        curve = curve_of(points, [])
+        assert curve.degree == 3
+        chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+        np.testing.assert_allclose(np.diff(curve.breaks), chords / chords.sum(), rtol=1e-9)
+
+    @pytest.mark.parametrize("noise", [1e-4, 1e-2, 0.15])
+    def test_little_noise_is_enough(self, noise: float) -> None:
+        points = wave(256)
+        edge = np.linalg.norm(points[1] - points[0])
+        moved = points + noise * edge * np.random.default_rng(0).normal(size=points.shape)
+        assert curve_of(moved, []).degree == 3
+
+    def test_corners_keep_the_cubic(self) -> None:
+        assert curve_of(circle(200), [0, 50]).degree == 3
+
+    @pytest.mark.parametrize("degree", [5, 7])
+    def test_breaks_are_arc_lengths_for_high_degrees(self, degree: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        force_degree(degree, monkeypatch)
+        curve = curve_of(wave(200, 0.3), [])
+        speed = np.linalg.norm(curve.derivative(np.linspace(0, 1, 1000)), axis=1)
+        # |Γ′| is the length, up to what the cubic spline misses of it
+        np.testing.assert_allclose(speed, curve.length(), rtol=1e-5)
+
+    @settings(deadline=None, max_examples=20)
+    @given(points=smooth_loops(min_points=60), motion=rigid_motions())
+    def test_degree_does_not_depend_on_place_or_scale(self, points: np.ndarray, motion: RigidMotion) -> None:
+        curve, moved = curve_of(points, []), curve_of(1e3 * motion(points), [])
+        assert moved.degree == curve.degree
+        s = np.linspace(0, 1, 50)
+        np.testing.assert_allclose(moved.point(s), 1e3 * motion(curve.point(s)), atol=1e-7)
+
+
 class TestConvergence:
-    def test_circle_is_approximated_at_order_four(self) -> None:
-        counts = np.array([16, 32, 64, 128])
+    @pytest.mark.parametrize(("degree", "counts"), [(3, [16, 32, 64, 128]), (5, [24, 48, 96]), (7, [24, 32, 40])])
+    def test_circle_is_approximated_at_order_degree_plus_one(
+        self, degree: int, counts: list[int], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        force_degree(degree, monkeypatch)
         s = np.linspace(0, 1, 1000, endpoint=False)
         errors = [np.abs(np.linalg.norm(curve_of(circle(count)).point(s), axis=1) - 1).max() for count in counts]
-        assert np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(-4, abs=0.1)
+        assert np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(-(degree + 1), abs=0.1)
+
+    @pytest.mark.parametrize("uneven", [0.0, 0.3])
+    @pytest.mark.parametrize(("degree", "error"), [(3, 6e-7), (5, 6e-9), (7, 2e-10)])
+    def test_curve_is_approximated_at_order_degree_plus_one(
+        self, degree: int, error: float, uneven: float, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        force_degree(degree, monkeypatch)
+        counts, s = [96, 128, 192], np.linspace(0, 1, 2000, endpoint=False)
+        errors = [distance_to_wave(curve_of(wave(count, uneven), []).point(s)).max() for count in counts]
+        # the smooth change of parameter gains a little on the way to the limit
+        assert -degree - 5 < np.polyfit(np.log(counts), np.log(errors), 1)[0] < -degree - 1
+        assert errors[-1] < error
 
     def test_length_of_a_circle(self) -> None:
-        # 256 vertices: the spline's error (2π/256)⁴/384 is 1e-9
-        assert curve_of(circle(256)).length() == pytest.approx(2 * np.pi, rel=1e-8)
+        assert curve_of(circle(256)).length() == pytest.approx(2 * np.pi, rel=1e-14)
+        # a cubic's error (2π/256)⁴/384 is 1e-9
+        assert curve_of(circle(256), [0, 128]).length() == pytest.approx(2 * np.pi, rel=1e-8)
 
     def test_length_is_at_least_the_perimeter(self) -> None:
         points = circle(12) + np.random.default_rng(0).normal(size=(12, 3)) * 0.1
@@ -120,9 +230,9 @@ class TestCorners:
         points = circle(40) + 0.05 * np.random.default_rng(1).normal(size=(40, 3))
         curve = curve_of(points, corners)
         others = np.delete(np.arange(40), corners)
-        assert jump(curve, "first", np.array(corners)).min() > 0.1
-        assert jump(curve, "first", others).max() < 1e-11
-        assert jump(curve, "second", others).max() < 1e-8
+        assert jump(curve, 1, np.array(corners)).min() > 0.1
+        assert jump(curve, 1, others).max() < 1e-11
+        assert jump(curve, 2, others).max() < 1e-8
 
     def test_sides_are_not_a_knot_splines(self) -> None:
         points = circle(40) + 0.05 * np.random.default_rng(2).normal(size=(40, 3))
@@ -130,8 +240,8 @@ class TestCorners:
         # the third derivative does not jump at the first and last inner vertex of a side
         quiet, loud = np.array([6, 24, 26, 4]), np.array([10, 15, 30])
         scale = np.abs(curve.coefficients[0]).max()
-        assert jump(curve, "third", quiet).max() < 1e-9 * scale
-        assert jump(curve, "third", loud).min() > 1e-3 * scale
+        assert jump(curve, 3, quiet).max() < 1e-9 * scale
+        assert jump(curve, 3, loud).min() > 1e-3 * scale
 
     def test_side_of_two_edges_is_a_parabola(self) -> None:
         curve = curve_of(circle(6), [0, 2])
@@ -157,6 +267,52 @@ class TestCorners:
         rolled = curve_of(np.roll(points, -start, axis=0), ((corners - start) % 24).tolist())
         s = np.linspace(0, 1, 100)
         np.testing.assert_allclose(rolled.point(s - curve.breaks[start]), curve.point(s), atol=1e-12)
+
+
+class TestAverages:
+    def test_harmonics_of_a_circle_fall_by_the_gaussian_s_transform(self) -> None:
+        t = 2 * np.pi * np.arange(200) / 200
+        points = circle(200) + 0.1 * np.stack([0 * t, 0 * t, np.cos(5 * t)], axis=1)
+        width = 0.03
+        smooth = curve_of(points, []).smoothed(width)
+        assert smooth.degree == 3
+        assert not smooth.corners.any()
+        radius = np.linalg.norm(smooth.point(smooth.breaks[:-1])[:, :2], axis=1)
+        # the parameter is arc length, not the angle: harmonics of the circle mix by squares of the wave's slope
+        np.testing.assert_allclose(radius, np.exp(-0.5 * (2 * np.pi * width) ** 2), rtol=0.02)
+        height = np.ptp(smooth.point(smooth.breaks[:-1])[:, 2]) / 2
+        assert height == pytest.approx(0.1 * np.exp(-0.5 * (10 * np.pi * width) ** 2), rel=0.05)
+
+    def test_average_over_nothing_is_the_curve_and_over_everything_its_centre(self) -> None:
+        curve = curve_of(wave(64), [])
+        np.testing.assert_allclose(curve.smoothed(0.0).point(curve.breaks[:-1]), wave(64), atol=1e-4)
+        everything = curve.smoothed(10.0).point(np.linspace(0, 1, 20))
+        assert np.ptp(everything, axis=0).max() < 1e-12
+
+    @settings(deadline=None, max_examples=20)
+    @given(points=rough_loops(), width=st.floats(1e-3, 0.2))
+    def test_averages_keep_the_breaks_and_are_shorter(self, points: np.ndarray, width: float) -> None:
+        curve = curve_of(points, [])
+        smooth = curve.smoothed(width)
+        np.testing.assert_array_equal(smooth.breaks, curve.breaks)
+        # in its own parameter; at its vertices, between which the spline may swing where breaks are uneven
+        perimeter = np.linalg.norm(np.diff(smooth.point(curve.breaks), axis=0), axis=1).sum()
+        assert perimeter < curve.length()
+
+    @pytest.mark.parametrize(("first", "second"), [(3, 7), (7, 3), (5, 5)])
+    def test_curves_between_two(self, first: int, second: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        curves = []
+        for degree, points in ((first, wave(80)), (second, 2 * wave(80))):
+            force_degree(degree, monkeypatch)
+            curves.append(curve_of(points, []))
+        one, other = curves
+        other = BoundaryCurve(breaks=one.breaks, coefficients=other.coefficients, corners=other.corners)
+        s = np.linspace(0, 1, 77)
+        for share in (0.0, 0.3, 1.0):
+            between = one.towards(other, share)
+            expected = (1 - share) * one.point(s) + share * other.point(s)
+            np.testing.assert_allclose(between.point(s), expected, atol=1e-13)
+        np.testing.assert_array_equal(one.towards(other, 1.0).point(one.breaks[:-1]), 2 * wave(80))
 
 
 class TestInvariance:

@@ -1,4 +1,4 @@
-"""Loops with known disks, solved once for all tests of the solver, and how far points lie from a surface."""
+"""Loops with known disks, solved once for all tests of the solver, and how far points and surfaces lie apart."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from spinor_geom import gallery
+from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import PlateauSolution, solve_plateau
 from spinor_geom.surface import SpinorSurface
 
@@ -50,3 +51,14 @@ def distance_to_surface(points: np.ndarray, surface: SpinorSurface) -> np.ndarra
         z -= np.conj(away) / (np.abs(p) ** 2 + np.abs(q) ** 2) ** 2
     assert surface.domain.contains(z).all()
     return np.linalg.norm(surface.position(z) - points, axis=1)
+
+
+def measured(surface: SpinorSurface, curve: BoundaryCurve, samples: int = 5000) -> tuple[float, float]:
+    """RMS and largest distance of a surface's boundary from Γ, by arc length of ∂Ω, from public methods alone."""
+    boundary = surface.domain.boundary
+    # midpoints: no sample of any Gauss rule, and none on a vertex
+    t = (np.arange(samples) + 0.5) / samples
+    r = surface.position(boundary.point(t))
+    distance = np.linalg.norm(r - curve.point(curve.nearest(r)), axis=1)
+    weight = np.abs(boundary.derivative(t))
+    return float(np.sqrt((weight * distance**2).sum() / weight.sum())), float(distance.max())

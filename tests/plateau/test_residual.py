@@ -5,18 +5,7 @@ import pytest
 
 from spinor_geom.plateau import solve_plateau
 from tests.loops import noisy_ellipse, ramp
-from tests.plateau.solved import recovered, spanned
-
-
-def measured(solution, samples=5000):
-    """RMS and largest distance of the surface's boundary from Γ, by arc length of ∂Ω, from public methods alone."""
-    boundary = solution.domain.boundary
-    # midpoints: no sample of any Gauss rule, and none on a vertex
-    t = (np.arange(samples) + 0.5) / samples
-    r = solution.surface.position(boundary.point(t))
-    distance = np.linalg.norm(r - solution.curve.point(solution.curve.nearest(r)), axis=1)
-    weight = np.abs(boundary.derivative(t))
-    return np.sqrt((weight * distance**2).sum() / weight.sum()), distance.max()
+from tests.plateau.solved import measured, recovered, spanned
 
 
 @pytest.mark.parametrize(
@@ -31,7 +20,7 @@ def measured(solution, samples=5000):
 )
 def test_reported_residual_is_the_measured_one(solve):
     solution = solve()
-    rms, largest = measured(solution)
+    rms, largest = measured(solution.surface, solution.curve)
     reported = solution.boundary_residual
     # positions are integrated inside Ω, the report's along ∂Ω: they differ by the quadrature's error
     rounding = 1e-9 * solution.loop.diagonal
@@ -42,7 +31,7 @@ def test_reported_residual_is_the_measured_one(solve):
 @pytest.mark.parametrize("name", ["half catenoid", "half helicoid"])
 def test_reported_residual_with_corners_is_not_too_small(name):
     solution = recovered(name)
-    rms, _ = measured(solution)
+    rms, _ = measured(solution.surface, solution.curve)
     assert rms < 1.2 * solution.boundary_residual.rms + 1e-8 * solution.loop.diagonal
 
 

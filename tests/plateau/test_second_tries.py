@@ -1,12 +1,16 @@
 """What a second try fails at must not cost the result of the first."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from spinor_geom import gallery
-from spinor_geom.errors import DomainError, SingularMatrixError
-from spinor_geom.plateau import solve, solve_plateau
+from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError
+from spinor_geom.plateau import network_route, solve, solve_plateau
+from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.network_route import NetworkSolver
 
 
 @pytest.mark.parametrize("error", [DomainError("folded"), SingularMatrixError(size=3)], ids=["domain", "matrix"])
@@ -15,9 +19,9 @@ def test_first_fit_stands_where_no_finer_disk_can_be_made(monkeypatch, error):
         raise error
 
     loop = gallery.twisted_circle().sample(32)
-    monkeypatch.setattr(solve, "_POOR", 0.0)
-    monkeypatch.setattr(solve, "finer_disk", fails)
-    solution = solve_plateau(loop, tolerance=1e-13)
+    monkeypatch.setattr(network_route, "_POOR", 0.0)
+    monkeypatch.setattr(network_route, "finer_disk", fails)
+    solution = solve_plateau(loop, model="cauchy", tolerance=1e-13)
     assert not solution.converged
     assert solution.boundary_residual.rms_per_edge < 1e-3
 
@@ -31,3 +35,75 @@ def test_fit_stands_where_the_domain_cannot_move(monkeypatch):
     solution = solve_plateau(loop, tolerance=1e-6)
     assert not solution.converged
     assert solution.boundary_residual.rms_per_edge < 0.1
+
+
+SMALL = gallery.twisted_circle().sample(40)
+
+
+def test_network_takes_over_where_the_harmonic_route_finds_nothing(monkeypatch):
+    monkeypatch.setattr(HarmonicSolver, "tries", lambda _: iter(()))
+    solution = solve_plateau(SMALL)
+    assert solution.route == "network"
+    assert solution.converged
+
+
+def poor_tries(factor):
+    """Tries whose distances from Γ are called larger than they are."""
+    tries = HarmonicSolver.tries
+
+    def poor(self):
+        for found in tries(self):
+            yield replace(found, rms=factor * found.rms, max=factor * found.max)
+
+    return poor
+
+
+def test_network_that_comes_nearer_is_taken_with_the_steps_of_both(monkeypatch):
+    monkeypatch.setattr(HarmonicSolver, "tries", poor_tries(1e9))
+    solution = solve_plateau(SMALL)
+    assert solution.route == "network"
+    assert solution.converged
+    methods = [step.method for step in solution.history]
+    assert methods.index("Gauss-Newton") == methods.count("Douglas-Newton") > 0
+    assert [step.index for step in solution.history] == list(range(1, len(methods) + 1))
+
+
+@pytest.mark.parametrize(
+    "error",
+    [DomainError("folded"), FirstFillError("no fill"), SingularMatrixError(size=3)],
+    ids=["domain", "fill", "matrix"],
+)
+def test_poor_harmonic_disk_stands_where_the_network_fails(monkeypatch, error):
+    def fails(*_):
+        raise error
+
+    monkeypatch.setattr(HarmonicSolver, "tries", poor_tries(1e9))
+    monkeypatch.setattr(NetworkSolver, "found_from", fails)
+    solution = solve_plateau(SMALL)
+    assert solution.route in ("unfolded", "deformed")
+    assert not solution.converged
+    monkeypatch.setattr(HarmonicSolver, "tries", lambda _: iter(()))
+    with pytest.raises(type(error)):
+        solve_plateau(SMALL)
+
+
+def test_poor_harmonic_disk_stands_where_there_is_no_first_fill(monkeypatch):
+    def fails(_):
+        raise FirstFillError("no fill")
+
+    monkeypatch.setattr(HarmonicSolver, "tries", poor_tries(1e9))
+    monkeypatch.setattr(solve, "first_disk", fails)
+    assert solve_plateau(SMALL).route in ("unfolded", "deformed")
+
+
+def test_harmonic_disk_near_the_loop_spares_the_network(monkeypatch):
+    """A tolerance that nothing meets: within a hundredth of an edge the network would gain little for its time."""
+
+    def fails(*_):
+        raise AssertionError("the network was asked")
+
+    monkeypatch.setattr(NetworkSolver, "found_from", fails)
+    solution = solve_plateau(SMALL, tolerance=1e-13)
+    assert not solution.converged
+    assert solution.boundary_residual.rms_per_edge < 1e-6
+    assert "above the tolerance 1.0e-13" in solution.reason

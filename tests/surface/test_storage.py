@@ -8,11 +8,13 @@ import torch
 from safetensors.torch import load as from_bytes
 from safetensors.torch import save as to_bytes
 
-from spinor_geom.domain import PlaneDomain
+from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import StorageError
 from spinor_geom.gallery import catenoid, enneper
 from spinor_geom.holomorphic import MODELS, CauchyNetwork
+from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.storage import VERSION
 
 
 def cauchy_surface():
@@ -38,10 +40,18 @@ def cauchy_surface():
     return SpinorSurface(network, domain, (1.0, 2.0, 1 / 3), quadrature="simpson", order=8)
 
 
+def interpolant_surface():
+    boundary = FourierBoundary(np.array([0.1j, 0.5, 0.2, 1.5, 0.1]), 40)
+    z, dz, _ = (torch.from_numpy(row) for row in boundary.grid(64))
+    model = CauchyInterpolant(z, dz, torch.stack([torch.exp(z), 0.3 * z], dim=-1))
+    return SpinorSurface(model, PlaneDomain.inside(boundary), (1.0, 2.0, 1 / 3), quadrature="gauss", order=16)
+
+
 SURFACES = {
     "series": lambda: enneper(0.8).surface.associate(0.3).transform(scale=0.1),
     "series, spline domain": lambda: catenoid(0.5).surface,
     "cauchy": cauchy_surface,
+    "cauchy-interpolant, Fourier domain": interpolant_surface,
 }
 
 
@@ -133,7 +143,8 @@ def test_rewriting_without_a_change_still_loads(tmp_path):
 @pytest.mark.parametrize(
     "change",
     [
-        {"metadata": {"version": "2"}},
+        {"metadata": {"version": str(VERSION - 1)}},
+        {"metadata": {"version": str(VERSION + 1)}},
         {"metadata": {"version": "x"}},
         {"metadata": {"format": "something else"}},
         {"metadata": {"description": "{"}},

@@ -1,0 +1,145 @@
+"""Dirichlet's form against functions whose conjugates and energies are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.domain import FourierBoundary
+from tests.plateau.slides import DISK, PEANUT, ellipse, even, form_of
+from tests.strategies import analytic_boundaries
+
+
+def real_and_imaginary(w):
+    return torch.tensor(np.stack([w.real, w.imag], axis=1))
+
+
+def energy(form, x):
+    """½ ∫ x·Λx dθ."""
+    return np.pi / len(x) * float((x * form(x)).sum())
+
+
+def harmonic_pair(boundary, n, function, derivative):
+    """Boundary values of the real and the imaginary part of a holomorphic function, and what Λ makes of them."""
+    z, dz, _ = boundary.grid(n)
+    # the conjugate of Re f is Im f, that of Im f is −Re f
+    slope = -1j * derivative(z) * dz / (2 * np.pi)
+    return real_and_imaginary(function(z)), real_and_imaginary(slope)
+
+
+# --- known functions --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("samples", [128, 512], ids=lambda n: f"{n} samples")
+@pytest.mark.parametrize("power", [1, 2, 3, 5, 8])
+@pytest.mark.parametrize("ratio", [2.0, 4.0, 8.0])
+def test_powers_on_ellipses(ratio, power, samples):
+    form = form_of(ellipse(ratio), 128)
+    x, expected = harmonic_pair(
+        form.boundary, samples, lambda z: (z / ratio) ** power, lambda z: power * (z / ratio) ** (power - 1) / ratio
+    )
+    assert float((form(x) - expected).abs().max()) < 1e-12 * float(expected.abs().max())
+
+
+@pytest.mark.parametrize("ratio", [2.0, 4.0, 8.0])
+def test_error_falls_exponentially_in_the_steps_of_the_kernel(ratio):
+    errors = []
+    for n in (16, 32, 64):
+        form = form_of(ellipse(ratio), n)
+        x, expected = harmonic_pair(form.boundary, n, np.exp, np.exp)
+        errors.append(float((form(x) - expected).abs().max() / expected.abs().max()))
+    assert errors[1] < 4 * errors[0] ** 1.5 + 1e-12
+    assert errors[2] < 4 * errors[1] ** 1.5 + 1e-12
+
+
+@pytest.mark.parametrize("form", [DISK, form_of(FourierBoundary.circle(2.5), 64)], ids=["disk", "as any domain"])
+def test_on_a_disk_it_multiplies_fourier_series_by_their_frequency(form):
+    t = even(64)
+    for k in range(32):
+        x = torch.stack([(2 * np.pi * k * t).cos(), (2 * np.pi * k * t).sin()], dim=1)
+        torch.testing.assert_close(form(x), k * x, rtol=0, atol=1e-12)
+
+
+def test_by_a_conformal_parameter_every_domain_is_a_disk():
+    """z = w + 0.2 w² maps the unit disk onto Ω; by w's angle Λ is that of the disk."""
+    form = form_of(FourierBoundary(np.array([0, 0, 0, 1, 0.2]), 64), 64)
+    assert float(form.correction.abs().max()) < 1e-12
+
+
+@pytest.mark.parametrize("ratio", [1.0, 2.0, 8.0])
+def test_energies_of_powers(ratio):
+    form = form_of(ellipse(ratio), 128)
+    z = form.boundary.grid(128)[0]
+    # ½ ∫ |f′|² dA over the ellipse
+    known = {1: np.pi * ratio / 2, 2: np.pi * ratio * (ratio**2 + 1) / 2}
+    for power, value in known.items():
+        for x in real_and_imaginary(z**power).T:
+            assert abs(energy(form, x[:, None]) / value - 1) < 1e-12
+
+
+# --- properties -------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=15)
+@given(boundary=analytic_boundaries(), seed=st.integers(0, 1000))
+def test_form_is_symmetric_and_positive_but_for_constants(boundary, seed):
+    form = form_of(boundary, 128)
+    assert form.asymmetry < 1e-9
+    # smooth functions on more samples than the kernel has
+    t, random = even(192), np.random.default_rng(seed)
+    angles = 2 * np.pi * t[:, None] * torch.arange(1, 9)
+    x, y = (torch.cat([angles.cos(), angles.sin()], dim=1) @ torch.tensor(random.normal(size=(16, 1))) for _ in "xy")
+    one_way, other_way = float((x * form(y)).sum()), float((y * form(x)).sum())
+    scale = float(x.norm() * form(y).norm())
+    assert abs(one_way - other_way) < 1e-12 * scale
+    assert energy(form, x) > 0
+    assert float(form(torch.ones(192, 1, dtype=torch.float64)).abs().max()) < 1e-11
+
+
+@settings(max_examples=15)
+@given(
+    boundary=analytic_boundaries(),
+    shift=st.floats(0, 1),
+    stretch=st.floats(0, 0.5),
+    turn=st.floats(0, 2 * np.pi),
+    size=st.floats(0.1, 10),
+)
+def test_energy_does_not_depend_on_the_parameter_nor_the_place_of_the_boundary(boundary, shift, stretch, turn, size):
+    def values(z):
+        return real_and_imaginary(np.exp(z) + 0.3 * z**3)
+
+    n, fine = 192, np.arange(1024) / 1024
+    other = fine + shift + stretch * np.sin(2 * np.pi * fine) / (2 * np.pi)
+    k = np.arange(-80, 81)
+    moved = np.fft.fft(size * np.exp(1j * turn) * boundary.point(other))[k] / 1024
+    moved[80] += 3 - 2j
+    again = FourierBoundary(moved, 64)
+    first = energy(form_of(boundary, n), values(boundary.grid(n)[0]))
+    back = (again.grid(n)[0] - 3 + 2j) / (size * np.exp(1j * turn))
+    assert abs(energy(form_of(again, n), values(back)) / first - 1) < 1e-9
+
+
+@pytest.mark.parametrize("form", [DISK, form_of(ellipse(3.0), 64)], ids=["disk", "ellipse"])
+def test_columns_and_batches_are_taken_one_by_one(form):
+    x = torch.tensor(np.random.default_rng(0).normal(size=(2, 4, 96, 3)))
+    whole = form(x)
+    assert whole.shape == x.shape
+    torch.testing.assert_close(whole[1, 2, :, 1], form(x[1, 2, :, 1:2])[:, 0], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(("n", "most"), [(32, 1.0), (64, 0.1), (128, 1e-3), (256, 1e-5), (512, 1e-10)])
+def test_asymmetry_bounds_the_error_where_a_domain_has_a_waist(n, most):
+    form = form_of(PEANUT, n)
+    assert torch.equal(form.correction, form.correction.T)
+    x, expected = harmonic_pair(PEANUT, n, np.exp, np.exp)
+    error = float((form(x) - expected).abs().max() / expected.abs().max())
+    assert error < form.asymmetry + 1e-11
+    assert form.asymmetry < most
+
+
+def test_disk_takes_no_matrix():
+    assert DISK.kernel is None
+    assert DISK.correction is None

@@ -1,0 +1,224 @@
+"""Douglas's slide: known energies, its derivatives, its gauge, and what it must not do."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom import gallery
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau.douglas import _Problem, band_limited, minimise_dirichlet_energy, resampled
+from tests.loops import noisy_ellipse
+from tests.plateau.slides import DISK, PEANUT, ellipse, even, form_of, increments, tensors
+from tests.strategies import SEEDS
+
+SEAM_AREA = 4.36461878664500
+SEAM = tensors(gallery.tennis_seam(0.8).sample(256))
+NOISY = tensors(noisy_ellipse(120, amount=0.2))
+# the tennis seam is about round: ellipses and a peanut are poor domains for it, and nothing may depend on that
+FORMS = {"disk": DISK, "ellipse": form_of(ellipse(1.5), 64), "peanut": form_of(PEANUT, 512)}
+every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
+
+
+def solved(curve, form, slide, tolerance=1e-12, max_steps=60, **options):
+    return minimise_dirichlet_energy(curve, form, slide, tolerance=tolerance, max_steps=max_steps, **options)
+
+
+def moebius(t, a):
+    """The angle, in turns, of (w + a)/(1 + āw) at w = e^{2πit}."""
+    w = torch.exp(2j * np.pi * t)
+    turn = torch.angle((1 + a * w.conj()) / (1 + np.conj(a) * w)) / (2 * np.pi)
+    return t + turn
+
+
+# --- known energies ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [64, 128, 512])
+def test_tennis_seam_has_its_known_area(n):
+    disk = solved(SEAM, DISK, even(n))
+    # 64 nodes leave 1e-11 of the area out
+    assert abs(disk.energy / SEAM_AREA - 1) < (2e-11 if n == 64 else 1e-13)
+    assert disk.gradient < 1e-12
+    assert not disk.crowded
+    assert 1 <= disk.steps <= 10
+    torch.testing.assert_close(disk.points, SEAM.point_and_derivative(disk.slide)[0])
+
+
+@every_form
+def test_area_does_not_depend_on_the_domain(form):
+    disk = solved(SEAM, form, even(1024), tolerance=1e-10)
+    assert disk.gradient < 1e-9
+    assert abs(disk.energy / SEAM_AREA - 1) < 1e-10
+
+
+def test_circle_is_left_in_place_from_every_start():
+    t = 2 * np.pi * np.arange(64) / 64
+    circle = tensors(BoundaryLoop.from_points(np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)))
+    disk = solved(circle, DISK, even(256) + 0.05 * torch.sin(4 * np.pi * even(256)))
+    assert abs(disk.energy / np.pi - 1) < 1e-13
+    # what is left of the slide is a conformal map of the disk: φ is null
+    w = torch.exp(2j * np.pi * disk.slide)
+    spectrum = torch.fft.fft(w).abs() / 256
+    assert spectrum[128:].max() < 1e-12
+
+
+@pytest.mark.parametrize("ratio", [1.5, 2.0])
+def test_plane_ellipses_have_their_area(ratio):
+    curve = tensors(gallery.ellipse(ratio).sample(256))
+    assert abs(solved(curve, DISK, even(1024)).energy / (np.pi * ratio) - 1) < 1e-12
+    assert abs(solved(curve, form_of(ellipse(ratio), 64), even(256)).energy / (np.pi * ratio) - 1) < 1e-12
+
+
+# --- derivatives and steps --------------------------------------------------------------------------------------------
+
+
+@every_form
+def test_gradient_is_the_difference_quotient_of_the_energy(form):
+    t = even(512)
+    slide, problem = t + 0.02 * torch.sin(2 * np.pi * t + 1), _Problem.of(SEAM, form, t)
+    gradient = problem.gradient(problem.state(slide))
+    random = np.random.default_rng(0)
+    for _ in range(4):
+        # smooth directions: the third derivative of the energy along them is no larger than the first
+        v = torch.tensor(np.fft.irfft(random.normal(size=20) + 1j * random.normal(size=20), n=512) * 512)
+        h = 1e-6
+        quotient = (problem.state(slide + h * v).energy - problem.state(slide - h * v).energy) / (2 * h)
+        assert abs(quotient - float(gradient @ v)) < 1e-6 * float(gradient.norm() * v.norm())
+
+
+@pytest.mark.parametrize("form", [FORMS["disk"], FORMS["ellipse"]], ids=["disk", "ellipse"])
+def test_newton_converges_quadratically(form):
+    minimum = solved(SEAM, form, even(512), tolerance=1e-11)
+    start = minimum.slide + 3e-3 * torch.sin(6 * np.pi * even(512))
+    sizes = []
+    again = solved(SEAM, form, start, tolerance=1e-11, near=True, on_step=sizes.append)
+    assert len(sizes) == again.steps >= 3
+    for before, after in pairwise(sizes):
+        # below 1e-9 the samples see what conformal maps of Ω, which Newton's method leaves open, do between them
+        assert after < 5 * before**2 + 1e-9
+    assert abs(again.energy / minimum.energy - 1) < 1e-12
+
+
+@settings(max_examples=8)
+@given(seed=SEEDS, curve=st.sampled_from([NOISY, SEAM]))
+def test_slide_increases_and_energy_falls_at_every_step(seed, curve):
+    steps = np.random.default_rng(seed).exponential(size=480)
+    start = torch.tensor(np.cumsum(steps) / steps.sum())
+    energy = np.inf
+    for limit in (0, 1, 2, 4, 8):
+        disk = solved(curve, DISK, start, max_steps=limit)
+        assert disk.steps <= limit
+        assert (increments(disk.slide) > 0).all()
+        assert disk.energy <= energy * (1 + 1e-12)
+        energy = disk.energy
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_no_step_is_too_long_for_the_slide_to_increase(size):
+    t = even(256)
+    problem = _Problem.of(SEAM, DISK, t)
+    state = problem.state(t + 0.05 * torch.sin(2 * np.pi * t))
+    direction = torch.tensor(np.random.default_rng(0).normal(size=256)) - 0.5 * problem.gradient(state)
+    moved, _ = problem.line_search(state, size * direction)
+    if moved is not None:
+        assert (increments(moved.slide) > 0).all()
+        assert moved.energy <= state.energy * (1 + 1e-12)
+
+
+def test_slide_that_is_a_solution_stays_bit_for_bit():
+    disk = solved(SEAM, DISK, even(256))
+    again = solved(SEAM, DISK, disk.slide, tolerance=1e-10)
+    assert again.steps == 0
+    assert torch.equal(again.slide, disk.slide)
+
+
+def test_every_step_is_told_and_their_number_is_limited():
+    sizes = []
+    disk = solved(NOISY, DISK, even(480), max_steps=3, on_step=sizes.append)
+    assert disk.steps == len(sizes) == 3
+    assert disk.gradient > 1e-12
+
+
+# --- gauge ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shift", [0.1, 0.25, 0.7])
+def test_turned_start_gives_the_same_area(shift):
+    assert abs(solved(SEAM, DISK, even(256) + shift).energy / SEAM_AREA - 1) < 1e-12
+
+
+@pytest.mark.parametrize("a", [0.3, -0.5j, 0.4 - 0.3j])
+def test_start_moved_by_a_conformal_map_of_the_disk_gives_the_same_area(a):
+    straight, moved = (solved(SEAM, DISK, start) for start in (even(256), moebius(even(256), a)))
+    assert abs(moved.energy / SEAM_AREA - 1) < 1e-12
+    assert moved.gradient < 1e-11
+    # nothing of the start's place is lost: it goes to another parametrisation of the same disk
+    assert float((moved.slide - straight.slide).abs().max()) > 0.01
+
+
+@pytest.mark.parametrize("a", [0.3, 0.5])
+def test_energy_is_the_same_along_conformal_maps(a):
+    disk = solved(SEAM, DISK, even(512))
+    t = moebius(even(512), a)
+    # the slide at moved nodes, from its Fourier series
+    offset = torch.fft.fft((disk.slide - even(512)).to(torch.complex128)) / 512
+    k = torch.fft.fftfreq(512, 1 / 512, dtype=torch.float64)
+    slide = t + (torch.exp(2j * np.pi * t[:, None] * k) @ offset).real
+    again = solved(SEAM, DISK, slide, max_steps=0)
+    assert abs(again.energy / disk.energy - 1) < 1e-12
+    assert again.gradient < 1e-9
+
+
+# --- crowding ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [256, 1024])
+def test_long_ellipse_crowds_on_the_disk_and_says_so(n):
+    curve = tensors(gallery.ellipse(8.0).sample(200))
+    assert solved(curve, DISK, even(n), tolerance=1e-8, max_steps=100).crowded
+    assert not solved(curve, form_of(ellipse(8.0), 128), even(n), tolerance=1e-8).crowded
+
+
+# --- other numbers of nodes -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("m", "n"), [(64, 96), (64, 256), (96, 100)])
+def test_band_limited_samples_come_back(m, n):
+    random = np.random.default_rng(0)
+    angles = 2 * np.pi * np.arange(30)
+    c, s = random.normal(size=(2, 30, 3))
+    coarse, fine = (
+        torch.tensor(np.cos(angles * t[:, None]) @ c + np.sin(angles * t[:, None]) @ s)
+        for t in (even(m).numpy(), even(n).numpy())
+    )
+    torch.testing.assert_close(band_limited(coarse, n), fine, rtol=0, atol=1e-12)
+    torch.testing.assert_close(band_limited(fine, m), coarse, rtol=0, atol=1e-12)
+    batch = torch.stack([coarse, 2 * coarse])
+    torch.testing.assert_close(band_limited(batch, n), torch.stack([fine, 2 * fine]), rtol=0, atol=1e-11)
+
+
+def test_smooth_slide_is_resampled_exactly_and_comes_back():
+    def slide(n):
+        t = even(n)
+        return t + 0.4 + 0.1 * torch.sin(2 * np.pi * t) + 0.02 * torch.cos(6 * np.pi * t)
+
+    torch.testing.assert_close(resampled(slide(64), 200), slide(200), rtol=0, atol=1e-14)
+    torch.testing.assert_close(resampled(resampled(slide(64), 200), 64), slide(64), rtol=0, atol=1e-14)
+
+
+@settings(max_examples=30)
+@given(seed=SEEDS, n=st.integers(48, 400).map(lambda half: 2 * half))
+def test_rough_slide_increases_when_it_is_resampled(seed, n):
+    steps = np.random.default_rng(seed).exponential(size=120) ** 2 + 1e-9
+    slide = torch.tensor(np.cumsum(steps) / steps.sum()) - 0.3
+    again = resampled(slide, n)
+    assert len(again) == n
+    assert (increments(again) > 0).all()
+    # the old nodes lie between the new ones' neighbours
+    assert float((resampled(slide, 240)[::2] - slide).abs().max()) < 1e-14

@@ -1,0 +1,192 @@
+"""The harmonic route: smooth loops to 1e-8, rough ones to the tolerance, whatever the loop's place, start and sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spinor_geom import gallery
+from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.harmonic_route import HarmonicSolver
+from tests.loops import CONVEX, noisy_ellipse, planar
+from tests.plateau.slides import CPU
+from tests.plateau.solved import measured
+
+SEAM_AREA = 4.36461878664500
+
+
+def harmonic_solver(loop, *, tolerance, max_steps=300):
+    """The route alone, at unit size."""
+    unit = BoundaryLoop(
+        points=(loop.points - loop.centroid) / loop.diagonal, vertex_ids=loop.vertex_ids, corners=loop.corners
+    )
+    return HarmonicSolver(
+        loop=unit,
+        curve=BoundaryCurve.from_loop(unit),
+        allowed=tolerance * unit.mean_edge_length,
+        max_steps=max_steps,
+        device=CPU,
+        clock=Clock(),
+    )
+
+
+# --- accuracy ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("points", [128, 256])
+@pytest.mark.parametrize("ratio", [2.0, 4.0, 8.0])
+def test_ellipses(ratio, points):
+    solution = solve_plateau(gallery.ellipse(ratio).sample(points), tolerance=1e-8)
+    assert solution.converged
+    assert solution.boundary_residual.rms_per_edge < 1e-8
+    assert solution.route == ("disk" if ratio == 2 else "unfolded")
+    if points == 256:  # a spline of degree 5 or more
+        assert abs(solution.area / (np.pi * ratio) - 1) < 1e-8
+    rms, largest = measured(solution.surface, solution.curve, 2000)
+    rounding = 1e-12 * solution.loop.diagonal
+    assert rms < 1.5 * solution.boundary_residual.rms + rounding
+    assert largest < 1.5 * solution.boundary_residual.max + 10 * rounding
+
+
+@pytest.mark.parametrize(
+    ("curve", "route", "model"),
+    [
+        (gallery.tennis_seam(0.8), "disk", PowerSeries),
+        (gallery.twisted_circle(), "disk", PowerSeries),
+        (gallery.ellipse(4.0, 0.3), "unfolded", CauchyInterpolant),
+    ],
+    ids=["seam", "twisted circle", "saddle"],
+)
+def test_smooth_loops_meet_a_sharp_tolerance(curve, route, model):
+    solution = solve_plateau(curve.sample(128), tolerance=1e-8)
+    assert solution.converged
+    assert solution.route == route
+    assert isinstance(solution.surface.model, model)
+    assert solution.boundary_residual.rms_per_edge < 1e-8
+    assert all(step.method == "Douglas-Newton" for step in solution.history)
+    # holomorphic p and q, so minimal; the boundary's nodes lie too near for derivatives there
+    z = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
+    scale = np.sqrt(np.abs(solution.surface.gauss_curvature(z)).max())
+    assert np.abs(solution.surface.mean_curvature(z[::7])).max() < 1e-6 * scale
+
+
+def test_long_smooth_loop_takes_no_more_nodes_than_it_needs():
+    solution = solve_plateau(gallery.enneper(0.8).rim(2000), tolerance=1e-6)
+    assert solution.converged
+    assert abs(solution.area / gallery.enneper(0.8).area - 1) < 1e-11
+    assert len(solution.matching) <= 2000
+    assert len(solution.history) < 20
+
+
+@pytest.mark.parametrize(("ratio", "seed"), [(1.0, 0), (2.0, 1), (6.0, 2)])
+def test_noisy_loops(ratio, seed):
+    """15 % of an edge of noise on 120 points."""
+    solution = solve_plateau(noisy_ellipse(120, ratio, 0.15, seed))
+    assert solution.converged
+    assert solution.route == "unfolded"
+    rms, largest = measured(solution.surface, solution.curve)
+    assert rms < 1e-3 * solution.loop.mean_edge_length
+    assert abs(rms / solution.boundary_residual.rms - 1) < 0.1
+    assert abs(largest / solution.boundary_residual.max - 1) < 0.4
+
+
+# --- invariance -------------------------------------------------------------------------------------------------------
+
+
+def same_area(first, second, error):
+    return abs(first.area / second.area - 1) < error
+
+
+@pytest.mark.parametrize(
+    ("loop", "error"),
+    [(gallery.tennis_seam(0.8).sample(80), 1e-11), (gallery.ellipse(6.0, 0.3).sample(97), 1e-9)],
+    ids=["disk", "unfolded"],
+)
+def test_start_orientation_place_and_scale_do_not_matter(loop, error):
+    first = solve_plateau(loop, tolerance=1e-8)
+    assert first.converged
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    for points in (
+        np.roll(loop.points, -13, axis=0),
+        np.roll(loop.points, 40, axis=0)[::-1],
+        loop.points @ turn.T + [3.0, -2.0, 5.0],
+    ):
+        assert same_area(solve_plateau(BoundaryLoop.from_points(points), tolerance=1e-8), first, error)
+    large = solve_plateau(BoundaryLoop.from_points(1e3 * loop.points), tolerance=1e-8)
+    assert abs(large.area / (1e6 * first.area) - 1) < error
+
+
+def test_noisy_loop_may_start_anywhere():
+    """The tolerance leaves so much open: at a minimal disk the area changes by less than ∮ |δr| ds."""
+    loop = noisy_ellipse(80, amount=0.15, seed=3)
+    first = solve_plateau(loop)
+    for points in (np.roll(loop.points, -29, axis=0), loop.points[::-1]):
+        again = solve_plateau(BoundaryLoop.from_points(points))
+        assert again.converged
+        # errors swing about 0: a tenth of the bound
+        assert same_area(again, first, 0.1 * 2 * 1e-3 * loop.mean_edge_length * loop.perimeter / first.area)
+
+
+@pytest.mark.parametrize("points", [64, 91, 150, 333])
+def test_sampling_does_not_matter_to_the_area(points):
+    solution = solve_plateau(gallery.tennis_seam(0.8).sample(points), tolerance=1e-8)
+    assert abs(solution.area / SEAM_AREA - 1) < 1e-9
+    t = np.arange(points) / points
+    # a ratio of 3 of the largest to the smallest edge
+    uneven = gallery.tennis_seam(0.8).point(t + 0.5 * np.sin(2 * np.pi * t) / (2 * np.pi))
+    solution = solve_plateau(BoundaryLoop.from_points(uneven), tolerance=1e-8)
+    assert abs(solution.area / SEAM_AREA - 1) < (1e-4 if points == 64 else 1e-6)
+
+
+# --- honesty ----------------------------------------------------------------------------------------------------------
+
+
+def test_reported_residual_of_random_curves_is_the_measured_one():
+    """Whatever the first try comes to on strongly folded curves, in few steps."""
+    found_some = 0
+    for seed in range(20):
+        solver = harmonic_solver(gallery.random_curve(seed).sample(80), tolerance=1e-2, max_steps=40)
+        found = next(solver.tries(), None)
+        if found is None:
+            continue
+        found_some += 1
+        rms, largest = measured(found.surface, solver.curve, 2000)
+        if found.rms <= solver.allowed:
+            assert abs(rms / found.rms - 1) < 0.2, seed
+            assert largest < 1.5 * found.max, seed
+        # one that is far from Γ crowds its nodes somewhere: told to a factor
+        assert found.rms / 2.5 < rms < 2.5 * found.rms, seed
+        assert len(found.history) <= 40
+    assert found_some >= 12
+
+
+def test_crowded_disk_is_given_up_for_a_domain_of_the_loop_s_own():
+    """Just short enough for the disk to be tried."""
+    solution = solve_plateau(gallery.ellipse(2.4).sample(200), tolerance=1e-8)
+    assert solution.converged
+    assert abs(solution.area / (2.4 * np.pi) - 1) < 1e-8
+
+
+def test_tries_are_told_apart_by_their_routes():
+    routes = [found.route for found in harmonic_solver(gallery.tennis_seam(0.8).sample(96), tolerance=1e-6).tries()]
+    assert routes[:2] == ["disk", "unfolded"] or routes[0] == "disk"
+    assert len(routes) >= 2
+    assert len(set(routes)) == len(routes)
+
+
+def test_limit_on_steps_holds_for_all_tries_together():
+    solver = harmonic_solver(noisy_ellipse(60, amount=0.15), tolerance=1e-3, max_steps=7)
+    found = list(solver.tries())
+    assert len(solver.history) <= 7
+    assert all("limit on steps" in one.limit or "crowd" in one.limit for one in found)
+
+
+def test_loops_with_corners_go_to_the_network():
+    solution = solve_plateau(planar(CONVEX, 30))
+    assert solution.route == "network"
+    assert solve_plateau(gallery.twisted_circle().sample(40), model="cauchy").route == "network"

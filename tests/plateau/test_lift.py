@@ -1,0 +1,196 @@
+"""The lift of harmonic disks to p and q: exact data come back, and the distance it tells is the surface's own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom.domain import FourierBoundary, PlaneDomain
+from spinor_geom.errors import SurfaceError
+from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy
+from spinor_geom.plateau.lift import _between_nodes, lifted, surface_of
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.formulas import phi
+from tests.exact_solutions import ENNEPER
+from tests.loops import noisy_ellipse
+from tests.plateau.slides import CPU, DISK, ellipse, even, form_of, tensors
+
+# coefficients of z⁰, z¹, … as pairs (p, q)
+POLYNOMIAL = ((1, 0.2), (0, 0.4), (0.25, 0))
+FORMS = {
+    "disk": DISK,
+    "ellipse": form_of(ellipse(2.0), 128),
+    "bent": form_of(FourierBoundary(np.array([0.05j, 0.1, 0.2 - 0.1j, 1.0, 0.15 + 0.1j]), 64), 128),
+}
+every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
+
+
+def exact_surface(form, coefficients):
+    series = PowerSeries(torch.tensor(coefficients, dtype=torch.complex128))
+    return SpinorSurface(series, PlaneDomain.inside(form.boundary))
+
+
+def exact_disk(form, surface, n=256):
+    """Γ through many points of a surface's boundary, and the harmonic disk that the surface is, at n nodes."""
+    curve = BoundaryCurve.from_loop(
+        BoundaryLoop.from_points(surface.position(form.boundary.point(np.arange(400) / 400)), corners=())
+    )
+    points = surface.position(form.boundary.grid(n)[0])
+    slide = np.unwrap(2 * np.pi * curve.nearest(points)) / (2 * np.pi)
+    disk = HarmonicDisk(
+        slide=torch.tensor(slide), points=torch.tensor(points), energy=0.0, gradient=0.0, steps=0, crowded=False
+    )
+    return CurveTensors.of(curve, CPU), disk
+
+
+# --- exact data -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("coefficients", [ENNEPER, POLYNOMIAL], ids=["Enneper", "polynomial"])
+@every_form
+def test_p_and_q_of_a_known_surface_come_back_up_to_their_sign(form, coefficients):
+    known = exact_surface(form, coefficients)
+    curve, disk = exact_disk(form, known)
+    lift = lifted(disk, form, curve, allowed=1e-8)
+    assert isinstance(lift.model, PowerSeries if form is DISK else CauchyInterpolant)
+    assert lift.rms < 1e-9
+    assert lift.rms <= lift.max
+    z = known.domain.triangulation.points * 0.99
+    found, expected = lift.model.value(torch.tensor(z)).detach().numpy(), known.spinors(z)
+    sign = np.sign((found * np.conj(expected)).sum().real)
+    assert np.abs(sign * found - expected).max() < 1e-10
+    assert abs(lift.area / known.area() - 1) < 1e-10
+    surface = surface_of(lift, form.boundary, order=16)
+    assert np.abs(surface.position(z) - known.position(z)).max() < 1e-9
+
+
+@every_form
+def test_null_curve_is_the_surface_at_the_nodes_and_between_them(form):
+    curve, disk = exact_disk(form, exact_surface(form, ENNEPER), n=128)
+    lift = lifted(disk, form, curve, allowed=1e-8)
+    assert lift.null_curve.shape == (256, 3)
+    assert lift.slide.shape == (256,)
+    surface = surface_of(lift, form.boundary, order=16)
+    z = form.boundary.grid(256)[0]
+    assert np.abs(surface.position(z) - lift.null_curve.real.numpy()).max() < 1e-10
+    gap = lift.null_curve.real - curve.point_and_derivative(lift.slide)[0]
+    assert abs(float(gap.norm(dim=1).max()) - lift.max) < 1e-14
+    # d/dt of the null curve is φ dz/dt
+    p, q = torch.tensor(surface.spinors(z)).unbind(-1)
+    velocity = phi(p, q).numpy() * form.boundary.grid(256)[1][:, None]
+    frequency = np.fft.fftfreq(256, 1 / 256)[:, None]
+    slope = np.fft.ifft(2j * np.pi * frequency * np.fft.fft(lift.null_curve.numpy(), axis=0), axis=0)
+    assert np.abs(slope - velocity).max() < 1e-9 * np.abs(velocity).max()
+
+
+# --- branch points ----------------------------------------------------------------------------------------------------
+
+
+@every_form
+def test_branch_point_of_odd_order_is_refused(form):
+    """φ = z·(Enneper's φ): p and q are square roots of z times polynomials."""
+    z = form.boundary.grid(256)[0]
+    points = np.stack([z**2 / 2 - z**4 / 4, -1j * (z**2 / 2 + z**4 / 4), 2 * z**3 / 3], axis=1).real
+    curve, disk = exact_disk(form, exact_surface(form, ENNEPER))
+    branched = HarmonicDisk(
+        slide=disk.slide, points=torch.tensor(points), energy=0.0, gradient=0.0, steps=0, crowded=False
+    )
+    with pytest.raises(SurfaceError, match="branch point of odd order"):
+        lifted(branched, form, curve, allowed=1e-8)
+
+
+@every_form
+def test_branch_point_of_even_order_is_kept(form):
+    """p = z, q = z²."""
+    known = exact_surface(form, ((0, 0), (1, 0), (0, 1)))
+    z = form.boundary.grid(256)[0]
+    # the boundary winds three times and more around the branch point: Γ is taken as it comes
+    curve, disk = exact_disk(form, exact_surface(form, ENNEPER))
+    points = torch.tensor(known.position(z))
+    branched = HarmonicDisk(slide=disk.slide, points=points, energy=0.0, gradient=0.0, steps=0, crowded=False)
+    lift = lifted(branched, form, curve, allowed=np.inf)
+    inside = 0.5 * known.domain.triangulation.points
+    found, expected = lift.model.value(torch.tensor(inside)).detach().numpy(), known.spinors(inside)
+    sign = np.sign((found * np.conj(expected)).sum().real)
+    assert np.abs(sign * found - expected).max() < 1e-10
+
+
+# --- what is told of the distance -------------------------------------------------------------------------------------
+
+
+def rough_disk(form, n):
+    loop = noisy_ellipse(80, amount=0.1)
+    curve = tensors(loop)
+    return curve, minimise_dirichlet_energy(curve, form, even(n), tolerance=1e-8, max_steps=200)
+
+
+@pytest.mark.parametrize("n", [160, 320])
+def test_distance_from_the_curve_is_measured_on_the_surface_itself(n):
+    form = form_of(ellipse(2.0), 128)
+    curve, disk = rough_disk(form, n)
+    lift = lifted(disk, form, curve, allowed=0.0)
+    surface = surface_of(lift, form.boundary, order=16)
+    exact = BoundaryCurve(
+        breaks=curve.breaks.numpy(), coefficients=curve.coefficients.numpy(), corners=np.zeros(80, dtype=bool)
+    )
+    # other points than the lift's
+    t = (np.arange(3000) + 0.3) / 3000
+    r = surface.position(form.boundary.point(t))
+    distance = np.linalg.norm(r - exact.point(exact.nearest(r)), axis=1)
+    weight = np.abs(form.boundary.derivative(t))
+    rms = np.sqrt((weight * distance**2).sum() / weight.sum())
+    # far more than rounding: the nodes do not resolve the noise
+    assert lift.rms > 1e-5
+    assert abs(rms / lift.rms - 1) < 0.1
+    assert abs(distance.max() / lift.max - 1) < 0.2
+    assert abs(surface.area() / lift.area - 1) < 1e-5
+
+
+def test_corrections_bring_the_surface_nearer_and_end_where_it_is_near_enough():
+    form = form_of(ellipse(2.0), 128)
+    curve, disk = rough_disk(form, 320)
+    first, best = (lifted(disk, form, curve, allowed=allowed) for allowed in (np.inf, 0.0))
+    assert best.rms < first.rms
+    between = lifted(disk, form, curve, allowed=2 * best.rms)
+    assert best.rms <= between.rms <= 2 * best.rms
+
+
+def test_more_nodes_bring_the_surface_nearer():
+    form = form_of(ellipse(2.0), 128)
+    distances = []
+    for n in (160, 320, 640, 1280):
+        curve, disk = rough_disk(form, n)
+        distances.append(lifted(disk, form, curve, allowed=0.0).rms)
+    assert distances[-1] < 0.05 * distances[0]
+    assert (np.diff(distances) < 0).all()
+
+
+# --- between the nodes ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [128, 512])
+@pytest.mark.parametrize("name", ["ellipse", "bent"])
+def test_values_between_the_nodes_are_those_of_the_interpolant(name, n):
+    """Of no holomorphic function: the two rules are the same one, not only accurate."""
+    form, random = FORMS[name], np.random.default_rng(0)
+    z, dz, _ = (torch.tensor(row) for row in form.boundary.grid(n))
+    spectrum = random.normal(size=(n, 2)) + 1j * random.normal(size=(n, 2))
+    spectrum[n // 2] = 0  # its two halves are one
+    values = torch.tensor(np.fft.ifft(spectrum, axis=0) * n**0.5)
+    with torch.no_grad():
+        expected = CauchyInterpolant(z, dz, values).value(torch.tensor(form.boundary.grid(2 * n)[0][1::2]))
+    torch.testing.assert_close(_between_nodes(values, form.kernel), expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["ellipse", "bent"])
+def test_values_of_entire_functions_between_the_nodes(name):
+    form = FORMS[name]
+    z, middle = torch.tensor(form.boundary.grid(256)[0]).reshape(128, 2).T
+    values, expected = (torch.stack([torch.exp(z), z**2 - 1], dim=1) for z in (z, middle))
+    torch.testing.assert_close(_between_nodes(values, form.kernel), expected, rtol=0, atol=1e-12)
