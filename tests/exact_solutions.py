@@ -40,6 +40,8 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
         matching=np.stack([t, curve.breaks[:-1]], axis=1),
         boundary_residual=BoundaryResidual(rms=0.0, max=0.0, mean_edge=loop.mean_edge_length, diagonal=loop.diagonal),
         area=surface.area(),
+        area_in_domain=surface.area(),
+        self_intersections=0,
         route="disk",
         history=(),
         timings={"fit": 0.25},

@@ -28,6 +28,7 @@ SizeBounds = Callable[[Complex[np.ndarray, " k"]], tuple[Float[np.ndarray, " k"]
 
 # points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
 _SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
+_MOST_ROWS = 20_000
 # a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 _LARGEST_RADIUS = 0.75
 # new points of one batch keep this share of the smaller of their circumradii between them
@@ -111,7 +112,7 @@ def size_bounds(boundary: Complex[np.ndarray, " m"], *, growth: float, decay: fl
     neighbours = min(3, len(boundary))
 
     def bounds(z: Complex[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        distance, index = tree.query(plane_coordinates(z), k=neighbours)
+        distance, index = map(np.asarray, tree.query(plane_coordinates(z), k=neighbours))
         low: Float[np.ndarray, " k"] = own[index[:, 0]] - decay * distance[:, 0]
         return low, (local[index] + growth * distance).min(axis=1)
 
@@ -216,14 +217,16 @@ def _seeds(
 ) -> Complex[np.ndarray, " k"]:
     """Points of a lattice as wide as the largest of the sizes wanted: inner points to start from."""
     area = 0.5 * (np.conj(polygon) * np.roll(polygon, -1)).imag.sum()
-    sample = lattice_inside(polygon, np.sqrt(area / _SIZE_SAMPLES))
+    # a polygon that is hardly wider than a line must not be crossed by millions of rows
+    shortest = np.abs(np.roll(polygon, -1) - polygon).sum() / _MOST_ROWS
+    sample = lattice_inside(polygon, max(np.sqrt(area / _SIZE_SAMPLES), shortest))
     if len(sample) == 0 or most <= 0:
         return sample[:0]
-    spacing = max(float(size(sample).max()), np.sqrt(area / most))
+    spacing = max(float(size(sample).max()), np.sqrt(area / most), shortest)
     points = lattice_inside(polygon, spacing)
     distance, _ = cKDTree(plane_coordinates(polygon)).query(plane_coordinates(points))
-    points = points[distance > _ROOM_AT_BOUNDARY * spacing]
-    return points[~guard.too_near(points)]
+    points = points[np.asarray(distance) > _ROOM_AT_BOUNDARY * spacing]
+    return np.asarray(points[~guard.too_near(points)])
 
 
 def _refine(

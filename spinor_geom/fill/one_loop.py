@@ -13,7 +13,6 @@ from spinor_geom.errors import (
     NoAreaError,
     OptionError,
     SeamError,
-    SelfCrossingLoopError,
     SpinorGeomError,
     SurfaceError,
     ZeroWidthSlitError,
@@ -146,7 +145,6 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
         SeamError: edges of it lie on edges of another loop.
         LoneFaceError: it is the outline of a single face.
         NoAreaError: its points lie on a line.
-        SelfCrossingLoopError: it crosses or touches itself.
     """
     require_distinct_neighbours(loop.points)
     if loop.slit_fraction:
@@ -157,10 +155,6 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
     if face is not None:
         raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
     refuse_empty(loop, loop.diagonal / loop.elongation)
-    crossings = loop_crossings(loop.points)
-    if len(crossings):
-        edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
-        raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
 
 
 def first_slit_edge(loop: BoundaryLoop) -> list[int]:

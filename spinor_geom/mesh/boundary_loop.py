@@ -209,8 +209,8 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     Point i is a corner if the polygon turns there by θ_i ≥ 35° and by at most θ_i/4 at each of the two points before
     and the two points after it: a corner stands alone on a smooth curve, while on a noisy rim large turns stand side by
     side. Where half of all points turn by more than 35°/4 the curve is not smooth, and nothing stands out of it: such
-    polygons have no corners. Polygons of fewer than 8 points are too coarse to tell and have none; so has a point beside
-    an edge of length 0.
+    polygons have no corners. Polygons of fewer than 8 points are too coarse to tell and have none; so has a point
+    beside an edge of length 0.
     """
     if len(points) < MIN_LOOP_WITH_CORNERS:
         return np.zeros(len(points), dtype=bool)

@@ -22,8 +22,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Gauss–Legendre nodes on an edge of the patch: enough for this error, in edges, if a pole were on the boundary
 QUADRATURE_ERROR = 1e-8
 NODE_COUNTS = np.array([2, 3, 4, 6, 8])
-# bounds the memory of the model's hidden layer
-POINTS_AT_ONCE = 1 << 14
+# bounds the memory of p and q at the quadrature nodes
+POINTS_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,8 +79,8 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
 def inner_positions(surface: SpinorSurface, plane: PlaneTriangulation) -> Float[np.ndarray, "k 3"]:
     """Positions of a triangulation's inner points: in closed form, or by integration of φ along its own edges.
 
-    Where it takes quadrature: in each connected part of the inner edges the point farthest from the boundary is placed by
-    `SpinorSurface.position`; a breadth-first tree of inner edges leads from it to the others, with two to eight
+    Where it takes quadrature: in each connected part of the inner edges the point farthest from the boundary is placed
+    by `SpinorSurface.position`; a breadth-first tree of inner edges leads from it to the others, with two to eight
     Gauss–Legendre nodes an edge: p and q are holomorphic in Ω, so few are enough far from its boundary.
 
     Returns:

@@ -78,7 +78,7 @@ def minimise_dirichlet_energy(
         tolerance: gradient, as in `HarmonicDisk`, at which to stop.
         max_steps: limit on Newton steps.
         near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
-        on_step: is called with the gradient before each step.
+        on_step: is called with the gradient at the start of each step.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
     """

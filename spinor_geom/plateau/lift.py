@@ -56,7 +56,14 @@ class Lift:
     area: float
 
 
-def lifted(disk: HarmonicDisk, form: DirichletForm, curve: CurveTensors, *, allowed: float) -> Lift:
+def lifted(
+    disk: HarmonicDisk,
+    form: DirichletForm,
+    curve: CurveTensors,
+    *,
+    allowed: float,
+    plane: Complex[Tensor, "3"] | None = None,
+) -> Lift:
     """The minimal surface next to a harmonic disk, and its distance from Γ at the nodes and between them.
 
     φ = 2∂X/∂z on ∂Ω comes from X and its conjugate; p and q are its spinors there, and the model continues them into Ω:
@@ -69,11 +76,12 @@ def lifted(disk: HarmonicDisk, form: DirichletForm, curve: CurveTensors, *, allo
         form: Λ.
         curve: Γ.
         allowed: RMS distance from Γ that is near enough.
+        plane: u − iv for orthonormal u, v in the plane of Γ, where it has one; the surface then lies in it exactly.
 
     Raises:
         SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
     """
-    sampled = _SampledBoundary.of(form, len(disk.slide), curve)
+    sampled = _SampledBoundary.of(form, len(disk.slide), curve, plane)
     points, slide = disk.points, resampled(disk.slide, 2 * len(disk.slide))
     best: _Placed | None = None
     for _ in range(_MOST_LIFTS):
@@ -123,15 +131,20 @@ class _SampledBoundary:
     curve: CurveTensors
     z: Tensor  # (2n,)
     dz: Tensor  # (2n,), dz/dt
+    plane: Tensor | None  # (3,)
 
     @classmethod
-    def of(cls, form: DirichletForm, n: int, curve: CurveTensors) -> _SampledBoundary:
+    def of(
+        cls, form: DirichletForm, n: int, curve: CurveTensors, plane: Complex[Tensor, "3"] | None
+    ) -> _SampledBoundary:
         z, dz, _ = (torch.tensor(row, device=curve.breaks.device) for row in form.boundary.grid(2 * n))
-        return cls(form=form, curve=curve, z=z, dz=dz)
+        return cls(form=form, curve=curve, z=z, dz=dz, plane=plane)
 
     def spinors(self, points: Float[Tensor, "n 3"]) -> Complex[Tensor, "n 2"]:
         """P and q at the nodes of the harmonic surface with given boundary values."""
         velocity = torch.complex(_derivative(points), 2 * np.pi * self.form(points))
+        if self.plane is not None:
+            velocity = (velocity @ self.plane.conj())[:, None] * self.plane / 2
         p, q = spinors_from_phi(velocity / self.dz[::2, None])
         if spin_invariant(p, q) < 0:
             raise SurfaceError(

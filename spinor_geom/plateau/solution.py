@@ -103,6 +103,9 @@ class PlateauSolution:
             Γ(s); it covers one turn of both, s may exceed [0, 1).
         boundary_residual: distance of the surface's boundary from Γ.
         area: ½∮ r·Im(φ dz), in squared mesh units.
+        area_in_domain: the same by quadrature in Ω, a check of the first: see `area_in_domain`.
+        self_intersections: pairs of triangles that cross in the surface's mesh over Ω's triangulation; 0 where it shows
+            no crossing. Every disk over a knotted loop crosses itself.
         route: how it was found. "disk", "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the
             unfolded least-area triangulation, on a domain that grew with the loop from an average of it, or on a
             flattened discrete disk; p and q are a power series or Cauchy's formula. "network": Gauss-Newton for a
@@ -122,6 +125,8 @@ class PlateauSolution:
     matching: Float[np.ndarray, "n 2"]
     boundary_residual: BoundaryResidual
     area: float
+    area_in_domain: float
+    self_intersections: int
     route: Route
     history: tuple[Iteration, ...]
     timings: dict[str, float]
@@ -145,6 +150,8 @@ class PlateauSolution:
         return {
             "vertices": len(self.loop),
             "area": self.area,
+            "area_in_domain": self.area_in_domain,
+            "self_intersections": self.self_intersections,
             "residual": {
                 **asdict(residual),
                 "rms_per_edge": residual.rms_per_edge,

@@ -7,12 +7,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, overload
 
+import numpy as np
 import torch
 
 from spinor_geom.discrete.minimal_surface import Disk, first_disk
-from spinor_geom.errors import DomainError, FirstFillError, OptionError, SingularMatrixError, SpinorGeomError
+from spinor_geom.errors import (
+    DomainError,
+    FirstFillError,
+    OptionError,
+    SelfCrossingLoopError,
+    SingularMatrixError,
+    SpinorGeomError,
+)
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
@@ -96,7 +106,9 @@ def solve_plateau(
         OptionError: an unknown model or a value out of range.
         FirstFillError: no discrete disk over the loop was found.
         DomainError: no simple plane domain was found.
-        SingularMatrixError: the loop crosses itself or runs along itself.
+        SelfCrossingLoopError: the loop crosses or touches itself.
+        RepeatedPointError: two neighbouring points of the loop are equal.
+        SingularMatrixError: the discrete disk over the loop is degenerate.
 
     Source: Sun & Chern (2026) for the representation.
     """
@@ -106,6 +118,10 @@ def solve_plateau(
         raise OptionError(f"tolerance and max_iterations must be positive, got {tolerance} and {max_iterations}")
     if unstable not in ("leave", "keep"):
         raise OptionError(f"unknown choice for unstable {unstable!r}; choose 'leave' or 'keep'")
+    crossings = loop_crossings(loop.points)
+    if len(crossings):
+        edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
+        raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
     task = _Task.of(loop, options, tolerance, max_iterations, torch.device(device), on_iteration)
     rim = Rim(loop=loop, indices=task.network.rim)
     with one_thread():
@@ -235,6 +251,8 @@ class _Task:
             surface = found.surface.transform(scale=loop.diagonal, translation=loop.centroid)
         with clock.stage("stability"):
             stability = assess_stability(surface)
+        with clock.stage("certificates"):
+            area, crossings = area_in_domain(surface), crossing_faces(surface)
         residual = BoundaryResidual(
             rms=found.rms * loop.diagonal,
             max=found.max * loop.diagonal,
@@ -251,6 +269,8 @@ class _Task:
             matching=found.matching,
             boundary_residual=residual,
             area=found.area * loop.diagonal**2,
+            area_in_domain=area,
+            self_intersections=crossings,
             route=found.route,
             history=found.history,
             timings=clock.seconds,

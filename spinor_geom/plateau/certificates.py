@@ -1,0 +1,74 @@
+"""What a solution is checked by that was not used to find it."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from spinor_geom.domain.quadrature import rule
+from spinor_geom.mesh.intersections import is_graph, self_intersections
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# Gauss-Legendre nodes along each side of a triangle, and along and across the pieces between ∂Ω and its polygon.
+_ORDER, _ALONG, _ACROSS = 3, 4, 2
+# And on each edge of a path to a vertex.
+_PATH_ORDER = 3
+
+
+def area_in_domain(surface: SpinorSurface) -> float:
+    """Area ∫_Ω λ² dx dy by quadrature over Ω's triangles and the pieces between them and ∂Ω.
+
+    It is independent of `SpinorSurface.area`, an integral along ∂Ω. Both agree to the order of the quadrature where the
+    surface is smooth up to ∂Ω; near rough rims the triangles do not resolve λ.
+    """
+    mesh = surface.domain.triangulation
+    inner, inner_weights = _on_triangles(mesh.points[mesh.faces])
+    outer, outer_weights = _beside_polygon(surface)
+    z, weights = np.concatenate([inner, outer]), np.concatenate([inner_weights, outer_weights])
+    return float(weights @ surface.conformal_factor(z) ** 2)
+
+
+def crossing_faces(surface: SpinorSurface) -> int:
+    """Pairs of triangles that cross in the surface's mesh over Ω's triangulation.
+
+    0 says that the surface does not cross itself where that mesh would show it: over a knotted loop it has to.
+    """
+    mesh = surface.domain.triangulation
+    # whether triangles cross does not hang on the last digits
+    rough = SpinorSurface(
+        surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_PATH_ORDER
+    )
+    vertices = rough.position(mesh.points)
+    if not np.isfinite(vertices).all() or is_graph(vertices, mesh.faces, mesh.boundary_size):
+        return 0
+    return len(self_intersections(vertices, mesh.faces))
+
+
+def _on_triangles(
+    corners: Complex[np.ndarray, "f 3"],
+) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Nodes and weights on triangles: a square folded to a triangle at its first corner."""
+    gauss = rule("gauss", _ORDER)
+    u, v = np.meshgrid(gauss.nodes, gauss.nodes, indexing="ij")
+    folded = (gauss.weights[:, None] * gauss.weights * u).ravel()
+    a, b, c = corners.T[:, :, None]
+    z = a + u.ravel() * ((b - a) + v.ravel() * (c - b))
+    weights = np.imag(np.conj(b - a) * (c - a)) * folded
+    return z.ravel(), weights.ravel()
+
+
+def _beside_polygon(surface: SpinorSurface) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Nodes and signed weights between ∂Ω and the polygon of its vertices."""
+    boundary = surface.domain.boundary
+    along, across = rule("gauss", _ALONG), rule("gauss", _ACROSS)
+    t, width = boundary.parameters[:-1, None], np.diff(boundary.parameters)[:, None]
+    arc, slope = boundary.point(t + width * along.nodes), width * boundary.derivative(t + width * along.nodes)
+    side = (np.roll(boundary.vertices, -1) - boundary.vertices)[:, None]
+    chord = boundary.vertices[:, None] + side * along.nodes
+    v = across.nodes
+    z = chord[..., None] + (arc - chord)[..., None] * v
+    forwards = side[..., None] + (slope - side)[..., None] * v
+    # the outside of a boundary that runs counter-clockwise lies to its right
+    density = -np.imag(np.conj(forwards) * (arc - chord)[..., None])
+    weights = density * along.weights[:, None] * across.weights
+    return z.ravel(), weights.ravel()
