@@ -30,9 +30,11 @@ def test_both_areas_of_a_solution_agree(curve, points):
 
 
 def test_disk_over_a_knot_crosses_itself():
-    t = 2 * np.pi * np.arange(90) / 90
+    t = 2 * np.pi * np.arange(60) / 60
     knot = np.column_stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)])
-    solution = solve_plateau(BoundaryLoop.from_points(knot, corners=()), tolerance=1e-2)
+    solution = solve_plateau(
+        BoundaryLoop.from_points(knot, corners=()), tolerance=1e-2, model="cauchy", unstable="keep"
+    )
     assert solution.self_intersections > 0
     assert solution.to_dict()["self_intersections"] == solution.self_intersections
 

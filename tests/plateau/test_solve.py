@@ -203,7 +203,7 @@ def test_solution_is_json_ready():
     assert told["stability"]["verdict"] == "stable"
     assert told["converged"] is True
     assert told["route"] == solution.route == "disk"
-    assert set(told["timings"]) == {"slide", "lift", "surface", "stability"}
+    assert set(told["timings"]) == {"slide", "lift", "surface", "stability", "certificates"}
     assert told["iterations"] == len(solution.history)
 
 
@@ -229,7 +229,8 @@ def test_tolerance_that_cannot_be_met_is_said():
 def test_stages_of_the_network_are_timed():
     solution = solve_plateau(SMALL, model="cauchy")
     assert solution.route == "network"
-    assert set(solution.timings) == {"first fill", "flattening", "features", "fit", "surface", "stability"}
+    stages = {"first fill", "flattening", "features", "fit", "surface", "stability", "certificates"}
+    assert set(solution.timings) == stages
 
 
 @pytest.mark.parametrize("model", ["auto", "cauchy"])
