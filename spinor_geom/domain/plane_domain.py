@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.curve import piecewise_cubic
+from spinor_geom.mesh.curve import interpolating_spline
 
 # Panels that halve towards a corner resolve its singularity to 2⁻¹⁶ of an edge.
 _CORNER_LEVELS = 16
@@ -48,30 +48,38 @@ class Boundary(Protocol):
 
 
 class SplineBoundary:
-    """Interpolating cubic spline through the vertices by chord length, with corners where the domain has corners."""
+    """Interpolating spline through the vertices, as `mesh.curve.interpolating_spline` makes it; its corners are Ω's."""
 
-    def __init__(self, vertices: Complex[np.ndarray, " m"], corners: Bool[np.ndarray, " m"] | None = None) -> None:
+    def __init__(
+        self, vertices: Complex[np.ndarray, " m"], corners: Bool[np.ndarray, " m"] | None = None, degree: int = 3
+    ) -> None:
+        """Takes the vertices, counter-clockwise, which of them are corners of a cubic, and the degree."""
         self.vertices = np.asarray(vertices, dtype=np.complex128)
         self.corners = np.zeros(len(vertices), dtype=bool) if corners is None else np.asarray(corners, dtype=bool)
-        self.parameters, self._coefficients = piecewise_cubic(
-            np.stack([self.vertices.real, self.vertices.imag], axis=1), self.corners
+        self.degree = degree
+        self.parameters, coefficients = interpolating_spline(
+            np.stack([self.vertices.real, self.vertices.imag], axis=1), self.corners, degree
         )
+        self._coefficients = coefficients[..., 0] + 1j * coefficients[..., 1]
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(t); t is taken modulo 1."""
-        c, x = self._local(t)
-        return np.asarray(((c[0] * x + c[1]) * x + c[2]) * x + c[3])
+        return self._horner(t)[0]
 
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """dz/dt."""
-        c, x = self._local(t)
-        return np.asarray((3 * c[0] * x + 2 * c[1]) * x + c[2])
+        return self._horner(t)[1]
 
-    def _local(self, t: Float[np.ndarray, "*pts"]) -> tuple[Complex[np.ndarray, "4 *pts"], Float[np.ndarray, "*pts"]]:
+    def _horner(self, t: Float[np.ndarray, "*pts"]) -> tuple[Complex[np.ndarray, "*pts"], Complex[np.ndarray, "*pts"]]:
         t = np.mod(t, 1.0)
         piece = np.clip(np.searchsorted(self.parameters, t, side="right") - 1, 0, len(self.vertices) - 1)
-        c = self._coefficients[:, piece]
-        return c[..., 0] + 1j * c[..., 1], t - self.parameters[piece]
+        x = t - self.parameters[piece]
+        value = self._coefficients[0][piece]
+        slope = np.zeros_like(value)
+        for coefficient in self._coefficients[1:]:
+            slope = slope * x + value
+            value = value * x + coefficient[piece]
+        return value, slope
 
 
 class FourierBoundary:

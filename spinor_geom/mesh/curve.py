@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import factorial
 
 import numpy as np
@@ -23,7 +23,7 @@ DEGREES = (3, 5, 7)
 # Fewer points do not show how smooth a curve is.
 MIN_POINTS_FOR_HIGH_DEGREE = 16
 # A higher degree must predict left-out points this many times better: on rough curves it only swings.
-GAIN_PER_DEGREE = 2.0
+GAIN_PER_DEGREE = 2.5
 ARC_NODES = 6
 
 
@@ -48,8 +48,8 @@ class BoundaryCurve:
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
         """The interpolating spline through all vertices of a loop.
 
-        Without corners it is periodic, of the degree 3, 5 or 7 that predicts every second vertex best from the others:
-        smooth loops get the high orders, noisy ones the cubic. With corners it is one cubic not-a-knot spline from each
+        Without corners it is periodic, of the degree 3, 5 or 7 that predicts every second vertex best from as many of
+        the others to either side: smooth loops get the high orders, noisy ones the cubic. With corners it is one cubic not-a-knot spline from each
         corner to the next (from a single corner back to itself); a side of two or one edges is a parabola or a straight
         line.
 
@@ -59,10 +59,8 @@ class BoundaryCurve:
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
         require_distinct_neighbours(loop.points)
-        if loop.corners.any():
-            breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
-        else:
-            breaks, coefficients = _smooth_spline(loop.points)
+        degree = DEGREES[0] if loop.corners.any() else _predicting_degree(loop.points)
+        breaks, coefficients = interpolating_spline(loop.points, loop.corners, degree)
         return cls(breaks=breaks, coefficients=coefficients, corners=loop.corners)
 
     def smoothed(self, width: float) -> BoundaryCurve:
@@ -92,6 +90,17 @@ class BoundaryCurve:
         )
         return BoundaryCurve(breaks=self.breaks, coefficients=(1 - share) * first + share * last, corners=other.corners)
 
+    def placed(self, points: Float[np.ndarray, "m 3"], scale: float) -> BoundaryCurve:
+        """The curve enlarged and moved so that it goes through given points, to the last bit.
+
+        Args:
+            points: its vertices enlarged and moved.
+            scale: ratio of enlargement.
+        """
+        coefficients = scale * self.coefficients
+        coefficients[-1] = points
+        return BoundaryCurve(breaks=self.breaks, coefficients=coefficients, corners=self.corners)
+
     @property
     def corner_parameters(self) -> Float[np.ndarray, " c"]:
         """Parameters of the corners, ascending."""
@@ -117,7 +126,7 @@ class BoundaryCurve:
 
     def length(self) -> float:
         """Length of Γ in mesh units, by 16-point Gauss–Legendre quadrature on every piece."""
-        nodes, weights = np.polynomial.legendre.leggauss(LENGTH_NODES)
+        nodes, weights = _gauss_nodes(LENGTH_NODES)
         widths = np.diff(self.breaks)[:, None]
         s = self.breaks[:-1, None] + widths * (nodes + 1) / 2
         speed = np.linalg.norm(self.derivative(s), axis=-1)
@@ -193,14 +202,31 @@ class BoundaryCurve:
         return local
 
 
-def piecewise_cubic(
-    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"]
-) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "4 m k"]]:
-    """The closed interpolating cubic spline through points of any dimension, by chord length, with kinks at corners.
+def interpolating_spline(
+    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"], degree: int
+) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d_plus_1 m k"]]:
+    """The closed interpolating spline through points of any dimension.
+
+    Args:
+        points: in order.
+        corners: where a cubic has kinks; splines of higher degree have none.
+        degree: 3 by chord length, or higher and odd by the arcs of the cubic.
 
     Returns:
         Breaks from 0 to 1, and coefficients of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
     """
+    if degree == DEGREES[0]:
+        return _piecewise_cubic(points, corners)
+    breaks = _by_arcs(points)
+    spline = _periodic(breaks, points, degree)
+    powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
+    # the constant terms are the vertices themselves, to the last bit
+    return breaks, np.stack([*powers, points])
+
+
+def _piecewise_cubic(
+    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"]
+) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "4 m k"]]:
     closed = np.vstack([points, points[:1]])
     chord = np.linalg.norm(np.diff(closed, axis=0), axis=1)
     breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
@@ -212,49 +238,55 @@ def piecewise_cubic(
     return breaks, np.ascontiguousarray(coefficients)
 
 
-def _smooth_spline(
-    points: Float[np.ndarray, "m 3"],
-) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d_plus_1 m 3"]]:
-    """Breaks and coefficients of the periodic spline of the degree that suits the points."""
-    cubic = piecewise_cubic(points, np.zeros(len(points), dtype=bool))
+def _predicting_degree(points: Float[np.ndarray, "m 3"]) -> int:
+    """The degree of the local polynomials that predict every second point best from the others."""
     if len(points) < MIN_POINTS_FOR_HIGH_DEGREE:
-        return cubic
-    breaks = _by_arcs(*cubic)
+        return DEGREES[0]
+    breaks = _by_arcs(points)
     # an odd number of points leaves two neighbours next to each other; nothing is lost by that
     kept, left_out = np.arange(0, len(points) - 1, 2), np.arange(1, len(points), 2)
-    coarse = np.append(breaks[kept], 1.0)
     errors = []
     for degree in DEGREES:
-        predicted = _periodic(coarse, points[kept], degree)(breaks[left_out])
+        # as many kept points to either side: the one before point 2i + 1 is the i-th
+        near = np.arange(len(left_out))[:, None] + np.arange(degree + 1) - degree // 2
+        nodes = breaks[kept][near % len(kept)] + near // len(kept) - breaks[left_out, None]
+        predicted = np.einsum("nj,njk->nk", _lagrange_at_0(nodes), points[kept][near % len(kept)])
         errors.append(np.sqrt(np.mean((predicted - points[left_out]) ** 2)))
     best = 0
     for higher in range(1, len(DEGREES)):
         if GAIN_PER_DEGREE * errors[higher] < errors[best]:
             best = higher
-    if best == 0:
-        return cubic
-    spline, degree = _periodic(breaks, points, DEGREES[best]), DEGREES[best]
-    powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
-    # the constant terms are the vertices themselves, to the last bit
-    return breaks, np.stack([*powers, points])
+    return DEGREES[best]
 
 
-def _periodic(breaks: Float[np.ndarray, " m_plus_1"], points: Float[np.ndarray, "m 3"], degree: int) -> BSpline:
+def _lagrange_at_0(nodes: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    """Values at 0 of the polynomials that are 1 at one of k nodes and 0 at the others."""
+    own = np.eye(nodes.shape[1], dtype=bool)
+    differences = np.where(own, 1.0, nodes[:, None, :] - nodes[:, :, None])
+    return np.asarray(np.where(own, 1.0, nodes[:, None, :] / differences).prod(axis=2))
+
+
+def _periodic(breaks: Float[np.ndarray, " m_plus_1"], points: Float[np.ndarray, "m k"], degree: int) -> BSpline:
     return make_interp_spline(breaks, np.vstack([points, points[:1]]), k=degree, bc_type="periodic")
 
 
-def _by_arcs(
-    breaks: Float[np.ndarray, " m_plus_1"], coefficients: Float[np.ndarray, "4 m 3"]
-) -> Float[np.ndarray, " m_plus_1"]:
-    """The parameters of a cubic spline's breaks as shares of its arc length."""
-    a, b, c, _ = coefficients[:, :, None, :]
-    nodes, weights = np.polynomial.legendre.leggauss(ARC_NODES)
+def _by_arcs(points: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " m_plus_1"]:
+    """The parameters of points as shares of the arc length of the periodic cubic spline through them."""
+    breaks, (a, b, c, _) = _piecewise_cubic(points, np.zeros(len(points), dtype=bool))
+    nodes, weights = _gauss_nodes(ARC_NODES)
     width = np.diff(breaks)
     h = (width[:, None] * (nodes + 1) / 2)[:, :, None]
-    arcs = width / 2 * (np.linalg.norm((3 * a * h + 2 * b) * h + c, axis=2) @ weights)
+    speed = np.linalg.norm((3 * a[:, None] * h + 2 * b[:, None]) * h + c[:, None], axis=2)
+    arcs = width / 2 * (speed @ weights)
     shares = np.append(0.0, np.cumsum(arcs) / arcs.sum())
     shares[-1] = 1.0
     return shares
+
+
+@cache
+def _gauss_nodes(count: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return nodes, weights
 
 
 def _sides(

@@ -14,7 +14,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-Route = Literal["disk", "unfolded", "deformed", "flattened", "network"]
+Route = Literal["plane", "disk", "unfolded", "deformed", "flattened", "network"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,10 +106,10 @@ class PlateauSolution:
         area_in_domain: the same by quadrature in Ω, a check of the first: see `area_in_domain`.
         self_intersections: pairs of triangles that cross in the surface's mesh over Ω's triangulation; 0 where it shows
             no crossing. Every disk over a knotted loop crosses itself.
-        route: how it was found. "disk", "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the
-            unfolded least-area triangulation, on a domain that grew with the loop from an average of it, or on a
-            flattened discrete disk; p and q are a power series or Cauchy's formula. "network": Gauss-Newton for a
-            Cauchy network.
+        route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "disk",
+            "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the unfolded least-area
+            triangulation, on a domain that grew with the loop from an average of it, or on a flattened discrete disk; p
+            and q are a power series or Cauchy's formula. "network": Gauss-Newton for a Cauchy network.
         history: the steps.
         timings: wall time of each stage, in seconds.
         tolerance: RMS residual per mean edge that was asked for.

@@ -27,6 +27,7 @@ from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Budget, Cauchy, NetworkSolver, rim_indices
+from spinor_geom.plateau.plane_route import plane_disk
 from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution
 from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable
 from spinor_geom.plateau.stability import assess_stability
@@ -81,11 +82,14 @@ def solve_plateau(
 ) -> PlateauSolution | tuple[PlateauSolution, ...]:
     """A minimal disk over a closed curve: exactly minimal, its boundary on Γ as nearly as the model allows.
 
-    A discrete disk over the loop is flattened with its boundary lengths kept, which gives Ω; p and q start from the
-    disk's frames along ∂Ω and are fitted by Gauss-Newton with the slide along Γ eliminated, in up to three rounds, each
-    with more Cauchy units where the residual is. Γ is the cubic spline through all of the loop's points, with its
-    corners kept. Minimal disks need not be minima of the area: one that is unstable is left along an eigenvector of its
-    second variation for one of less area.
+    Γ is the spline through all of the loop's points, with its corners kept. A plane loop bounds the plane region inside
+    it, exactly. Loops without corners take Douglas's route: the slide along Γ that makes the harmonic disk over Ω
+    conformal, by Newton's method, and p and q from its boundary; Ω is the unit disk where that serves the loop, else a
+    domain made for it. Loops with corners, and those that route does not bring near to Γ, take a Cauchy network: a
+    discrete disk over the loop is flattened with its boundary lengths kept, which gives Ω; p and q start from the
+    disk's frames along ∂Ω and are fitted by Gauss-Newton with the slide along Γ eliminated, in rounds, each with more
+    Cauchy units where the residual is. Minimal disks need not be minima of the area: one that is unstable is left along
+    an eigenvector of its second variation for one of less area.
 
     Args:
         loop: the curve, from a mesh or `BoundaryLoop.from_points`.
@@ -110,7 +114,7 @@ def solve_plateau(
         RepeatedPointError: two neighbouring points of the loop are equal.
         SingularMatrixError: the discrete disk over the loop is degenerate.
 
-    Source: Sun & Chern (2026) for the representation.
+    Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).
     """
     require_model(model)
     options = Cauchy() if isinstance(model, str) else model
@@ -122,9 +126,11 @@ def solve_plateau(
     if len(crossings):
         edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
         raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
-    task = _Task.of(loop, options, tolerance, max_iterations, torch.device(device), on_iteration)
-    rim = Rim(loop=loop, indices=task.network.rim)
     with one_thread():
+        task = _Task.of(loop, options, tolerance, max_iterations, torch.device(device), on_iteration)
+        rim = Rim(loop=loop, indices=task.network.rim)
+        if model == "auto" and (plane := task.in_plane()) is not None:
+            return (plane,) if all_solutions else plane
         if all_solutions:
             return find_disks(rim, task.from_disk)
         solution = task.first(harmonic=model == "auto")
@@ -180,6 +186,11 @@ class _Task:
             on_iteration=on_iteration,
         )
         return cls(loop=loop, tolerance=tolerance, network=network, harmonic=harmonic)
+
+    def in_plane(self) -> PlateauSolution | None:
+        """The only solution where the loop is a simple curve in a plane."""
+        found = plane_disk(self.network.loop, self.network.curve, self.network.device, self.network.clock)
+        return None if found is None else self.solution(found)
 
     def first(self, *, harmonic: bool) -> PlateauSolution:
         """The solution from the likeliest start that meets the tolerance; the best of all where none does."""
@@ -264,7 +275,7 @@ class _Task:
         return PlateauSolution(
             surface=surface,
             loop=loop,
-            curve=BoundaryCurve.from_loop(loop),
+            curve=self.network.curve.placed(loop.points, loop.diagonal),
             domain=surface.domain,
             matching=found.matching,
             boundary_residual=residual,

@@ -27,7 +27,7 @@ from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, rebuild
 
 FORMAT = "spinor_geom.surface"
-VERSION = 2
+VERSION = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,7 +153,7 @@ def _describe_boundary(boundary: Boundary) -> tuple[dict[str, Any], dict[str, Te
         coefficients = {"boundary/coefficients": torch.tensor(boundary.coefficients)}
         return {"kind": "fourier", "count": len(boundary.vertices)}, coefficients
     if isinstance(boundary, SplineBoundary):
-        return {"kind": "spline"}, {
+        return {"kind": "spline", "degree": boundary.degree}, {
             "boundary/vertices": torch.tensor(boundary.vertices),
             "boundary/corners": torch.tensor(boundary.corners),
         }
@@ -164,7 +164,8 @@ def _read_boundary(description: Mapping[str, Any], data: Mapping[str, Tensor]) -
     if description["kind"] == "fourier":
         return FourierBoundary(data["boundary/coefficients"].numpy(), int(description["count"]))
     if description["kind"] == "spline":
-        return SplineBoundary(data["boundary/vertices"].numpy(), data["boundary/corners"].numpy())
+        corners = data["boundary/corners"].numpy()
+        return SplineBoundary(data["boundary/vertices"].numpy(), corners, int(description["degree"]))
     raise ValueError(f"unknown boundary kind {description['kind']!r}")
 
 

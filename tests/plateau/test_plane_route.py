@@ -1,0 +1,99 @@
+"""Plane loops: their own inside, exactly, whatever their shape."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from spinor_geom import gallery
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau import solve_plateau
+from spinor_geom.surface.spinor_surface import SpinorSurface
+from tests.loops import CONVEX, L_SHAPE, planar, polygon_area, slit
+
+STAR = [(np.cos(a) * r, np.sin(a) * r) for a, r in zip(np.arange(14) * np.pi / 7, [3.0, 1.0] * 7, strict=True)]
+
+
+def spiral(points: int) -> BoundaryLoop:
+    """A band that winds twice around a point."""
+    angle = np.linspace(0, 4 * np.pi, points // 2)
+    radius = 1 + 0.3 * angle
+    middle = np.exp(1j * angle)
+    z = np.concatenate([(radius + 0.2) * middle, ((radius - 0.2) * middle)[::-1]])
+    return BoundaryLoop.from_points(np.column_stack([z.real, z.imag, 0 * z.real]))
+
+
+def moved(loop: BoundaryLoop, seed: int, scale: float) -> BoundaryLoop:
+    rotation = Rotation.random(random_state=seed).as_matrix()
+    corners = np.flatnonzero(loop.corners)
+    return BoundaryLoop.from_points(scale * (loop.points @ rotation.T) + [1, -2, 3], corners=corners)
+
+
+@pytest.mark.parametrize("corners", [CONVEX, L_SHAPE, STAR], ids=["convex", "L", "star"])
+@given(seed=st.integers(0, 1000), scale=st.floats(1e-3, 1e3))
+def test_polygons_are_exact(corners, seed, scale):
+    solution = solve_plateau(moved(planar(corners, 40), seed, scale), tolerance=1e-10)
+    assert solution.route == "plane"
+    assert solution.converged
+    assert abs(solution.area / (scale**2 * polygon_area(corners)) - 1) < 1e-11
+    assert abs(solution.area_in_domain / solution.area - 1) < 1e-11
+    assert solution.stability.verdict == "stable"
+
+
+@pytest.mark.parametrize(("ratio", "points"), [(2, 100), (8, 100), (32, 400)])
+def test_ellipses_are_as_good_as_their_spline(ratio, points):
+    loop = moved(gallery.ellipse(ratio).sample(points), 3, 7.0)
+    solution = solve_plateau(loop, tolerance=1e-8)
+    assert (solution.route, solution.converged) == ("plane", True)
+    t = np.linspace(0, 1, 1000)
+    on_curve = solution.surface.position(solution.domain.boundary.point(t))
+    assert np.abs(on_curve - solution.curve.point(t)).max() < 1e-12 * loop.diagonal
+    assert abs(solution.area / (49 * np.pi * ratio) - 1) < 1e-7 * (400 / points) ** 4
+
+
+@pytest.mark.parametrize("loop", [slit(), spiral(300)], ids=["slit", "spiral"])
+def test_narrow_regions_need_no_other_domain(loop):
+    solution = solve_plateau(loop)
+    assert solution.route == "plane"
+    assert solution.boundary_residual.rms_per_edge < 1e-12
+    assert abs(solution.area_in_domain / solution.area - 1) < 1e-10
+
+
+def test_normals_follow_the_loop():
+    loop = planar(L_SHAPE, 40)
+    turned = BoundaryLoop.from_points(loop.points[::-1])
+    for given, up in ((loop, 1.0), (turned, -1.0)):
+        solution = solve_plateau(given)
+        assert np.allclose(solution.surface.normal(solution.domain.triangulation.points), [0, 0, up], atol=1e-14)
+
+
+def test_the_loops_points_are_found_in_the_domain():
+    solution = solve_plateau(moved(planar(STAR, 60), 1, 2.0))
+    on_rim = solution.surface.position(solution.loop_points_in_domain())
+    assert np.abs(on_rim - solution.loop.points).max() < 1e-13 * solution.loop.diagonal
+
+
+def test_there_is_no_other_disk():
+    assert [s.route for s in solve_plateau(gallery.ellipse(2).sample(40), all_solutions=True)] == ["plane"]
+
+
+def test_a_spline_that_crosses_itself_goes_elsewhere():
+    # two long thin lobes: the spline through so few points swings across itself
+    points = np.array(
+        [(0, 0, 0), (10, 0.02, 0), (10, 0.03, 0), (0.1, 0.05, 0), (10, 0.07, 0), (10, 0.08, 0), (0, 0.1, 0)]
+    )
+    solution = solve_plateau(BoundaryLoop.from_points(points))
+    assert solution.route != "plane"
+
+
+def test_loops_of_high_degree_are_read_again(tmp_path):
+    solution = solve_plateau(gallery.ellipse(2).sample(100))
+    assert solution.curve.degree > 3
+    solution.surface.save(tmp_path / "s.safetensors")
+    again = SpinorSurface.load(tmp_path / "s.safetensors")
+    t = np.linspace(0, 1, 50)
+    assert (again.domain.boundary.point(t) == solution.domain.boundary.point(t)).all()
+    assert again.area() == solution.surface.area()
