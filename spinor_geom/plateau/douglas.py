@@ -5,12 +5,13 @@ At a stationary slide the harmonic surface is conformal, hence minimal.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
@@ -64,173 +65,252 @@ def minimise_dirichlet_energy(
     near: bool = False,
     on_step: Callable[[float], None] | None = None,
 ) -> HarmonicDisk:
-    """Newton's method with conjugate gradients for the slide, all of it by fast Fourier transforms.
+    """The slide of one curve: see `minimise_dirichlet_energies`."""
+    batch = CurveTensors(breaks=curve.breaks[None], coefficients=curve.coefficients[:, None])
+
+    def heard(_: int, gradient: float) -> None:
+        if on_step is not None:
+            on_step(gradient)
+
+    (disk,) = minimise_dirichlet_energies(
+        batch, form, slide[None], tolerances=[tolerance], max_steps=max_steps, near=near, on_step=heard
+    )
+    return disk
+
+
+def minimise_dirichlet_energies(
+    curves: CurveTensors,
+    form: DirichletForm,
+    slides: Float[Tensor, "b n"],
+    *,
+    tolerances: Sequence[float],
+    max_steps: int,
+    near: bool = False,
+    on_step: Callable[[int, float], None] | None = None,
+) -> tuple[HarmonicDisk, ...]:
+    """Newton's method with conjugate gradients for the slides of several curves, all of it by fast Fourier transforms.
 
     The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself leave it as it is, so its Hessian is singular
     at a solution; a small multiple of the projection on {1, cos 2πt, sin 2πt}, which those maps change, is added to it
     and takes nothing from the solution. A step is taken along s by factors of the increments, so that s stays
-    increasing.
+    increasing. The curves do not know of each other; together they take little longer than the slowest of them where n
+    is small.
 
     Args:
-        curve: Γ.
-        form: Λ.
-        slide: start at t = j/n, increasing around the circle.
-        tolerance: gradient, as in `HarmonicDisk`, at which to stop.
-        max_steps: limit on Newton steps.
-        near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
-        on_step: is called with the gradient at the start of each step.
+        curves: a batch of b curves.
+        form: Λ, for all of them.
+        slides: starts at t = j/n, increasing around the circle.
+        tolerances: (b,), gradient, as in `HarmonicDisk`, at which each is to stop.
+        max_steps: limit on each one's Newton steps.
+        near: whether the starts are near to solutions, so that plain Newton steps may be taken at once.
+        on_step: is called with each unfinished curve's number and its gradient at the start of each step.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
     """
-    problem = _Problem.of(curve, form, slide)
-    state = problem.state(slide)
-    reflection, steps, crowded, sizes = 0.0 if near else 1.0, 0, False, [np.inf]
-    while True:
+    disks: list[HarmonicDisk | None] = [None] * len(slides)
+    problem = _Problem.of(curves, form, slides)
+    state, limits = problem.state(slides), slides.new_tensor(tolerances)
+    number = torch.arange(len(slides), device=slides.device)
+    reflection = torch.full_like(limits, 0.0 if near else 1.0)
+    stuck = torch.zeros_like(number, dtype=torch.bool)
+    recent = torch.full((len(slides), _PATIENCE), torch.inf, dtype=slides.dtype, device=slides.device)
+    for steps in itertools.count():
         gradient = problem.gradient(state)
-        size = float((gradient.square().mean() / state.force.square().mul(state.speed2).mean()).sqrt())
-        crowded = float(state.increments.max()) * len(slide) > _CROWDED
+        size = (gradient.square().mean(-1) / (state.force.square() * state.speed2).mean(-1)).sqrt()
+        crowded = state.increments.amax(-1) * slides.shape[1] > _CROWDED
         # what is left once it stays as it is belongs to conformal maps of Ω, to which the samples are not quite blind
-        stays = size < _SMALL_GRADIENT and size > min(sizes[-_PATIENCE:]) / 2
-        if not size > tolerance or stays or steps >= max_steps or crowded:
+        stays = (size < _SMALL_GRADIENT) & (size > recent.amin(-1) / 2)
+        finished = ~(size > limits) | stays | stuck | crowded
+        if steps >= max_steps:
+            finished[:] = True
+        for i in finished.nonzero()[:, 0].tolist():
+            disks[int(number[i])] = HarmonicDisk(
+                slide=state.slide[i],
+                points=state.points[i],
+                energy=float(state.energy[i]) * 2 * torch.pi / slides.shape[1],
+                gradient=float(size[i]),
+                steps=steps,
+                crowded=bool(crowded[i]),
+            )
+        if finished.all():
             break
+        if finished.any():
+            rest = (~finished).nonzero()[:, 0]
+            problem, state, number, limits = problem.at(rest), state.at(rest), number[rest], limits[rest]
+            gradient, size, reflection, recent = gradient[rest], size[rest], reflection[rest], recent[rest]
         if on_step is not None:
-            on_step(size)
-        sizes = [*sizes, size] if reflection == 0 else [np.inf]
-        direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=min(0.1, size))
-        moved, full = problem.line_search(state, direction)
-        steps += 1
-        if moved is None:
-            if reflection >= 1:
-                break
-            reflection = min(1.0, max(_REFLECT_MORE * reflection, 0.1))
-            continue
-        if downwards:
-            reflection = min(1.0, max(_REFLECT_MORE * reflection, 10 * _LEAST_REFLECTION))
-        elif full:
-            reflection = reflection / _REFLECT_MORE if reflection > _LEAST_REFLECTION else 0.0
-        state = moved
-    return HarmonicDisk(
-        slide=state.slide,
-        points=state.points,
-        energy=state.energy * 2 * torch.pi / len(slide),
-        gradient=size,
-        steps=steps,
-        crowded=crowded,
-    )
+            for i, value in zip(number.tolist(), size.tolist(), strict=True):
+                on_step(i, value)
+        recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
+        recent[reflection != 0] = torch.inf
+        direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=size.clamp(max=0.1))
+        state, moved, full = problem.line_search(state, direction)
+        stuck = ~moved & (reflection >= 1)
+        more = torch.where(moved, 10 * _LEAST_REFLECTION, 0.1)
+        less = torch.where(reflection > _LEAST_REFLECTION, reflection / _REFLECT_MORE, 0.0)
+        reflection = torch.where(
+            ~moved | downwards,
+            torch.maximum(_REFLECT_MORE * reflection, more).clamp(max=1.0),
+            torch.where(full, less, reflection),
+        )
+    return tuple(disk for disk in disks if disk is not None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _State:
-    slide: Tensor
-    points: Tensor
-    tangent: Tensor  # Γ', (n, 3)
-    bend: Tensor  # Γ''·ΛX, (n,)
-    normal_derivative: Tensor  # ΛX, (n, 3)
-    energy: float
+    slide: Tensor  # (b, n)
+    points: Tensor  # (b, n, 3)
+    tangent: Tensor  # Γ', (b, n, 3)
+    bend: Tensor  # Γ''·ΛX, (b, n)
+    normal_derivative: Tensor  # ΛX, (b, n, 3)
+    energy: Tensor  # (b,)
+
+    def at(self, which: Int[Tensor, " k"]) -> _State:
+        return _State(**{name: value[which] for name, value in vars(self).items()})
+
+    def replaced(self, which: Int[Tensor, " k"], other: _State) -> _State:
+        """With the states of some curves from another."""
+        return _State(**{name: value.index_copy(0, which, vars(other)[name]) for name, value in vars(self).items()})
 
     @property
-    def increments(self) -> Float[Tensor, " n"]:
+    def increments(self) -> Float[Tensor, "b n"]:
         """s_{j+1} − s_j; their sum is 1."""
-        return torch.diff(self.slide, append=self.slide[:1] + 1)
+        return torch.diff(self.slide, append=self.slide[:, :1] + 1)
 
     @property
-    def speed2(self) -> Float[Tensor, " n"]:
+    def speed2(self) -> Float[Tensor, "b n"]:
         return self.tangent.square().sum(-1)
 
     @property
-    def force(self) -> Float[Tensor, " n"]:
+    def force(self) -> Float[Tensor, "b n"]:
         return self.normal_derivative.square().sum(-1).sqrt()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Problem:
-    curve: CurveTensors
+    curves: CurveTensors
     form: DirichletForm
     gauge: Tensor  # (n, 3), orthonormal columns 1, cos, sin
-    stiffness: float  # of the gauge
+    stiffness: Tensor  # (b, 1), of the gauge
 
     @classmethod
-    def of(cls, curve: CurveTensors, form: DirichletForm, slide: Float[Tensor, " n"]) -> _Problem:
-        n = len(slide)
-        angle = 2 * torch.pi * torch.arange(n, dtype=slide.dtype, device=slide.device) / n
+    def of(cls, curves: CurveTensors, form: DirichletForm, slides: Float[Tensor, "b n"]) -> _Problem:
+        n = slides.shape[1]
+        angle = 2 * torch.pi * torch.arange(n, dtype=slides.dtype, device=slides.device) / n
         columns = torch.stack([torch.ones_like(angle), 2**0.5 * angle.cos(), 2**0.5 * angle.sin()], dim=-1) / n**0.5
-        _, tangent, _ = curve.point_and_derivatives(slide)
-        stiffness = _GAUGE_STIFFNESS * float(tangent.square().sum(-1).mean())
-        return cls(curve=curve, form=form, gauge=columns, stiffness=stiffness)
+        _, tangent, _ = curves.point_and_derivatives(slides)
+        stiffness = _GAUGE_STIFFNESS * tangent.square().sum(-1).mean(-1, keepdim=True)
+        return cls(curves=curves, form=form, gauge=columns, stiffness=stiffness)
 
-    def state(self, slide: Float[Tensor, " n"]) -> _State:
-        points, tangent, second = self.curve.point_and_derivatives(slide)
+    def at(self, which: Int[Tensor, " k"]) -> _Problem:
+        return replace(self, curves=self.curves.at(which), stiffness=self.stiffness[which])
+
+    def state(self, slides: Float[Tensor, "b n"]) -> _State:
+        points, tangent, second = self.curves.point_and_derivatives(slides)
         normal = self.form(points)
         return _State(
-            slide=slide,
+            slide=slides,
             points=points,
             tangent=tangent,
             bend=(second * normal).sum(-1),
             normal_derivative=normal,
-            energy=float(0.5 * (points * normal).sum()),
+            energy=0.5 * (points * normal).sum((-2, -1)),
         )
 
-    def gradient(self, state: _State) -> Float[Tensor, " n"]:
+    def gradient(self, state: _State) -> Float[Tensor, "b n"]:
         return (state.normal_derivative * state.tangent).sum(-1)
 
     def newton_direction(
-        self, state: _State, gradient: Float[Tensor, " n"], reflection: float, *, forcing: float
-    ) -> tuple[Float[Tensor, " n"], bool]:
-        """Conjugate gradients on the Hessian; stops where it curves downwards and says so.
+        self, state: _State, gradient: Float[Tensor, "b n"], reflection: Float[Tensor, " b"], *, forcing: Float[Tensor, " b"]
+    ) -> tuple[Float[Tensor, "b n"], Bool[Tensor, " b"]]:
+        """Conjugate gradients on the Hessian; each stops where it curves downwards and says so.
 
         Where Γ bends towards the inside the Hessian's diagonal part is negative. Far from a solution that is taken with
         the opposite sign, times `reflection`: many rough places that each want another step do not hold each other up.
         """
-        tangent, n = state.tangent, len(gradient)
-        bend = state.bend + 2 * reflection * (-state.bend).clamp(min=0)
+        tangent, n = state.tangent, gradient.shape[1]
+        bend = state.bend + 2 * reflection[:, None] * (-state.bend).clamp(min=0)
         speed = state.speed2.sqrt()
         symbol = 1 / (torch.arange(n // 2 + 1, dtype=gradient.dtype, device=gradient.device) + 0.5)
 
-        def hessian(v: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-            stretched = (tangent * self.form(tangent * v[:, None])).sum(-1)
-            return stretched + bend * v + self.stiffness * (self.gauge @ (self.gauge.T @ v))
+        def hessian(v: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
+            stretched = (tangent * self.form(tangent * v[..., None])).sum(-1)
+            return stretched + bend * v + self.stiffness * ((v @ self.gauge) @ self.gauge.T)
 
-        def precondition(v: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        def precondition(v: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
             smooth: Tensor = torch.fft.irfft(torch.fft.rfft(v / speed) * symbol, n=n)
             return smooth / speed
 
         x, rest = torch.zeros_like(gradient), -gradient
         z = precondition(rest)
-        along, metric, size = z, rest, float(rest @ z)
-        enough = forcing**2 * size
-        for _ in range(_MAX_CG_STEPS):
+        along, metric, size = z, rest, _dot(rest, z)
+        enough = forcing[:, None] ** 2 * size
+        unfinished = torch.ones_like(size, dtype=torch.bool)
+        downwards = torch.zeros_like(unfinished)
+        for step in range(_MAX_CG_STEPS):
             image = hessian(along)
-            curvature = float(along @ image)
-            scale = float(along @ metric)
-            if curvature <= _FLAT * scale:
-                # a flat direction is a conformal map of Ω: it has nothing to give and does not disturb the others
-                return (x if x.any() else z), curvature < -_FLAT * scale
-            x = x + (size / curvature) * along
-            rest = rest - (size / curvature) * image
+            curvature, scale = _dot(along, image), _dot(along, metric)
+            flat = unfinished & (curvature <= _FLAT * scale)
+            # a flat direction is a conformal map of Ω: it has nothing to give and does not disturb the others
+            downwards |= flat & (curvature < -_FLAT * scale)
+            unfinished &= ~flat
+            if step == 0:
+                x = torch.where(flat, z, x)
+            length = torch.where(unfinished, size / curvature, 0.0)
+            x = x + length * along
+            rest = rest - length * image
             z = precondition(rest)
-            before, size = size, float(rest @ z)
-            if size < enough:
+            before, size = size, _dot(rest, z)
+            unfinished &= ~(size < enough)
+            if not unfinished.any():
                 break
-            along, metric = z + (size / before) * along, rest + (size / before) * metric
-        return x, False
+            ratio = torch.where(unfinished, size / before, 0.0)
+            along, metric = z + ratio * along, rest + ratio * metric
+        return x, downwards[:, 0]
 
-    def line_search(self, state: _State, direction: Float[Tensor, " n"]) -> tuple[_State | None, bool]:
-        """The longest of the steps 1, ½, ¼, … that does not raise the energy, and whether it is the first."""
-        increments = state.increments
-        change = torch.diff(direction, append=direction[:1]) / increments.clamp(min=1e-300)
-        length = 1.0
+    def line_search(
+        self, state: _State, direction: Float[Tensor, "b n"]
+    ) -> tuple[_State, Bool[Tensor, " b"], Bool[Tensor, " b"]]:
+        """The longest of the steps 1, ½, ¼, … that does not raise the energy.
+
+        Returns:
+            The states after it, which of them moved, and which by the first of those steps.
+        """
+        start, moved, which = state, torch.zeros_like(state.energy, dtype=torch.bool), None
+        full = moved
         for halving in range(_MAX_HALVINGS):
-            factor = torch.where(
-                change < 0, (length * change).clamp(min=-_LARGEST_SHRINKAGE).exp(), 1 + length * change
+            problem, before, along = (
+                (self, start, direction) if which is None else (self.at(which), start.at(which), direction[which])
             )
-            moved = increments * factor
-            slide = torch.cat([moved.new_zeros(1), (moved / moved.sum()).cumsum(0)[:-1]])
-            slide = slide + (state.slide + length * direction - slide).mean()
-            trial = self.state(slide)
-            if trial.energy <= state.energy + 1e-13 * abs(state.energy):
-                return trial, halving == 0
-            length /= 2
-        return None, False
+            trial = problem.state(_moved(before, along, 0.5**halving))
+            lower = trial.energy <= before.energy + 1e-13 * before.energy.abs()
+            if which is None:
+                full = moved = lower
+                if lower.all():
+                    return trial, moved, full
+                which = torch.arange(len(lower), device=lower.device)
+            taken = which[lower]
+            state = state.replaced(taken, trial.at(lower.nonzero()[:, 0]))
+            moved = moved.index_fill(0, taken, value=True)
+            which = which[~lower]
+            if not len(which):
+                break
+        return state, moved, full
+
+
+def _moved(state: _State, direction: Float[Tensor, "b n"], length: float) -> Float[Tensor, "b n"]:
+    """The slides after a step of a given length, increasing."""
+    increments = state.increments
+    change = length * torch.diff(direction, append=direction[:, :1]) / increments.clamp(min=1e-300)
+    factor = torch.where(change < 0, change.clamp(min=-_LARGEST_SHRINKAGE).exp(), 1 + change)
+    moved = increments * factor
+    share = (moved / moved.sum(-1, keepdim=True)).cumsum(-1)[:, :-1]
+    slide = torch.nn.functional.pad(share, (1, 0))
+    return slide + (state.slide + length * direction - slide).mean(-1, keepdim=True)
+
+
+def _dot(a: Float[Tensor, "b n"], b: Float[Tensor, "b n"]) -> Float[Tensor, "b 1"]:
+    return torch.linalg.vecdot(a, b)[:, None]
 
 
 def resampled(slide: Float[Tensor, " m"], n: int) -> Float[Tensor, " n"]:

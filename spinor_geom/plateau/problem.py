@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
@@ -18,10 +20,15 @@ from spinor_geom.surface.formulas import phi
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveTensors:
-    """Γ as tensors: breaks (M + 1,) and coefficients (d + 1, M, 3), highest power first."""
+    """Γ as tensors, or several curves as a batch, the shorter ones filled up.
 
-    breaks: Float[Tensor, " m1"]
-    coefficients: Float[Tensor, "d1 m 3"]
+    Attributes:
+        breaks: (*batch, M + 1); 2 after the last break of a shorter curve.
+        coefficients: (d + 1, *batch, M, 3), highest power first; 0 above the degree of a curve of a lower one.
+    """
+
+    breaks: Float[Tensor, "*batch m1"]
+    coefficients: Float[Tensor, "d1 *batch m 3"]
 
     @classmethod
     def of(cls, curve: BoundaryCurve, device: torch.device) -> CurveTensors:
@@ -31,14 +38,52 @@ class CurveTensors:
             coefficients=torch.tensor(curve.coefficients, device=device),
         )
 
+    @classmethod
+    def batch(cls, curves: Sequence[CurveTensors]) -> CurveTensors:
+        """Several curves, each without a batch, as one batch."""
+        most = max(len(curve.breaks) for curve in curves)
+        highest = max(len(curve.coefficients) for curve in curves)
+        breaks = [torch.nn.functional.pad(curve.breaks, (0, most - len(curve.breaks)), value=2.0) for curve in curves]
+        coefficients = [
+            torch.nn.functional.pad(
+                curve.coefficients, (0, 0, 0, most - len(curve.breaks), highest - len(curve.coefficients), 0)
+            )
+            for curve in curves
+        ]
+        return cls(breaks=torch.stack(breaks), coefficients=torch.stack(coefficients, dim=1))
+
+    def at(self, which: Int[Tensor, " k"]) -> CurveTensors:
+        """Some curves of a batch."""
+        return CurveTensors(breaks=self.breaks[which], coefficients=self.coefficients[:, which])
+
+    @cached_property
+    def _last_piece(self) -> Int[Tensor, "*batch 1"]:
+        return (self.breaks <= 1).sum(-1, keepdim=True) - 2
+
+    @cached_property
+    def _first_piece(self) -> Int[Tensor, "*batch 1"]:
+        """Number of each curve's first piece among the pieces of all."""
+        shape = self.breaks.shape[:-1]
+        number = torch.arange(shape.numel(), device=self.breaks.device) * (self.breaks.shape[-1] - 1)
+        return number.reshape(*shape, 1)
+
+    @cached_property
+    def _starts(self) -> Float[Tensor, " k"]:
+        return self.breaks[..., :-1].flatten()
+
+    @cached_property
+    def _pieces(self) -> Float[Tensor, "d1 k 3"]:
+        return self.coefficients.reshape(len(self.coefficients), -1, 3)
+
     def point_and_derivatives(
         self, s: Float[Tensor, "*pts"]
     ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
-        """Γ(s), Γ'(s) and Γ''(s); s is taken modulo 1."""
+        """Γ(s), Γ'(s) and Γ''(s); s is taken modulo 1, of shape (*batch, n) for a batch."""
         s = torch.remainder(s, 1.0)
-        piece = (torch.searchsorted(self.breaks, s, right=True) - 1).clamp(0, len(self.breaks) - 2)
-        h = (s - self.breaks[piece])[..., None]
-        local = self.coefficients[:, piece]
+        piece = torch.minimum((torch.searchsorted(self.breaks, s, right=True) - 1).clamp(min=0), self._last_piece)
+        piece = piece + self._first_piece
+        h = (s - self._starts[piece])[..., None]
+        local = self._pieces[:, piece]
         value = local[0]
         first = second = torch.zeros_like(value)
         for coefficient in local[1:]:
@@ -47,7 +92,7 @@ class CurveTensors:
             value = value * h + coefficient
         return value, first, 2 * second
 
-    def point_and_derivative(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+    def point_and_derivative(self, s: Float[Tensor, "*pts"]) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
         """Γ(s) and Γ'(s); s is taken modulo 1."""
         point, first, _ = self.point_and_derivatives(s)
         return point, first

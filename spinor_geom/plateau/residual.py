@@ -14,7 +14,8 @@ from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.network import Discretisation, interpolate_matching
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 
-_PROJECTION_STEPS = 5
+# Gauss-Newton steps of a projection, and the last one's length from which on more of them change nothing.
+_PROJECTION_STEPS, _STILL = 5, 1e-10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,4 +64,6 @@ def projected(
         point, tangent = curve.point_and_derivative(slide)
         move = ((r - point) * tangent).sum(1) / tangent.square().sum(1)
         slide = slide + move.clamp(-limit, limit)
+        if float(move.abs().max()) < _STILL:
+            break
     return slide

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 
 from spinor_geom import gallery
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.douglas import _Problem, band_limited, minimise_dirichlet_energy, resampled
+from spinor_geom.plateau.douglas import (
+    _Problem,
+    band_limited,
+    minimise_dirichlet_energies,
+    minimise_dirichlet_energy,
+    resampled,
+)
+from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse
 from tests.plateau.slides import DISK, PEANUT, ellipse, even, form_of, increments, tensors
 from tests.strategies import SEEDS
@@ -81,14 +88,15 @@ def test_plane_ellipses_have_their_area(ratio):
 @every_form
 def test_gradient_is_the_difference_quotient_of_the_energy(form):
     t = even(512)
-    slide, problem = t + 0.02 * torch.sin(2 * np.pi * t + 1), _Problem.of(SEAM, form, t)
-    gradient = problem.gradient(problem.state(slide))
+    slide, problem = t + 0.02 * torch.sin(2 * np.pi * t + 1), _Problem.of(CurveTensors.batch([SEAM]), form, t[None])
+    (gradient,) = problem.gradient(problem.state(slide[None]))
     random = np.random.default_rng(0)
     for _ in range(4):
         # smooth directions: the third derivative of the energy along them is no larger than the first
         v = torch.tensor(np.fft.irfft(random.normal(size=20) + 1j * random.normal(size=20), n=512) * 512)
         h = 1e-6
-        quotient = (problem.state(slide + h * v).energy - problem.state(slide - h * v).energy) / (2 * h)
+        energies = [problem.state((slide + sign * h * v)[None]).energy for sign in (1, -1)]
+        quotient = float(energies[0] - energies[1]) / (2 * h)
         assert abs(quotient - float(gradient @ v)) < 1e-6 * float(gradient.norm() * v.norm())
 
 
@@ -122,13 +130,12 @@ def test_slide_increases_and_energy_falls_at_every_step(seed, curve):
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_no_step_is_too_long_for_the_slide_to_increase(size):
     t = even(256)
-    problem = _Problem.of(SEAM, DISK, t)
-    state = problem.state(t + 0.05 * torch.sin(2 * np.pi * t))
+    problem = _Problem.of(CurveTensors.batch([SEAM]), DISK, t[None])
+    state = problem.state((t + 0.05 * torch.sin(2 * np.pi * t))[None])
     direction = torch.tensor(np.random.default_rng(0).normal(size=256)) - 0.5 * problem.gradient(state)
-    moved, _ = problem.line_search(state, size * direction)
-    if moved is not None:
-        assert (increments(moved.slide) > 0).all()
-        assert moved.energy <= state.energy * (1 + 1e-12)
+    moved, _, _ = problem.line_search(state, size * direction)
+    assert (increments(moved.slide[0]) > 0).all()
+    assert float(moved.energy) <= float(state.energy) * (1 + 1e-12)
 
 
 def test_slide_that_is_a_solution_stays_bit_for_bit():
@@ -143,6 +150,44 @@ def test_every_step_is_told_and_their_number_is_limited():
     disk = solved(NOISY, DISK, even(480), max_steps=3, on_step=sizes.append)
     assert disk.steps == len(sizes) == 3
     assert disk.gradient > 1e-12
+
+
+# --- several curves at once -------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=10)
+@given(seed=SEEDS, tolerance=st.sampled_from([1e-4, 1e-10]))
+def test_curves_of_a_batch_do_not_know_of_each_other(seed, tolerance):
+    random = np.random.default_rng(seed)
+    loops = [gallery.random_curve(int(random.integers(50))).sample(int(random.integers(20, 90))) for _ in range(3)]
+    loops += [gallery.tennis_seam(0.8).sample(64), BoundaryLoop.from_points(random.normal(size=(3, 3)))]
+    curves = [tensors(loop) for loop in loops]
+    told = [[] for _ in curves]
+    together = minimise_dirichlet_energies(
+        CurveTensors.batch(curves),
+        DISK,
+        even(256).expand(len(curves), -1),
+        tolerances=[tolerance] * len(curves),
+        max_steps=25,
+        on_step=lambda i, gradient: told[i].append(gradient),
+    )
+    for curve, disk, gradients in zip(curves, together, told, strict=True):
+        alone = solved(curve, DISK, even(256), tolerance=tolerance, max_steps=25)
+        assert (disk.crowded, disk.steps) == (alone.crowded, alone.steps)
+        assert len(gradients) == disk.steps
+        torch.testing.assert_close(disk.slide, alone.slide, rtol=0, atol=1e-7)
+        assert abs(disk.energy / alone.energy - 1) < 1e-9
+
+
+def test_curves_of_a_batch_may_have_other_degrees_and_sizes():
+    curves = [tensors(gallery.tennis_seam(0.8).sample(n)) for n in (12, 64, 200)]
+    assert len({len(curve.coefficients) for curve in curves}) > 1
+    s = torch.cat([even(50), torch.tensor([-1e-18, 1.0, 0.999999999999, 3.2])])
+    batch = CurveTensors.batch(curves)
+    every = batch.point_and_derivatives(s.expand(3, -1))
+    for i, curve in enumerate(curves):
+        for values, own in zip(every, curve.point_and_derivatives(s), strict=True):
+            torch.testing.assert_close(values[i], own)
 
 
 # --- gauge ------------------------------------------------------------------------------------------------------------

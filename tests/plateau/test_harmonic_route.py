@@ -15,7 +15,7 @@ from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.surface.formulas import phi
-from tests.loops import CONVEX, noisy_ellipse, planar
+from tests.loops import noisy_ellipse
 from tests.plateau.slides import CPU
 
 SEAM_AREA = 4.36461878664500
