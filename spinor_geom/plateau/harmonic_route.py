@@ -48,8 +48,10 @@ _DISK_ELONGATION = 2.5
 # Points that Ω is made from, and most vertices of it.
 _FEWEST_POINTS, _POINTS = 32, 128
 # Steps of ∂Ω for each of them, and the width, in points, of the Gaussian that rounds ∂Ω: it has to be analytic.
-_STEPS_PER_POINT = 4
-_ROUNDING_ROUGH, _ROUNDING_SMOOTH = 0.7, 0.35
+_STEPS_PER_POINT, _STEPS_PER_POINT_FINE = 4, 8
+_ROUNDING_ROUGH, _ROUNDING_SMOOTH, _ROUNDING_FINE = 0.7, 0.35, 0.2
+# Width of a loop, as a density of nodes, from which its fingers want the fine ∂Ω: on a coarser one they close up.
+_NARROW = 1.7
 # Gaussian width, in points, of the smooth loop that a rough one is deformed from, and the number of deformations.
 _SMOOTHING = 2.0
 # Ratio of consecutive widths from there to as many edges, and nodes on each width.
@@ -57,8 +59,6 @@ _WIDTH_RATIO, _NODES_PER_WIDTH = 4.0, 8.0
 _DEFORMATIONS = 4
 # Width of the Gaussian, as a share of the loop, that leaves of it not much more than an ellipse.
 _WIDEST = 0.25
-# Domains that are tried besides the disk.
-_MOST_STARTS = 2
 # Shares of a new flattening that are tried until Ω is simple.
 _SHARES_OF_FLATTENING = (1.0, 0.7, 0.4)
 # Nodes per edge of a rough loop that a distance from Γ, in edges, is met with as a rule; smooth loops start with one.
@@ -135,10 +135,6 @@ class HarmonicSolver:
         return self._turning < _RAGGED_TURN or len(self.loop) > _LONG
 
     @property
-    def _rounding(self) -> float:
-        return _ROUNDING_ROUGH if self._rough else _ROUNDING_SMOOTH
-
-    @property
     def _first_per_edge(self) -> int:
         if not self._rough:
             return 1
@@ -153,20 +149,40 @@ class HarmonicSolver:
     def _count(self) -> int:
         return int(np.clip(len(self.loop), _FEWEST_POINTS, _POINTS))
 
+    @cached_property
+    def _density(self) -> NodeDensity:
+        return NodeDensity(self.curve, self._count)
+
+    @property
+    def _is_narrow(self) -> bool:
+        return self._density.narrowest > _NARROW
+
+    @property
+    def _coarse(self) -> _Shape:
+        rounding = _ROUNDING_ROUGH if self._rough else _ROUNDING_SMOOTH
+        return _Shape(density=self._density, steps_per_point=_STEPS_PER_POINT, rounding=rounding)
+
+    @property
+    def _fine(self) -> _Shape:
+        return _Shape(density=self._density, steps_per_point=_STEPS_PER_POINT_FINE, rounding=_ROUNDING_FINE)
+
     def tries(self) -> Iterator[Found]:
         """A minimal disk on one Ω after the other, the cheapest first, for the caller to take or leave."""
         if not self._rough and self.loop.elongation < _DISK_ELONGATION:
             disk = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
             even = torch.arange(_FEWEST_NODES, dtype=torch.float64, device=self.device) / _FEWEST_NODES
             yield from self._fitted(disk, even, "disk", None)
-        shape = _Shape.of(self.curve, int(np.clip(len(self.loop), _FEWEST_POINTS, _POINTS)))
-        near, far = self._near(shape), self._far(shape)
-        way, started = [*far, *near], 0
-        for start in range(len(far), -1, -1):
-            form = self._unfolded(way[start].curve, shape)
-            if form is not None and started < _MOST_STARTS:
-                started += 1
-                yield from self._deformed(way[start:], form, shape, "unfolded" if start == len(far) else "deformed")
+        for shape in (self._fine,) if self._is_narrow else (self._coarse, self._fine):
+            way = self._near(shape)
+            form = self._unfolded(way[0].curve, shape)
+            if form is not None:
+                yield from self._deformed(way, form, shape, "unfolded")
+        far, near = self._far(self._coarse), self._near(self._coarse)
+        for start in reversed(range(len(far))):
+            form = self._unfolded(far[start].curve, self._coarse)
+            if form is not None:
+                yield from self._deformed([*far[start:], *near], form, self._coarse, "deformed")
+                return
 
     def tries_from(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Iterator[Found]:
         """The minimal disk of less energy that a discrete disk leads to, on its flattening.
@@ -175,15 +191,13 @@ class HarmonicSolver:
             disk: over the loop at unit size.
             rim: indices of the loop's points that are its boundary vertices.
         """
-        shape = _Shape.of(self.curve, int(np.clip(len(self.loop), _FEWEST_POINTS, _POINTS)))
+        shape = self._fine if self._is_narrow else self._coarse
         t = shape.density.parameter(self.curve.breaks[rim])
         try:
             with self.clock.stage("flattening"):
                 polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
                 form = resolved_form(
-                    rounded_boundary(
-                        polygon, t, steps=shape.steps, width=self._rounding / shape.points, count=self._count
-                    ),
+                    rounded_boundary(polygon, t, steps=shape.steps, width=shape.rounding_width, count=self._count),
                     shape.steps,
                     self.device,
                 )
@@ -199,7 +213,7 @@ class HarmonicSolver:
                 polygon = unfolded_loop(curve.point(shape.density.slide(even)))
             with self.clock.stage("flattening"):
                 boundary = rounded_boundary(
-                    polygon, even, steps=shape.steps, width=self._rounding / shape.points, count=self._count
+                    polygon, even, steps=shape.steps, width=shape.rounding_width, count=self._count
                 )
                 return resolved_form(boundary, shape.steps, self.device)
         except (DomainError, FirstFillError):
@@ -211,7 +225,7 @@ class HarmonicSolver:
         Newton's method finds its way through many sharp bends only if they grow on it, and Ω grows with them.
         """
         m = len(self.loop)
-        if not self._rough:
+        if not self._rough or (shape.is_fine and m <= shape.points):
             return [_Step(curve=self.curve, nodes=shape.steps)]
         nodes = max(shape.steps, self._first_per_edge * m)
         smoothest, least = _SMOOTHING / min(shape.points, m), _SMOOTHING / m
@@ -255,7 +269,7 @@ class HarmonicSolver:
                 shape.density,
                 share=share,
                 steps=shape.steps,
-                width=self._rounding / shape.points,
+                width=shape.rounding_width,
                 count=self._count,
             )
             if again is None:
@@ -346,10 +360,6 @@ class HarmonicSolver:
                 curve, form, slide, tolerance=tolerance, max_steps=left, near=near, on_step=heard
             )
 
-    def _smooth_curve(self, points: int) -> BoundaryCurve:
-        """Γ, or where it is rough an average of it that so many points resolve."""
-        return self.curve.smoothed(_SMOOTHING / min(points, len(self.loop))) if self._rough else self.curve
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Step:
@@ -361,18 +371,28 @@ class _Step:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Shape:
-    """How ∂Ω is parametrised and resolved."""
+    """How ∂Ω is parametrised and resolved: with so many steps for each of its points, and how far it is rounded."""
 
     density: NodeDensity
-    points: int
+    steps_per_point: int
+    rounding: float
 
-    @classmethod
-    def of(cls, curve: BoundaryCurve, points: int) -> _Shape:
-        return cls(density=NodeDensity(curve, points), points=points)
+    @property
+    def points(self) -> int:
+        return self.density.points
 
     @property
     def steps(self) -> int:
-        return _STEPS_PER_POINT * self.points
+        return self.steps_per_point * self.points
+
+    @property
+    def rounding_width(self) -> float:
+        """Of the Gaussian, as a share of ∂Ω."""
+        return self.rounding / self.points
+
+    @property
+    def is_fine(self) -> bool:
+        return self.steps_per_point == _STEPS_PER_POINT_FINE
 
     def unevenness(self, slide: Float[Tensor, " n"]) -> float:
         """Largest distance of neighbouring nodes over what the density asks for."""

@@ -33,17 +33,23 @@ _CONSTANT_STEPS = 3
 _SETTLING_DEGREE, _SETTLING_STEPS, _SETTLING_ROWS, _SETTLING_DAMPING = 16, 3, 4096, 1e-10
 # lifts in all, and the share of the last one's distance that a new one must come below
 _MOST_LIFTS, _WORTHWHILE = 8, 0.9
+# points for each node: while a surface is sought, and where its distance is told: with p and q, of up to half as many
+# frequencies as nodes, the square of the distance has twice as many as nodes
+_POINTS_PER_NODE, _POINTS_TOLD = 2, 4
+# a piece of Γ so many times longer than the step of the boundary beside it is passed over, and the points it is seen at
+_PASSED_OVER, _POINTS_PASSED = 1.5, 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lift:
-    """A minimal surface over Ω and its boundary at twice as many points as it was made from.
+    """A minimal surface over Ω and its boundary at four times as many points as it was made from.
 
     Attributes:
         model: p and q.
-        null_curve: (2n, 3), ∫ φ dz along ∂Ω at t = j/(2n); its real part is the boundary, where it should be on Γ.
-        slide: (2n,), the parameter of the point of Γ near each.
-        rms: root of the mean squared distance from Γ by arc length of ∂Ω.
+        null_curve: (4n, 3), ∫ φ dz along ∂Ω at t = j/(4n); its real part is the boundary, where it should be on Γ.
+        slide: (4n,), the parameter of the point of Γ near each.
+        rms: root of the mean squared distance between the boundary and Γ by arc length of Γ, with those parts of Γ that
+            the boundary passes over.
         max: largest distance.
         area: ½∮ r·Im(φ dz).
     """
@@ -81,12 +87,12 @@ def lifted(
     Raises:
         SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
     """
-    sampled = _SampledBoundary.of(form, len(disk.slide), curve, plane)
-    points, slide = disk.points, resampled(disk.slide, 2 * len(disk.slide))
+    sampled = _SampledBoundary.of(form, disk.slide, _POINTS_PER_NODE, curve, plane)
+    points = disk.points
     best: _Placed | None = None
     for _ in range(_MOST_LIFTS):
         try:
-            placed = sampled.placed(sampled.spinors(points), slide)
+            placed = sampled.placed(sampled.spinors(points), sampled.slide)
         except SurfaceError:
             if best is None:
                 raise
@@ -98,54 +104,70 @@ def lifted(
         best = placed
         if best.rms <= allowed:
             break
-        points = points - placed.error[::2]
+        points = points - placed.error[::_POINTS_PER_NODE]
     assert best is not None
+    dense = _SampledBoundary.of(form, disk.slide, _POINTS_TOLD, curve, plane)
+    told = dense.placed(best.values, dense.slide)
+    rms, largest = dense.distance(told)
     return Lift(
-        model=sampled.model(best.values),
-        null_curve=best.null_curve,
-        slide=best.slide,
-        rms=best.rms,
-        max=float(best.error.square().sum(-1).max().sqrt()),
-        area=0.5 * float((best.null_curve.real * best.velocity.imag).sum()) / len(best.slide),
+        model=dense.model(told.values),
+        null_curve=told.null_curve,
+        slide=told.slide,
+        rms=rms,
+        max=largest,
+        area=0.5 * float((told.null_curve.real * told.velocity.imag).sum()) / len(told.slide),
     )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Placed:
-    """A surface with given p and q at the n nodes, as near to Γ as its constant can bring it; the rest at 2n points."""
+    """A surface with given p and q at the n nodes, as near to Γ as its constant can bring it; the rest at m points."""
 
     values: Tensor  # (n, 2)
-    fine: Tensor  # (2n, 2), p and q
-    velocity: Tensor  # (2n, 3), φ dz/dt
-    null_curve: Tensor  # (2n, 3)
-    slide: Tensor  # (2n,), of the point of Γ near each
-    error: Tensor  # (2n, 3), r − Γ(slide)
+    fine: Tensor  # (m, 2), p and q
+    velocity: Tensor  # (m, 3), φ dz/dt
+    null_curve: Tensor  # (m, 3)
+    slide: Tensor  # (m,), of the point of Γ near each
+    error: Tensor  # (m, 3), r − Γ(slide)
     rms: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _SampledBoundary:
-    """∂Ω at n nodes and at 2n points, the nodes and one between each two."""
+    """∂Ω at n nodes and at m = each·n points, the nodes and some between each two."""
 
     form: DirichletForm
     curve: CurveTensors
-    z: Tensor  # (2n,)
-    dz: Tensor  # (2n,), dz/dt
+    each: int
+    z: Tensor  # (m,)
+    dz: Tensor  # (m,), dz/dt
+    slide: Tensor  # (m,), where the harmonic disk has its points on Γ
+    weights: Tensor  # (m,), arc length of Γ around each of them, of sum 1
     plane: Tensor | None  # (3,)
 
     @classmethod
     def of(
-        cls, form: DirichletForm, n: int, curve: CurveTensors, plane: Complex[Tensor, "3"] | None
+        cls,
+        form: DirichletForm,
+        nodes: Float[Tensor, " n"],
+        each: int,
+        curve: CurveTensors,
+        plane: Complex[Tensor, "3"] | None,
     ) -> _SampledBoundary:
-        z, dz, _ = (torch.tensor(row, device=curve.breaks.device) for row in form.boundary.grid(2 * n))
-        return cls(form=form, curve=curve, z=z, dz=dz, plane=plane)
+        slide = resampled(nodes, each * len(nodes))
+        z, dz, _ = (torch.tensor(row, device=slide.device) for row in form.boundary.grid(len(slide)))
+        step = torch.diff(slide, append=slide[:1] + 1)
+        weights = (step + step.roll(1)) * curve.point_and_derivative(slide)[1].norm(dim=-1)
+        return cls(
+            form=form, curve=curve, each=each, z=z, dz=dz, slide=slide, weights=weights / weights.sum(), plane=plane
+        )
 
     def spinors(self, points: Float[Tensor, "n 3"]) -> Complex[Tensor, "n 2"]:
         """P and q at the nodes of the harmonic surface with given boundary values."""
         velocity = torch.complex(_derivative(points), 2 * np.pi * self.form(points))
         if self.plane is not None:
             velocity = (velocity @ self.plane.conj())[:, None] * self.plane / 2
-        p, q = spinors_from_phi(velocity / self.dz[::2, None])
+        p, q = spinors_from_phi(velocity / self.dz[:: self.each, None])
         if spin_invariant(p, q) < 0:
             raise SurfaceError(
                 "the harmonic disk over the loop has a branch point of odd order, p and q change sign around it; no "
@@ -157,7 +179,7 @@ class _SampledBoundary:
         """The model with given values at the nodes."""
         if self.form.kernel is None:
             return PowerSeries(_series(values))
-        return CauchyInterpolant(self.z[::2], self.dz[::2], values)
+        return CauchyInterpolant(self.z[:: self.each], self.dz[:: self.each], values)
 
     def placed(self, values: Complex[Tensor, "n 2"], slide: Float[Tensor, " m"]) -> _Placed:
         """The surface with given p and q at the nodes; the slide says where on Γ to look for the nearest points."""
@@ -165,10 +187,11 @@ class _SampledBoundary:
         if self.form.kernel is None:
             fine = torch.fft.ifft(_series(values), n=m, dim=0) * m
         else:
-            fine = torch.stack([values, _between_nodes(values, self.form.kernel)], dim=1).reshape(m, 2)
+            between = _between_nodes(values, self.form.kernel, self.each)
+            fine = torch.cat([values[:, None], between], dim=1).reshape(m, 2)
         velocity = phi(fine[:, 0], fine[:, 1]) * self.dz[:, None]
         null_curve = _integral(velocity)
-        weights = self._weights
+        weights = self.weights
         error = null_curve.real - self.curve.point_and_derivative(slide)[0]
         for _ in range(_CONSTANT_STEPS):
             null_curve = null_curve - weights @ error
@@ -184,7 +207,7 @@ class _SampledBoundary:
         basis = self._polynomials
         for _ in range(_SETTLING_STEPS):
             change = self._gauss_newton_step(placed, basis)
-            nearer = self.placed(placed.values + basis[::2] @ change, placed.slide)
+            nearer = self.placed(placed.values + basis[:: self.each] @ change, placed.slide)
             if not nearer.rms < placed.rms:
                 break
             enough = nearer.rms > _WORTHWHILE * placed.rms
@@ -193,13 +216,32 @@ class _SampledBoundary:
                 break
         return placed
 
-    @property
-    def _weights(self) -> Float[Tensor, " m"]:
-        return self.dz.abs() / self.dz.abs().sum()
+    def distance(self, placed: _Placed) -> tuple[float, float]:
+        """RMS and largest distance between the boundary and Γ, both ways.
+
+        The boundary's points tell how far it is from Γ. Where Γ has a finger that ∂Ω does not resolve it passes over
+        that, near to Γ everywhere: the parts of Γ that are much longer than the boundary beside them tell that.
+        """
+        r, slide = placed.null_curve.real, placed.slide
+        step, chord = torch.diff(slide, append=slide[:1] + 1), r.roll(-1, 0) - r
+        speed = self.curve.point_and_derivative(self.slide)[1].norm(dim=-1).mean()
+        over = ((step * speed) > _PASSED_OVER * chord.norm(dim=-1) + placed.error.norm(dim=-1)).nonzero()[:, 0]
+        square, total = placed.error.square().sum(-1), placed.rms**2
+        largest = square.max()
+        if len(over):
+            part = (torch.arange(_POINTS_PASSED, dtype=step.dtype, device=step.device) + 0.5) / _POINTS_PASSED
+            passed = self.curve.point_and_derivative((slide[over, None] + step[over, None] * part).flatten())[0]
+            away = passed.reshape(len(over), -1, 3) - r[over, None]
+            beside = chord[over, None]
+            along = ((away * beside).sum(-1) / beside.square().sum(-1)).clamp(0, 1)
+            missed = (away - along[..., None] * beside).square().sum(-1)
+            total += float(step[over] @ missed.mean(1))
+            largest = torch.maximum(largest, missed.max())
+        return total**0.5, float(largest.sqrt())
 
     @cached_property
     def _polynomials(self) -> Complex[Tensor, "m k"]:
-        hessenberg = arnoldi_hessenberg(self.z, self._weights, _SETTLING_DEGREE)
+        hessenberg = arnoldi_hessenberg(self.z, self.dz.abs() / self.dz.abs().sum(), _SETTLING_DEGREE)
         return arnoldi_polynomials(self.z, hessenberg)
 
     def _gauss_newton_step(self, placed: _Placed, basis: Complex[Tensor, "m k"]) -> Complex[Tensor, "k 2"]:
@@ -207,7 +249,7 @@ class _SampledBoundary:
         stride = max(1, len(self.z) // _SETTLING_ROWS)
         by_p, by_q = (_integral(placed.fine[:, i : i + 1] * basis * self.dz[:, None])[::stride] for i in (0, 1))
         _, tangent = self.curve.point_and_derivative(placed.slide[::stride])
-        root = self._weights[::stride].sqrt()[:, None]
+        root = self.weights[::stride].sqrt()[:, None]
         rows, right = [], []
         for normal in normals_of(tangent):
             e = root * normal
@@ -259,10 +301,13 @@ def _integral(velocity: Complex[Tensor, "n 3"]) -> Complex[Tensor, "n 3"]:
     return integral
 
 
-def _between_nodes(values: Complex[Tensor, "n 2"], kernel: Complex[Tensor, "c c"]) -> Complex[Tensor, "n 2"]:
-    """What a `CauchyInterpolant` takes halfway between its nodes, from the parts of its kernel.
+def _between_nodes(
+    values: Complex[Tensor, "n 2"], kernel: Complex[Tensor, "c c"], each: int
+) -> Complex[Tensor, "n between 2"]:
+    """What a `CauchyInterpolant` takes at the each − 1 equal steps between its nodes, from the parts of its kernel.
 
-    The cotangent's part is ½ sign(k) on Fourier series, the smooth part acts on low frequencies only.
+    At a share δ of the way from one node to the next the sum with the cotangent is ½ sign(k) + ½i cot(πδ) on Fourier
+    series; the smooth part acts on low frequencies only.
     """
     n, count = len(values), len(kernel)
     half = count // 2
@@ -275,9 +320,13 @@ def _between_nodes(values: Complex[Tensor, "n 2"], kernel: Complex[Tensor, "c c"
     total[:half] += smooth[:half]
     total[-half + 1 :] += smooth[-half + 1 :]
     total[n // 2] = 0
-    shifted = torch.fft.ifft(total * torch.exp(1j * np.pi * k / n)[:, None], dim=0) * n
-    between: Tensor = shifted[:, :2] / shifted[:, 2:]
-    return between
+    between = []
+    for step in range(1, each):
+        share = step / each
+        turned = (total + 0.5j / np.tan(np.pi * share) * spectrum) * torch.exp(2j * np.pi * share / n * k)[:, None]
+        shifted = torch.fft.ifft(turned, dim=0) * n
+        between.append(shifted[:, :2] / shifted[:, 2:])
+    return torch.stack(between, dim=1)
 
 
 def _series(values: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:

@@ -22,17 +22,28 @@ _OVERSAMPLING = 8
 _RESOLVED = 1e-4
 # Shares of the nodes that follow the loop's length, its vertices, and its turning.
 _SHARES = (0.4, 0.3, 0.3)
+# Two parts of a loop face each other where the way along the loop is so many times their distance; samples for each
+# point at which that is looked for, and most nodes, in multiples of the usual number, that a narrow place gets.
+_FACING, _FACING_SAMPLES, _MOST_IN_NARROW = 2.0, 4, 8.0
 
 
 class NodeDensity:
     """The parameter t of ∂Ω that a loop asks for: equal steps of t lie denser at its vertices and bends.
 
-    It is a weighted mean of three shares of the loop up to a point: of its length, of its vertices, of its turning;
-    made smooth, so that ∂Ω and the slide along it can be analytic. On a circle of equal edges t = s.
+    It is a weighted mean of three shares of the loop up to a point: of its length, of its vertices, of its turning; and
+    where the loop is narrower than a point's share of its length more nodes come in. It is made smooth, so that ∂Ω and
+    the slide along it can be analytic. On a circle of equal edges t = s.
+
+    Attributes:
+        points: number of points that Ω is to be made from, with those for narrow places.
+        narrowest: ratio of a point's share of the length to the width of the loop where it is least, at least 1.
     """
 
     def __init__(self, curve: BoundaryCurve, points: int) -> None:
-        """Takes Γ and the number of points that Ω is made from, which sets the width of the smoothing."""
+        """Takes Γ and the usual number of points that Ω is made from, which sets the width of the smoothing."""
+        more, self.narrowest = _more_in_narrow_places(curve, points)
+        total = 1 + float(more[-1])
+        points = self.points = int(np.ceil(total * points))
         count = len(curve.breaks) - 1
         n = _OVERSAMPLING * max(count, points)
         s = np.arange(n + 1) / n
@@ -41,6 +52,7 @@ class NodeDensity:
         turning = np.cumsum(np.linalg.norm(np.diff(tangent, axis=0, prepend=tangent[:1]), axis=1))
         by_vertex = np.interp(s, curve.breaks, np.arange(count + 1) / count)
         share = np.array(_SHARES) @ np.stack([s, by_vertex, turning / turning[-1]])
+        share = (share + np.interp(s, np.arange(len(more)) / (len(more) - 1), more)) / total
         self._t = np.arange(n + 1) / n
         offset = np.fft.rfft(np.interp(self._t[:-1], share, s) - self._t[:-1])
         offset *= np.exp(-0.5 * (2 * np.pi * np.arange(len(offset)) * _DENSITY_WIDTH / points) ** 2)
@@ -59,6 +71,26 @@ class NodeDensity:
         """s(t), the inverse."""
         whole = np.floor(t)
         return np.asarray(np.interp(t - whole, self._t, self._s) + whole + self._s_at_0)
+
+
+def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.ndarray, " n"], float]:
+    """Nodes up to each of some equal steps of Γ, in multiples of the usual number, that its narrow places want more.
+
+    The width at a point is its distance from the part of Γ that faces it, in shares of the usual points.
+
+    Returns:
+        The nodes, from 0 on; and the largest density of nodes, the usual one included.
+    """
+    n = _FACING_SAMPLES * points
+    s = np.arange(n) / n
+    p = curve.point(s)
+    edge = curve.length() / points
+    way = np.abs(s[:, None] - s)
+    way = np.minimum(way, 1 - way) * curve.length()
+    distance = np.linalg.norm(p[:, None] - p, axis=-1)
+    width = np.where((way > edge) & (_FACING * distance < way), distance, np.inf).min(axis=1)
+    density = np.clip(edge / width, 1, _MOST_IN_NARROW)
+    return np.append(0, np.cumsum(density - 1)) / n, float(density.max())
 
 
 def rounded_boundary(
