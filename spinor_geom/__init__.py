@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from spinor_geom.meshing.embed import mesh_patch as mesh_patch
     from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution
     from spinor_geom.plateau.solve import solve_plateau as solve_plateau
+    from spinor_geom.plateau.solve import solve_plateau_batch as solve_plateau_batch
     from spinor_geom.surface.spinor_surface import SpinorSurface as SpinorSurface
 
 _MODULES = {
@@ -55,6 +56,7 @@ _MODULES = {
     "mesh_patch": "spinor_geom.meshing.embed",
     "read_mesh": "spinor_geom.adapters",
     "solve_plateau": "spinor_geom.plateau.solve",
+    "solve_plateau_batch": "spinor_geom.plateau.solve",
 }
 
 __all__ = sorted(_MODULES)

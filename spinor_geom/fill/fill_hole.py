@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, Literal, TypeVar, overload
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
+from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
-from spinor_geom.fill.one_loop import FillOptions, fill_loop, require_positive
+from spinor_geom.fill.one_loop import FillOptions, fill_loop, refuse_what_is_no_hole, require_positive
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges, joined, stitch
 from spinor_geom.fill.surroundings import Surroundings
@@ -17,7 +19,8 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.plateau.solve import Model
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.solve import Model, solve_plateau_batch
 from spinor_geom.plateau.threads import one_thread
 
 MeshT = TypeVar("MeshT")
@@ -160,7 +163,8 @@ def _fill_loops(
 ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
     """One outcome for every loop, and the patches of those that are filled."""
     taken, surroundings = RimEdges(mesh, loops), Surroundings(mesh)
-    requested = sum(reason is None for reason in reasons)
+    requested = [place for place, reason in enumerate(reasons) if reason is None]
+    surfaces = _minimal_surfaces([loops[place] for place in requested], taken, options)
     outcomes: list[LoopOutcome] = []
     patches: list[LoopPatch] = []
     for place, (loop, reason) in enumerate(zip(loops, reasons, strict=True)):
@@ -169,10 +173,37 @@ def _fill_loops(
                 LoopOutcome(index=place, loop=loop, requested=False, filled=False, reason=reason, timings={})
             )
             continue
-        outcome, patch = fill_loop(mesh, place, loop, taken, surroundings, options)
+        outcome, patch = fill_loop(mesh, place, loop, partial(_next, surfaces), taken, surroundings, options)
         outcomes.append(outcome)
         if patch is not None:
             patches.append(patch)
         if on_loop is not None:
-            on_loop(outcome, requested)
+            on_loop(outcome, len(requested))
     return outcomes, patches
+
+
+def _minimal_surfaces(
+    loops: Sequence[BoundaryLoop], taken: RimEdges, options: FillOptions
+) -> Iterator[PlateauSolution | SpinorGeomError]:
+    """For each loop in order its surface, or why it has none."""
+    refusals = [_refusal(loop, taken) for loop in loops]
+    holes = (loop for loop, error in zip(loops, refusals, strict=True) if error is None)
+    solutions = solve_plateau_batch(holes, model=options.model, tolerance=options.tolerance)
+    for error in refusals:
+        yield next(solutions) if error is None else error
+
+
+def _refusal(loop: BoundaryLoop, taken: RimEdges) -> SpinorGeomError | None:
+    try:
+        refuse_what_is_no_hole(loop, taken)
+    except SpinorGeomError as error:
+        return error
+    return None
+
+
+def _next(surfaces: Iterator[PlateauSolution | SpinorGeomError]) -> PlateauSolution:
+    """The next surface; raises the error in its place."""
+    surface = next(surfaces)
+    if isinstance(surface, SpinorGeomError):
+        raise surface
+    return surface

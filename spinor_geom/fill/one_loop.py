@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,7 +28,7 @@ from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.plateau.solve import Model, require_model, solve_plateau
+from spinor_geom.plateau.solve import Model, require_model
 
 # A patch whose surface misses the loop by more, as RMS share of the mean edge, would be wrong beside its rim.
 MAX_RESIDUAL_PER_EDGE = 0.1
@@ -78,16 +79,26 @@ def fill_loop(
     mesh: TriangleMesh,
     place: int,
     loop: BoundaryLoop,
+    solve: Callable[[], PlateauSolution],
     taken: RimEdges,
     surroundings: Surroundings,
     options: FillOptions,
 ) -> tuple[LoopOutcome, LoopPatch | None]:
-    """The patch of one loop, or the reason why it has none; a patch joins what is taken and the surroundings."""
+    """The patch of one loop, or the reason why it has none; a patch joins what is taken and the surroundings.
+
+    Args:
+        mesh: the mesh.
+        place: the loop's.
+        loop: the loop.
+        solve: gives the loop's minimal surface, or raises the reason why it has none.
+        taken: edges that the patch must not have.
+        surroundings: what the patch may cross.
+        options: of the call.
+    """
     clock = Clock()
     solution: PlateauSolution | None = None
     try:
-        refuse_what_is_no_hole(loop, taken)
-        solution = solve_plateau(loop, model=options.model, tolerance=options.tolerance)
+        solution = solve()
         refuse_empty(loop, 2 * solution.area / loop.perimeter)
         if not solution.boundary_residual.rms_per_edge <= MAX_RESIDUAL_PER_EDGE:
             raise SurfaceError(f"no surface was found that follows the loop; the best: {solution.reason}")

@@ -49,9 +49,9 @@ class BoundaryCurve:
         """The interpolating spline through all vertices of a loop.
 
         Without corners it is periodic, of the degree 3, 5 or 7 that predicts every second vertex best from as many of
-        the others to either side: smooth loops get the high orders, noisy ones the cubic. With corners it is one cubic not-a-knot spline from each
-        corner to the next (from a single corner back to itself); a side of two or one edges is a parabola or a straight
-        line.
+        the others to either side: smooth loops get the high orders, noisy ones the cubic. With corners it is one cubic
+        not-a-knot spline from each corner to the next (from a single corner back to itself); a side of two or one edges
+        is a parabola or a straight line.
 
         Raises:
             RepeatedPointError: two neighbouring points of the loop are equal.

@@ -18,4 +18,8 @@ class Clock:
         """Counts the time of a `with` block for a stage."""
         start = time.perf_counter()
         yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        self.add(name, time.perf_counter() - start)
+
+    def add(self, name: str, seconds: float) -> None:
+        """Counts time that was measured elsewhere."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds

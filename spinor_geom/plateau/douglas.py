@@ -68,12 +68,14 @@ def minimise_dirichlet_energy(
     """The slide of one curve: see `minimise_dirichlet_energies`."""
     batch = CurveTensors(breaks=curve.breaks[None], coefficients=curve.coefficients[:, None])
 
-    def heard(_: int, gradient: float) -> None:
-        if on_step is not None:
-            on_step(gradient)
-
     (disk,) = minimise_dirichlet_energies(
-        batch, form, slide[None], tolerances=[tolerance], max_steps=max_steps, near=near, on_step=heard
+        batch,
+        form,
+        slide[None],
+        tolerances=[tolerance],
+        max_steps=max_steps,
+        near=near,
+        on_step=[] if on_step is None else [on_step],
     )
     return disk
 
@@ -86,7 +88,7 @@ def minimise_dirichlet_energies(
     tolerances: Sequence[float],
     max_steps: int,
     near: bool = False,
-    on_step: Callable[[int, float], None] | None = None,
+    on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk, ...]:
     """Newton's method with conjugate gradients for the slides of several curves, all of it by fast Fourier transforms.
 
@@ -103,7 +105,7 @@ def minimise_dirichlet_energies(
         tolerances: (b,), gradient, as in `HarmonicDisk`, at which each is to stop.
         max_steps: limit on each one's Newton steps.
         near: whether the starts are near to solutions, so that plain Newton steps may be taken at once.
-        on_step: is called with each unfinished curve's number and its gradient at the start of each step.
+        on_step: one for each curve, is called with its gradient at the start of each of its steps; none for silence.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
     """
@@ -138,9 +140,9 @@ def minimise_dirichlet_energies(
             rest = (~finished).nonzero()[:, 0]
             problem, state, number, limits = problem.at(rest), state.at(rest), number[rest], limits[rest]
             gradient, size, reflection, recent = gradient[rest], size[rest], reflection[rest], recent[rest]
-        if on_step is not None:
+        if on_step:
             for i, value in zip(number.tolist(), size.tolist(), strict=True):
-                on_step(i, value)
+                on_step[i](value)
         recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
         recent[reflection != 0] = torch.inf
         direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=size.clamp(max=0.1))
@@ -221,7 +223,12 @@ class _Problem:
         return (state.normal_derivative * state.tangent).sum(-1)
 
     def newton_direction(
-        self, state: _State, gradient: Float[Tensor, "b n"], reflection: Float[Tensor, " b"], *, forcing: Float[Tensor, " b"]
+        self,
+        state: _State,
+        gradient: Float[Tensor, "b n"],
+        reflection: Float[Tensor, " b"],
+        *,
+        forcing: Float[Tensor, " b"],
     ) -> tuple[Float[Tensor, "b n"], Bool[Tensor, " b"]]:
         """Conjugate gradients on the Hessian; each stops where it curves downwards and says so.
 
@@ -310,7 +317,8 @@ def _moved(state: _State, direction: Float[Tensor, "b n"], length: float) -> Flo
 
 
 def _dot(a: Float[Tensor, "b n"], b: Float[Tensor, "b n"]) -> Float[Tensor, "b 1"]:
-    return torch.linalg.vecdot(a, b)[:, None]
+    product: Tensor = torch.linalg.vecdot(a, b)
+    return product[:, None]
 
 
 def resampled(slide: Float[Tensor, " m"], n: int) -> Float[Tensor, " n"]:

@@ -7,8 +7,9 @@ so it carries rough loops of thousands of points too.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +27,12 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import DEGREES, BoundaryCurve
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy, resampled
+from spinor_geom.plateau.douglas import (
+    HarmonicDisk,
+    minimise_dirichlet_energies,
+    minimise_dirichlet_energy,
+    resampled,
+)
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.lift import Lift, lifted, surface_of
@@ -65,6 +71,8 @@ _SHARES_OF_FLATTENING = (1.0, 0.7, 0.4)
 _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
 _MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 24
 _FEWEST_NODES, _MOST_NODES = 256, 1 << 17
+# Nodes for each edge of a loop so short that they are fewer than that, and most nodes of loops that are batched.
+_FEWEST_PER_EDGE, _BATCHED_NODES = 8, 256
 _MORE_NODES = 1.5
 # Where so many times more nodes do not halve the residual, it is not their number that limits it.
 _PATIENCE = 3
@@ -95,6 +103,7 @@ class HarmonicSolver:
         clock: of the stages.
         on_iteration: is called at each step.
         history: the steps so far.
+        start: slide on the unit disk to start from.
     """
 
     loop: BoundaryLoop
@@ -105,6 +114,7 @@ class HarmonicSolver:
     clock: Clock
     on_iteration: Callable[[Iteration], None] | None = None
     history: list[Iteration] = field(default_factory=list)
+    start: Float[Tensor, " n"] | None = None
 
     @cached_property
     def _exact(self) -> CurveTensors:
@@ -135,6 +145,11 @@ class HarmonicSolver:
         return self._turning < _RAGGED_TURN or len(self.loop) > _LONG
 
     @property
+    def suits_disk(self) -> bool:
+        """Whether the unit disk is tried first."""
+        return not self._rough and self.loop.elongation < _DISK_ELONGATION
+
+    @property
     def _first_per_edge(self) -> int:
         if not self._rough:
             return 1
@@ -142,8 +157,22 @@ class HarmonicSolver:
         return next((nodes for limit, nodes in _PER_EDGE_ROUGH if wanted >= limit), _PER_EDGE_ROUGH[-1][1])
 
     @property
-    def _fineness(self) -> float:
-        return _FINE_ROUGH if self._rough else _FINE_SMOOTH
+    def _first_nodes(self) -> int:
+        """On the disk: a power of two as long as that is no more than the fewest for loops of any length."""
+        m = len(self.loop)
+        few = 1 << int(np.ceil(np.log2(_FEWEST_PER_EDGE * m)))
+        return max(min(few, _FEWEST_NODES), m)
+
+    @property
+    def _equal_steps(self) -> Float[Tensor, " n"]:
+        n = _even(self._first_nodes)
+        return torch.arange(n, dtype=torch.float64, device=self.device) / n
+
+    @property
+    def _fine_gradient(self) -> float:
+        """At which a slide along Γ itself stops."""
+        share = _FINE_ROUGH if self._rough else _FINE_SMOOTH
+        return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _FINEST, _COARSE))
 
     @property
     def _count(self) -> int:
@@ -168,10 +197,9 @@ class HarmonicSolver:
 
     def tries(self) -> Iterator[Found]:
         """A minimal disk on one Ω after the other, the cheapest first, for the caller to take or leave."""
-        if not self._rough and self.loop.elongation < _DISK_ELONGATION:
+        if self.suits_disk:
             disk = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
-            even = torch.arange(_FEWEST_NODES, dtype=torch.float64, device=self.device) / _FEWEST_NODES
-            yield from self._fitted(disk, even, "disk", None)
+            yield from self._fitted(disk, self._equal_steps if self.start is None else self.start, "disk", None)
         for shape in (self._fine,) if self._is_narrow else (self._coarse, self._fine):
             way = self._near(shape)
             form = self._unfolded(way[0].curve, shape)
@@ -290,8 +318,8 @@ class HarmonicSolver:
         """The fit with as many nodes as the tolerance asks for, or as help."""
         m = len(self.loop)
         nodes = max(len(slide), m * self._first_per_edge)
+        fine = self._fine_gradient
         best: tuple[Lift, HarmonicDisk, DirichletForm] | None = None
-        fine = float(np.clip(self._fineness * self.allowed / self.loop.mean_edge_length, _FINEST, _COARSE))
         last_gain, most = 0, max(4 * _FEWEST_NODES, (_MOST_PER_EDGE_ROUGH if self._rough else _MOST_PER_EDGE) * m)
         limit = "more nodes on the domain's boundary do not help"
         for attempt in itertools.count():
@@ -348,17 +376,42 @@ class HarmonicSolver:
         *,
         near: bool = False,
     ) -> HarmonicDisk:
-        def heard(gradient: float) -> None:
-            step = Iteration(index=len(self.history) + 1, method="Douglas-Newton", residual=gradient)
-            self.history.append(step)
-            if self.on_iteration is not None:
-                self.on_iteration(step)
-
         left = max(0, min(_MOST_STEPS, self.max_steps - len(self.history)))
         with self.clock.stage("slide"):
             return minimise_dirichlet_energy(
-                curve, form, slide, tolerance=tolerance, max_steps=left, near=near, on_step=heard
+                curve, form, slide, tolerance=tolerance, max_steps=left, near=near, on_step=self._heard
             )
+
+    def _heard(self, gradient: float) -> None:
+        """Takes down a step of Newton's method."""
+        step = Iteration(index=len(self.history) + 1, method="Douglas-Newton", residual=gradient)
+        self.history.append(step)
+        if self.on_iteration is not None:
+            self.on_iteration(step)
+
+    @staticmethod
+    def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[HarmonicSolver]:
+        """Solvers with their slides on the unit disk found, together for those of as many nodes that suit it."""
+        started = list(solvers)
+        for nodes in sorted({solver._first_nodes for solver in solvers}):
+            some = [i for i, solver in enumerate(solvers) if solver.suits_disk and solver._first_nodes == nodes]
+            chosen = [solvers[i] for i in some]
+            if len(chosen) < 2 or nodes > _BATCHED_NODES:
+                continue
+            begin = time.perf_counter()
+            disks = minimise_dirichlet_energies(
+                CurveTensors.batch([solver._exact for solver in chosen]),
+                DirichletForm.of_disk(FourierBoundary.circle()),
+                chosen[0]._equal_steps.expand(len(chosen), -1),
+                tolerances=[solver._fine_gradient for solver in chosen],
+                max_steps=min(_MOST_STEPS, *(solver.max_steps for solver in chosen)),
+                on_step=[solver._heard for solver in chosen],
+            )
+            seconds = (time.perf_counter() - begin) / len(chosen)
+            for i, disk in zip(some, disks, strict=True):
+                solvers[i].clock.add("slide", seconds)
+                started[i] = replace(solvers[i], start=disk.slide)
+        return started
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

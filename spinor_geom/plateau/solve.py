@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, overload
 
@@ -39,6 +40,8 @@ Model: TypeAlias = Literal["auto", "cauchy"] | Cauchy
 _POOR = 1e-2
 # Share of the steps that harmonic disks may take: the rest is the network's.
 _HARMONIC_SHARE = 0.7
+# Loops whose slides are found together.
+_TOGETHER = 64
 
 
 @overload
@@ -116,28 +119,73 @@ def solve_plateau(
 
     Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).
     """
-    require_model(model)
-    options = Cauchy() if isinstance(model, str) else model
-    if not tolerance > 0 or max_iterations < 1:
-        raise OptionError(f"tolerance and max_iterations must be positive, got {tolerance} and {max_iterations}")
-    if unstable not in ("leave", "keep"):
-        raise OptionError(f"unknown choice for unstable {unstable!r}; choose 'leave' or 'keep'")
-    crossings = loop_crossings(loop.points)
-    if len(crossings):
-        edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
-        raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
+    options = _Options.checked(model, tolerance, max_iterations, unstable, device)
     with one_thread():
-        task = _Task.of(loop, options, tolerance, max_iterations, torch.device(device), on_iteration)
-        rim = Rim(loop=loop, indices=task.network.rim)
-        if model == "auto" and (plane := task.in_plane()) is not None:
-            return (plane,) if all_solutions else plane
-        if all_solutions:
-            return find_disks(rim, task.from_disk)
-        solution = task.first(harmonic=model == "auto")
-        if unstable == "leave":
-            down = task.down_from_disk if model == "auto" else task.from_disk
-            solution = leave_unstable(solution, rim, down, max_iterations=max_iterations)
-        return solution
+        task = _Task.of(loop, options, on_iteration)
+        if not all_solutions:
+            return task.solved()
+        plane = task.in_plane()
+        return find_disks(task.rim, task.from_disk) if plane is None else (plane,)
+
+
+def solve_plateau_batch(
+    loops: Iterable[BoundaryLoop],
+    *,
+    model: Model = "auto",
+    tolerance: float = 1e-3,
+    max_iterations: int = 400,
+    unstable: Literal["leave", "keep"] = "leave",
+    device: str | torch.device = "cpu",
+) -> Iterator[PlateauSolution | SpinorGeomError]:
+    """`solve_plateau` for many loops, which are not held in memory together.
+
+    The slides of short smooth loops, which take the unit disk, are found side by side as one batch.
+
+    Args:
+        loops: any number of them.
+        model: as for `solve_plateau`.
+        tolerance: as for `solve_plateau`.
+        max_iterations: limit on the steps of each.
+        unstable: as for `solve_plateau`.
+        device: as for `solve_plateau`.
+
+    Yields:
+        For each loop in order its solution, or the error that `solve_plateau` raises for it.
+
+    Raises:
+        OptionError: an unknown model or a value out of range.
+    """
+    options = _Options.checked(model, tolerance, max_iterations, unstable, device)
+    return _side_by_side(iter(loops), options)
+
+
+def _side_by_side(loops: Iterator[BoundaryLoop], options: _Options) -> Iterator[PlateauSolution | SpinorGeomError]:
+    while chunk := list(itertools.islice(loops, _TOGETHER)):
+        answers: list[PlateauSolution | SpinorGeomError | None] = []
+        tasks: dict[int, _Task] = {}
+        with one_thread():
+            for place, loop in enumerate(chunk):
+                try:
+                    task = _Task.of(loop, options)
+                    answers.append(task.in_plane())
+                except SpinorGeomError as error:
+                    answers.append(error)
+                if answers[-1] is None:
+                    tasks[place] = task
+            harmonic = [place for place, task in tasks.items() if task.is_harmonic]
+            started = HarmonicSolver.side_by_side([tasks[place].harmonic for place in harmonic])
+            for place, solver in zip(harmonic, started, strict=True):
+                tasks[place] = replace(tasks[place], harmonic=solver)
+        for place, answer in enumerate(answers):
+            yield _curved(tasks[place]) if answer is None else answer
+
+
+def _curved(task: _Task) -> PlateauSolution | SpinorGeomError:
+    with one_thread():
+        try:
+            return task.curved()
+        except SpinorGeomError as error:
+            return error
 
 
 def require_model(model: Model) -> None:
@@ -151,56 +199,111 @@ def require_model(model: Model) -> None:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class _Options:
+    """What every loop of a call is solved with."""
+
+    cauchy: Cauchy
+    is_free: bool  # to choose another model than the Cauchy network
+    tolerance: float
+    max_iterations: int
+    leaves_unstable: bool
+    device: torch.device
+
+    @classmethod
+    def checked(
+        cls, model: Model, tolerance: float, max_iterations: int, unstable: str, device: str | torch.device
+    ) -> _Options:
+        require_model(model)
+        if not tolerance > 0 or max_iterations < 1:
+            raise OptionError(f"tolerance and max_iterations must be positive, got {tolerance} and {max_iterations}")
+        if unstable not in ("leave", "keep"):
+            raise OptionError(f"unknown choice for unstable {unstable!r}; choose 'leave' or 'keep'")
+        return cls(
+            cauchy=Cauchy() if isinstance(model, str) else model,
+            is_free=model == "auto",
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            leaves_unstable=unstable == "leave",
+            device=torch.device(device),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Task:
     """A loop and its solvers, which see it at unit size."""
 
     loop: BoundaryLoop
-    tolerance: float
+    options: _Options
     network: NetworkSolver
     harmonic: HarmonicSolver
 
     @classmethod
     def of(
-        cls,
-        loop: BoundaryLoop,
-        options: Cauchy,
-        tolerance: float,
-        max_iterations: int,
-        device: torch.device,
-        on_iteration: Callable[[Iteration], None] | None,
+        cls, loop: BoundaryLoop, options: _Options, on_iteration: Callable[[Iteration], None] | None = None
     ) -> _Task:
+        crossings = loop_crossings(loop.points)
+        if len(crossings):
+            edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
+            raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
         unit, clock = _at_unit_size(loop), Clock()
         curve = BoundaryCurve.from_loop(unit)
-        allowed = tolerance * unit.mean_edge_length
-        budget = Budget(allowed=allowed, max_iterations=max_iterations, on_iteration=on_iteration)
+        allowed = options.tolerance * unit.mean_edge_length
         network = NetworkSolver(
-            loop=unit, rim=rim_indices(unit), curve=curve, options=options, budget=budget, device=device, clock=clock
+            loop=unit,
+            rim=rim_indices(unit),
+            curve=curve,
+            options=options.cauchy,
+            budget=Budget(allowed=allowed, max_iterations=options.max_iterations, on_iteration=on_iteration),
+            device=options.device,
+            clock=clock,
         )
         harmonic = HarmonicSolver(
             loop=unit,
             curve=curve,
             allowed=allowed,
-            max_steps=math.ceil(_HARMONIC_SHARE * max_iterations),
-            device=device,
+            max_steps=math.ceil(_HARMONIC_SHARE * options.max_iterations),
+            device=options.device,
             clock=clock,
             on_iteration=on_iteration,
         )
-        return cls(loop=loop, tolerance=tolerance, network=network, harmonic=harmonic)
+        return cls(loop=loop, options=options, network=network, harmonic=harmonic)
+
+    @property
+    def rim(self) -> Rim:
+        return Rim(loop=self.loop, indices=self.network.rim)
+
+    @property
+    def is_harmonic(self) -> bool:
+        """Whether harmonic disks may be tried: kinks of Γ are singularities of p and q, for which a network has poles."""
+        return self.options.is_free and not self.loop.corners.any()
+
+    def solved(self) -> PlateauSolution:
+        """The solution: plane, or the first that is found, or one of less area where that is unstable."""
+        return self.in_plane() or self.curved()
 
     def in_plane(self) -> PlateauSolution | None:
         """The only solution where the loop is a simple curve in a plane."""
-        found = plane_disk(self.network.loop, self.network.curve, self.network.device, self.network.clock)
+        if not self.options.is_free:
+            return None
+        found = plane_disk(self.network.loop, self.network.curve, self.options.device, self.network.clock)
         return None if found is None else self.solution(found)
 
-    def first(self, *, harmonic: bool) -> PlateauSolution:
+    def curved(self) -> PlateauSolution:
+        """The solution for a loop that is not plane."""
+        solution = self.first()
+        if self.options.leaves_unstable:
+            down = self.down_from_disk if self.options.is_free else self.from_disk
+            solution = leave_unstable(solution, self.rim, down, max_iterations=self.options.max_iterations)
+        return solution
+
+    def first(self) -> PlateauSolution:
         """The solution from the likeliest start that meets the tolerance; the best of all where none does."""
-        # a kink of Γ is a singularity of p and q, which the network has poles for
-        if not harmonic or self.network.loop.corners.any():
+        if not self.is_harmonic:
             return self.solution(self._on_network(()))
         best: Found | None = None
         error: SpinorGeomError | None = None
         for on_network in (False, True) if self.harmonic.is_promising else (True, False):
-            history = () if best is None else best.history
+            history = tuple(self.harmonic.history) if best is None else best.history
             try:
                 tries = [self._on_network(history)] if on_network else self._harmonic_tries(history)
                 for found in tries:
@@ -270,7 +373,8 @@ class _Task:
             mean_edge=loop.mean_edge_length,
             diagonal=loop.diagonal,
         )
-        converged = residual.rms_per_edge <= self.tolerance
+        tolerance = self.options.tolerance
+        converged = residual.rms_per_edge <= tolerance
         reached = f"residual {residual.rms_per_edge:.1e} of the mean edge after {len(found.history)} steps"
         return PlateauSolution(
             surface=surface,
@@ -285,9 +389,9 @@ class _Task:
             route=found.route,
             history=found.history,
             timings=clock.seconds,
-            tolerance=self.tolerance,
+            tolerance=tolerance,
             converged=converged,
-            reason=reached if converged else f"{reached}, above the tolerance {self.tolerance:.1e}: {found.limit}",
+            reason=reached if converged else f"{reached}, above the tolerance {tolerance:.1e}: {found.limit}",
             stability=stability,
         )
 

@@ -169,7 +169,7 @@ def test_curves_of_a_batch_do_not_know_of_each_other(seed, tolerance):
         even(256).expand(len(curves), -1),
         tolerances=[tolerance] * len(curves),
         max_steps=25,
-        on_step=lambda i, gradient: told[i].append(gradient),
+        on_step=[gradients.append for gradients in told],
     )
     for curve, disk, gradients in zip(curves, together, told, strict=True):
         alone = solved(curve, DISK, even(256), tolerance=tolerance, max_steps=25)

@@ -65,8 +65,8 @@ def test_narrow_regions_need_no_other_domain(loop):
 def test_normals_follow_the_loop():
     loop = planar(L_SHAPE, 40)
     turned = BoundaryLoop.from_points(loop.points[::-1])
-    for given, up in ((loop, 1.0), (turned, -1.0)):
-        solution = solve_plateau(given)
+    for either, up in ((loop, 1.0), (turned, -1.0)):
+        solution = solve_plateau(either)
         assert np.allclose(solution.surface.normal(solution.domain.triangulation.points), [0, 0, up], atol=1e-14)
 
 
