@@ -143,6 +143,15 @@ class PathTree:
     parent: Int[np.ndarray, " n"]
     levels: tuple[Int[np.ndarray, "_"], ...]
 
+    def visited(self, wanted: Int[np.ndarray, " k"]) -> Int[np.ndarray, " v"]:
+        """The vertices on the ways from the root to the given ones, these and the root included, ascending."""
+        on_way = np.zeros(len(self.parent), dtype=bool)
+        while len(wanted):
+            on_way[wanted] = True
+            wanted = np.unique(self.parent[wanted])
+            wanted = wanted[~on_way[wanted]]
+        return np.flatnonzero(on_way)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneDomain:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from spinor_geom.errors import DtypeError
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials
+from spinor_geom.holomorphic.blocks import in_blocks
 from spinor_geom.holomorphic.newton import leja_points, newton_derivative, newton_matrix, newton_value
 
 
@@ -104,12 +105,22 @@ class CauchyNetwork(torch.nn.Module):
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
         polynomial, units = self._coefficients()
-        return newton_value(z, self.leja, polynomial) + (self.scales / (z[..., None] - self.poles)) @ units
+
+        def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
+            return (self.scales / (some[:, None] - self.poles)) @ units
+
+        whole = in_blocks(lambda some: newton_value(some, self.leja, polynomial), z, len(self.leja))
+        return whole + in_blocks(part, z, len(self.poles))
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
         polynomial, units = self._coefficients()
-        return newton_derivative(z, self.leja, polynomial) - (self.scales / (z[..., None] - self.poles) ** 2) @ units
+
+        def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
+            return (-self.scales / (some[:, None] - self.poles) ** 2) @ units
+
+        whole = in_blocks(lambda some: newton_derivative(some, self.leja, polynomial), z, len(self.leja))
+        return whole + in_blocks(part, z, len(self.poles))
 
     def _coefficients(self) -> tuple[Complex[Tensor, "d1 2"], Complex[Tensor, "k 2"]]:
         """Coefficients of p and q: of the polynomials' Newton form, and of the raw Cauchy units."""

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
-from jaxtyping import Complex
+from jaxtyping import Bool, Complex
 from torch import Tensor
+from torch._C._functorch import is_functorch_wrapped_tensor
+from torch.autograd.forward_ad import unpack_dual
 
 from spinor_geom.errors import DtypeError
+from spinor_geom.holomorphic.blocks import in_blocks
+from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 
-# entries of a points × nodes table computed at once
-_BLOCK = 1 << 21
+# more nodes and more points than so many take less time by the fast multipole method
+_MANY = 700
 
 
 class CauchyInterpolant(torch.nn.Module):
@@ -52,42 +57,58 @@ class CauchyInterpolant(torch.nn.Module):
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
         """The cardinal functions at z: 1 at their own node, 0 at the others."""
-        kernel, _ = self._kernel(z)
+        inverse, hit = self._inverse_distances(z)
+        kernel = torch.where(hit.any(-1, keepdim=True), hit.to(inverse.dtype), self.weights * inverse)
         return kernel / kernel.sum(-1, keepdim=True)
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
-        """(p(z), q(z))."""
-        return _in_blocks(self._value, z, len(self.nodes))
+        """(p(z), q(z)); many at once on the CPU, without derivatives, by a fast multipole method, to 1e-12."""
+        if min(z.numel(), len(self.nodes)) > _MANY and all(_is_plain(t) for t in (z, self.values)):
+            return self._many_values(z.reshape(-1)).reshape(*z.shape, 2)
+        return in_blocks(self._value, z, len(self.nodes))
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
-        return _in_blocks(self._derivative, z, len(self.nodes))
+        return in_blocks(self._derivative, z, len(self.nodes))
+
+    @property
+    def _strengths(self) -> Complex[Tensor, "n 3"]:
+        """What stands above the units' denominators: w f for p and q, and w."""
+        return torch.cat([self.values, torch.ones_like(self.values[:, :1])], dim=-1) * self.weights[:, None]
 
     def _value(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
-        kernel, _ = self._kernel(z)
-        return (kernel @ self.values) / kernel.sum(-1, keepdim=True)
+        inverse, hit = self._inverse_distances(z)
+        sums = inverse @ self._strengths
+        at_node = self.values.index_select(0, hit.to(torch.uint8).argmax(-1))
+        return torch.where(hit.any(-1, keepdim=True), at_node, sums[:, :2] / sums[:, 2:])
+
+    def _many_values(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
+        nodes, strengths, points = (a.detach().resolve_conj().numpy() for a in (self.nodes, self._strengths, z))
+        sums = cauchy_sums(nodes, strengths, points)
+        with np.errstate(over="ignore", invalid="ignore"):
+            value = torch.from_numpy(sums[:, :2] / sums[:, 2:])
+        at_node = ~value.isfinite().all(-1)
+        value[at_node] = in_blocks(self._value, z[at_node], len(nodes))
+        return value
 
     def _derivative(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
         # with N = Σ w f/(ζ − z), D = Σ w/(ζ − z): (N/D)' = (Σ w f/(ζ − z)² − (N/D) Σ w/(ζ − z)²)/D
-        kernel, inverse = self._kernel(z)
-        total = kernel.sum(-1, keepdim=True)
-        value = (kernel @ self.values) / total
-        squared = kernel * inverse
+        inverse, hit = self._inverse_distances(z)
+        inverse = inverse.masked_fill(hit, 0)
+        sums, slopes = inverse @ self._strengths, (inverse * inverse) @ self._strengths
+        elsewhere = (slopes[:, :2] - sums[:, :2] / sums[:, 2:] * slopes[:, 2:]) / sums[:, 2:]
         # at a node ζ_k the limit, Σ_{j≠k} w_j (f_k − f_j)/(ζ_j − ζ_k)/w_k
-        hit = self.nodes == z[..., None]
-        at_node = hit.any(-1, keepdim=True)
-        own = torch.where(at_node, hit.to(kernel.dtype) @ self.weights[:, None], 1)
-        squared = torch.where(at_node, -(self.weights * inverse).masked_fill(hit, 0) / own, squared)
-        return (squared @ self.values - value * squared.sum(-1, keepdim=True)) / total
+        node = hit.to(torch.uint8).argmax(-1)
+        own, weight = self.values.index_select(0, node), self.weights.index_select(0, node)[:, None]
+        return torch.where(hit.any(-1, keepdim=True), (own * sums[:, 2:] - sums[:, :2]) / weight, elsewhere)
 
-    def _kernel(self, z: Complex[Tensor, "*pts"]) -> tuple[Complex[Tensor, "*pts n"], Complex[Tensor, "*pts n"]]:
-        """Rows w_j/(ζ_j − z), and 1/(ζ_j − z); the row of a node itself is 1 there and 0 elsewhere."""
+    def _inverse_distances(
+        self, z: Complex[Tensor, "*pts"]
+    ) -> tuple[Complex[Tensor, "*pts n"], Bool[Tensor, "*pts n"]]:
+        """Rows 1/(ζ_j − z), with 1 where z is a node, and where that is."""
         difference = self.nodes - z[..., None]
         hit = difference == 0
-        inverse = 1 / torch.where(hit, torch.ones_like(difference), difference)
-        kernel = self.weights * inverse
-        at_node = hit.any(-1, keepdim=True)
-        return torch.where(at_node, hit.to(kernel.dtype), kernel), inverse
+        return 1 / difference.masked_fill(hit, 1), hit
 
     def config(self) -> dict[str, Any]:
         """Number of nodes."""
@@ -101,8 +122,14 @@ class CauchyInterpolant(torch.nn.Module):
         return cls(zeros, zeros.clone(), torch.zeros(count, 2, dtype=torch.complex128))
 
 
-def _in_blocks(function: Callable[[Tensor], Tensor], z: Complex[Tensor, "*pts"], n: int) -> Complex[Tensor, "*pts 2"]:
-    size = max(1, _BLOCK // n)
-    flat = z.reshape(-1)
-    parts = [function(flat[start : start + size]) for start in range(0, max(1, len(flat)), size)]
-    return torch.cat(parts).reshape(*z.shape, 2)
+def _is_plain(t: Complex[Tensor, "*any"]) -> bool:
+    """Whether a tensor is finite numbers that numpy can take, and nobody asks for derivatives or batches of them."""
+    return (
+        not torch.is_grad_enabled()
+        and t.device.type == "cpu"
+        and t.dtype == torch.complex128
+        # torch.func wraps tensors; forward mode without it hangs a tangent on them
+        and not is_functorch_wrapped_tensor(t)
+        and unpack_dual(t).tangent is None  # type: ignore[no-untyped-call] # torch leaves it untyped
+        and bool(t.isfinite().all())
+    )

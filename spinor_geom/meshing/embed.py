@@ -22,8 +22,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Gauss–Legendre nodes on an edge of the patch: enough for this error, in edges, if a pole were on the boundary
 QUADRATURE_ERROR = 1e-8
 NODE_COUNTS = np.array([2, 3, 4, 6, 8])
-# bounds the memory of p and q at the quadrature nodes
-POINTS_AT_ONCE = 1 << 18
+# bounds the memory of p and q at the nodes
+EDGES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,12 +137,11 @@ def _edge_displacements(
 ) -> Float[np.ndarray, "k 3"]:
     """Re ∫ φ dz along straight edges; `rim` holds the boundary vertices."""
     level = np.searchsorted(NODE_COUNTS[:-1], _nodes_needed(start, end, rim))
-    displacement = np.zeros((len(start), 3))
-    for index, count in enumerate(NODE_COUNTS.tolist()):
-        at_level = np.flatnonzero(level == index)
-        for some in np.split(at_level, np.arange(POINTS_AT_ONCE // count, len(at_level), POINTS_AT_ONCE // count)):
-            displacement[some] = _integrals(surface, start[some], end[some], count)
-    return displacement
+    parts = [
+        _integrals(surface, start[some], end[some], level[some])
+        for some in np.split(np.arange(len(start)), np.arange(EDGES_AT_ONCE, len(start), EDGES_AT_ONCE))
+    ]
+    return np.concatenate(parts)
 
 
 def _nodes_needed(
@@ -166,10 +165,20 @@ def _coordinates(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
 
 
 def _integrals(
-    surface: SpinorSurface, start: Complex[np.ndarray, " k"], end: Complex[np.ndarray, " k"], count: int
+    surface: SpinorSurface,
+    start: Complex[np.ndarray, " k"],
+    end: Complex[np.ndarray, " k"],
+    level: Int[np.ndarray, " k"],
 ) -> Float[np.ndarray, "k 3"]:
-    nodes, weights = rule("gauss", count)
-    step = end - start
-    p, q = np.moveaxis(np.asarray(surface.spinors(start[:, None] + step[:, None] * nodes)), -1, 0)
-    pp, qq, pq = ((a * b) @ weights for a, b in ((p, p), (q, q), (p, q)))
-    return np.stack([(pp - qq) * step, -1j * (pp + qq) * step, 2 * pq * step], axis=1).real
+    """Re ∫ φ dz along edges, each by the rule of its level; p and q are asked for at all nodes at once."""
+    rules = [rule("gauss", count) for count in NODE_COUNTS.tolist()]
+    nodes, weights = (np.concatenate(parts) for parts in zip(*rules, strict=True))
+    count, step = NODE_COUNTS[level], end - start
+    first = np.cumsum(count) - count
+    edge = np.repeat(np.arange(len(start)), count)
+    # the rules' nodes stand one rule after the other
+    node = np.arange(len(edge)) - first[edge] + (np.cumsum(NODE_COUNTS) - NODE_COUNTS)[level][edge]
+    p, q = np.moveaxis(np.asarray(surface.spinors(start[edge] + step[edge] * nodes[node])), -1, 0)
+    weighted = np.stack([p * p, q * q, p * q], axis=1) * weights[node][:, None]
+    pp, qq, pq = np.add.reduceat(weighted, first, axis=0).T * step
+    return np.stack([pp - qq, -1j * (pp + qq), 2 * pq], axis=1).real

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -10,6 +10,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import FourierBoundary
+from spinor_geom.errors import DomainError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,10 +25,12 @@ class DirichletForm:
 
     Attributes:
         boundary: ∂Ω.
-        kernel: (c, c), the smooth part of Cauchy's integral on c equal steps, 1/n included; none on a disk.
-        correction: (c, c), Λ of Ω less that of the disk on c equal steps; none on a disk.
-        asymmetry: largest deviation of the correction from a symmetric matrix, relative to the largest entry of |k|'s
-            matrix: 0 up to the error of the discretisation, so a measure of it.
+        kernel: (c, c), the smooth part of Cauchy's integral on c equal steps, 1/n included; none on the unit disk.
+        correction: (c, c), Λ of Ω less that of the disk on c equal steps; none on the unit disk.
+        error: measure of the discretisation's, the larger of two: of Λ on the real and the imaginary part of z, which
+            are each other's conjugates, relative to the largest |dz/dθ|; and the correction's deviation from a
+            symmetric matrix, relative to the largest entry of |k|'s. Neither sees all: the second is blind on domains
+            as symmetric as ellipses, the first where far parts of ∂Ω come near each other.
 
     Source: Kress, "Linear Integral Equations" (2014), sections 7 and 12, for the integral equation.
     """
@@ -35,12 +38,18 @@ class DirichletForm:
     boundary: FourierBoundary
     kernel: Complex[Tensor, "c c"] | None
     correction: Float[Tensor, "c c"] | None
-    asymmetry: float
+    error: float
 
     @classmethod
     def of_disk(cls, boundary: FourierBoundary) -> DirichletForm:
-        """The form of a disk, its boundary by angle."""
-        return cls(boundary=boundary, kernel=None, correction=None, asymmetry=0.0)
+        """The form of the unit disk about 0, its boundary by angle: z(t) = e^{2πit}.
+
+        Raises:
+            DomainError: ∂Ω is another curve.
+        """
+        if not np.array_equal(boundary.coefficients, boundary.frequencies == 1):
+            raise DomainError("the boundary must be the unit circle about 0 by its angle; take `of` for other domains")
+        return cls(boundary=boundary, kernel=None, correction=None, error=0.0)
 
     @classmethod
     def of(cls, boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
@@ -63,7 +72,8 @@ class DirichletForm:
         conjugate = torch.linalg.solve(0.5 * identity + kernel.imag, 0.5 * disk - kernel.real, left=False)
         slope = torch.fft.ifft((1j * k)[:, None] * torch.fft.fft(conjugate - disk, dim=0), dim=0).real
         asymmetry = float((slope - slope.T).abs().max()) / (n / 4)
-        return cls(boundary=boundary, kernel=kernel, correction=(slope + slope.T) / 2, asymmetry=asymmetry)
+        form = cls(boundary=boundary, kernel=kernel, correction=(slope + slope.T) / 2, error=asymmetry)
+        return replace(form, error=max(asymmetry, form._error_on_coordinates(z, dz)))
 
     def __call__(self, x: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch n k"]:
         """Λ of each column, sampled at t = j/n."""
@@ -79,6 +89,12 @@ class DirichletForm:
             result[..., :half, :] += low
         values: Tensor = torch.fft.irfft(result, n=n, dim=-2)
         return values
+
+    def _error_on_coordinates(self, z: Complex[Tensor, " n"], dz: Complex[Tensor, " n"]) -> float:
+        """Largest error of Λ on Re z and Im z, whose conjugates are Im z and −Re z."""
+        found = self(torch.view_as_real(z))
+        exact = torch.view_as_real(-1j * dz)
+        return float((2 * np.pi * found - exact).abs().max() / dz.abs().max())
 
 
 def _smooth_kernel(

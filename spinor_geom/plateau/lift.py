@@ -73,13 +73,14 @@ def lifted(
     """The minimal surface next to a harmonic disk, and its distance from Γ at the nodes and between them.
 
     φ = 2∂X/∂z on ∂Ω comes from X and its conjugate; p and q are its spinors there, and the model continues them into Ω:
-    a power series on a disk, Cauchy's formula elsewhere. Where X is not quite conformal φ is not quite null, and the
-    surface of p and q is off X. While that leaves it too far from Γ, polynomials are added to p and q by Gauss-Newton,
-    which takes away the slow part of the distance, and what is left of it is taken from X before the next lift.
+    a power series on the unit disk, Cauchy's formula elsewhere. Where X is not quite conformal φ is not quite null, and
+    the surface of p and q is off X. While that leaves it too far from Γ, polynomials are added to p and q by
+    Gauss-Newton, which takes away the slow part of the distance, and what is left of it is taken from X before the next
+    lift.
 
     Args:
         disk: X.
-        form: Λ.
+        form: Λ of Ω; of the unit disk where it has no kernel.
         curve: Γ.
         allowed: RMS distance from Γ that is near enough.
         plane: u − iv for orthonormal u, v in the plane of Γ, where it has one; the surface then lies in it exactly.

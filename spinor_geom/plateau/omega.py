@@ -18,7 +18,7 @@ from spinor_geom.plateau.douglas import HarmonicDisk
 _DENSITY_WIDTH = 1.4
 # Samples of a spline for its Fourier coefficients, per coefficient kept.
 _OVERSAMPLING = 8
-# Largest asymmetry of Λ at which Ω counts as resolved.
+# Largest error of Λ at which Ω counts as resolved.
 _RESOLVED = 1e-4
 # Shares of the nodes that follow the loop's length, its vertices, and its turning.
 _SHARES = (0.4, 0.3, 0.3)
@@ -122,15 +122,15 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> Di
         device: of Λ.
 
     Raises:
-        DomainError: ∂Ω crosses itself, or two parts of it come so near that n steps do not resolve Λ.
+        DomainError: ∂Ω crosses itself, or Ω is so narrow somewhere that n steps do not resolve Λ.
     """
     polygon = boundary.grid(n)[0]
     if not is_simple(polygon):
         raise DomainError("the rounded domain crosses itself", vertices=len(boundary.vertices))
     form = DirichletForm.of(boundary, n, device)
-    if not form.asymmetry <= _RESOLVED:
+    if not form.error <= _RESOLVED:
         raise DomainError(
-            f"the domain is too narrow somewhere for {n} steps around it (Λ is asymmetric by {form.asymmetry:.1e})",
+            f"the domain is too narrow somewhere for {n} steps around it (Λ is off by {form.error:.1e})",
             vertices=len(boundary.vertices),
         )
     return form
@@ -146,16 +146,17 @@ def reflattened(
     width: float,
     count: int,
 ) -> tuple[FourierBoundary, Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
-    """∂Ω for which a harmonic disk has boundary scale 1: its surface, low frequencies only, flattened.
+    """∂Ω for which a harmonic disk has the same scale all along its boundary: its surface flattened.
 
-    With u = log of the scale and v the conjugate of u, ∫ e^{u + iv} dz maps Ω conformally onto the flattening
-    (`flatten` does the same for triangles). Nothing crowds there, whatever Ω was.
+    With u = log |ds/dz| on ∂Ω, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz maps Ω conformally onto
+    the flattening (`flatten` does the same for triangles). Equal steps of s become equal lengths of the new ∂Ω, whose
+    perimeter is 1. Nothing crowds there, whatever Ω was.
 
     Args:
         disk: a harmonic disk over Ω.
         form: Λ of Ω.
         density: parameter of the new ∂Ω.
-        share: of u: 1 for boundary scale 1, less to stay nearer to the old Ω.
+        share: of u: 1 for perimeter 1 and constant scale, less to stay nearer to the old Ω.
         steps: that shall resolve the new ∂Ω.
         width: of the Gaussian that smooths the scale, as a share of ∂Ω.
         count: number of vertices.

@@ -5,12 +5,12 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
@@ -27,8 +27,8 @@ Points = TypeVar("Points", NDArray[Any], Tensor)
 # three numbers
 Vector = Sequence[float] | NDArray[Any] | Tensor
 
-# evaluations of p and q at once: bounds the memory of a model's hidden layer
-_BLOCK = 1 << 14
+# evaluations of p and q at once, to bound the memory, and fewer where they carry derivatives of two orders
+_BLOCK, _BLOCK_OF_DERIVATIVES = 1 << 16, 1 << 13
 
 
 class SpinorSurface(torch.nn.Module):
@@ -120,9 +120,11 @@ class SpinorSurface(torch.nn.Module):
         Raises:
             DomainError: a point of an array is NaN or infinite.
         """
-        if not isinstance(z, Tensor) and not np.isfinite(z).all():
+        if isinstance(z, Tensor):
+            return self._answer(self._position, z)
+        if not np.isfinite(z).all():
             raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
-        return self._answer(self._position, z)
+        return self._answer(partial(self._position, outside_transforms=True), z)
 
     def integrate(self, start: Points, end: Points) -> Points:
         """Displacements r(end) − r(start) by quadrature along straight segments, shape (*pts, 3).
@@ -299,15 +301,22 @@ class SpinorSurface(torch.nn.Module):
     def _anchors(self) -> Anchors:
         return Anchors(self.domain)
 
-    def _position(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+    def _position(self, z: Complex[Tensor, "*pts"], *, outside_transforms: bool = False) -> Float[Tensor, "*pts 3"]:
         if self.has_closed_positions:
             integral = self._null_integral(torch.cat([z.reshape(-1), z.new_full((1,), self.root)])).real
             return self.constant + (integral[:-1] - integral[-1:]).reshape(*z.shape, 3)
         index = self._anchors.nearest_tensor(z).reshape(-1)
+        # in a transform of torch.func the values of the index are not known
+        wanted = index.cpu().numpy() if outside_transforms else np.arange(len(self.domain.paths.parent))
         vertices = torch.from_numpy(self.domain.triangulation.points).to(z.device)
         # index_select and not indexing, which vmap cannot batch for a single point
-        start, anchored = vertices.index_select(0, index), self._anchor_positions().index_select(0, index)
-        return (anchored + self._integrate(start, z.reshape(-1))).reshape(*z.shape, 3)
+        start, anchored = vertices.index_select(0, index), self._anchor_positions(wanted).index_select(0, index)
+        end = z.reshape(-1)
+        if outside_transforms:
+            # a vertex of the triangulation is its own anchor
+            beside = (start != end).nonzero()[:, 0]
+            return anchored.index_add(0, beside, self._integrate(start[beside], end[beside])).reshape(*z.shape, 3)
+        return (anchored + self._integrate(start, end)).reshape(*z.shape, 3)
 
     def _null_integral(self, z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 3"]:
         """∫ φ dζ from the model's own point to z, in closed form."""
@@ -319,13 +328,15 @@ class SpinorSurface(torch.nn.Module):
             a * c * pp + b * d * qq + (a * d + b * c) * pq,
         )
 
-    def _anchor_positions(self) -> Float[Tensor, "n 3"]:
-        """Positions of the triangulation's vertices, summed along the tree of paths from the root."""
+    def _anchor_positions(self, wanted: Int[np.ndarray, " k"]) -> Float[Tensor, "n 3"]:
+        """Positions of some vertices of the triangulation, summed along the tree of paths; the others mean nothing."""
         tree = self.domain.paths
         device = self.spinor_map.device
+        visited = torch.from_numpy(tree.visited(wanted)).to(device)
         vertices = torch.from_numpy(self.domain.triangulation.points).to(device)
         before = torch.from_numpy(tree.parent).to(device)
-        total = self._integrate(vertices[before], vertices)
+        steps = self._integrate(vertices[before[visited]], vertices[visited])
+        total = steps.new_zeros(len(vertices), 3).index_copy(0, visited, steps)
         # each pass doubles the number of edges summed; the root is its own parent and adds nothing
         for _ in range(len(tree.levels).bit_length()):
             total, before = total + total[before], before[before]
@@ -361,8 +372,7 @@ class SpinorSurface(torch.nn.Module):
 
             return curvature.fundamental_forms(position, end.real, end.imag).mean
 
-        # half as many at once: forward mode twice carries four values for each
-        points = _BLOCK // (2 * self.order)
+        points = _BLOCK_OF_DERIVATIVES // self.order
         return self._in_blocks(block, anchor.reshape(-1), z.reshape(-1), block=points).reshape(z.shape)
 
     def _derived(self, spinor_map: Complex[Tensor, "2 2"], constant: Float[Tensor, "3"]) -> SpinorSurface:

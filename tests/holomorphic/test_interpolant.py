@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary
 from spinor_geom.errors import DtypeError
-from spinor_geom.holomorphic import interpolant, rebuild
+from spinor_geom.holomorphic import blocks, rebuild
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from tests.strategies import SEEDS, analytic_boundaries
 
@@ -158,7 +158,7 @@ def test_many_points_are_taken_in_blocks(monkeypatch):
     z = points_inside(BOUNDARIES["bent"], 0.3, count=100)
     with torch.no_grad():
         value, derivative = model.value(z), model.derivative(z)
-        monkeypatch.setattr(interpolant, "_BLOCK", 7 * 64)
+        monkeypatch.setattr(blocks, "_ENTRIES", 7 * 64)
         torch.testing.assert_close(model.value(z), value, rtol=1e-14, atol=1e-14)
         torch.testing.assert_close(model.derivative(z), derivative, rtol=1e-13, atol=1e-13)
 

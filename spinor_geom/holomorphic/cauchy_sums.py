@@ -1,0 +1,220 @@
+"""Sums of many Cauchy kernels at many points, in a time that grows like their numbers and not like the product."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from scipy.spatial import cKDTree
+from scipy.special import comb
+
+# two clusters are apart when their radii add up to this share of their distance; series of so many terms then leave
+# 1e-12 or less
+_APART, _TERMS = 0.4, 32
+_SOURCES_PER_LEAF = 8
+# side of a cell of targets, as a share of its centre's distance from the sources, and the fewest that are worth one
+_CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
+_MOST_HALVINGS = 40
+# pairs of clusters, or sources, at once: their series stay in the cache
+_PAIRS = 1 << 10
+_BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
+_TINY = np.finfo(np.float64).tiny
+
+
+def cauchy_sums(
+    sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
+) -> Complex[np.ndarray, "m c"]:
+    """Σ_j g_j/(ζ_j − z) at many points z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
+
+    A fast multipole method for sources along a curve: power series stand for segments of successive sources as seen
+    from afar, and for what all of them do in cells of targets far enough from the curve.
+
+    Args:
+        sources: ζ_j, in order along a curve.
+        strengths: g_j, for c sums at once.
+        targets: z.
+
+    Source: Greengard & Rokhlin, "A fast algorithm for particle simulations", J. Comput. Phys. 73 (1987).
+    """
+    tree = _Sources.of(sources, strengths)
+    cell, centre, radius = _cells(sources, targets)
+    far, (near, _) = tree.pairs(centre, radius)
+    # a cell beside a single source gains nothing: its targets go alone, like those that have no cell (numbered −1)
+    has_series = np.ones(len(centre) + 1, dtype=bool)
+    has_series[near] = has_series[-1] = False
+    series = np.zeros((len(centre), strengths.shape[1], _TERMS), dtype=np.complex128)
+    for level, (own, segment) in zip(tree.levels, far, strict=True):
+        kept = has_series[own]
+        _add_local_series(series, centre, radius, level, own[kept], segment[kept])
+    result = np.empty((len(targets), strengths.shape[1]), dtype=np.complex128)
+    inside = has_series[cell]
+    some = cell[inside]
+    result[inside] = _horner(series, some, (targets[inside] - centre[some]) / radius[some])
+    result[~inside] = _one_by_one(tree, targets[~inside])
+    return result
+
+
+# numbers of target clusters, ascending, and of segments
+_Pairs = tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Level:
+    """Segments of equal numbers of sources with their moments Σ g_j ((ζ_j − centre)/radius)^k."""
+
+    centre: Complex[np.ndarray, " s"]
+    radius: Float[np.ndarray, " s"]
+    moments: Complex[np.ndarray, "s c k"]
+
+    @classmethod
+    def of(cls, z: Complex[np.ndarray, "s i"], g: Complex[np.ndarray, "s i c"]) -> _Level:
+        low, high = z.real.min(axis=1) + 1j * z.imag.min(axis=1), z.real.max(axis=1) + 1j * z.imag.max(axis=1)
+        centre = 0.5 * (low + high)
+        offset = z - centre[:, None]
+        radius = np.abs(offset).max(axis=1)
+        # pieces of segments that are short enough for a table of their powers
+        piece = min(z.shape[1], _PAIRS)
+        unit = (offset / np.maximum(radius, _TINY)[:, None]).reshape(-1, piece)
+        by_column = g.reshape(-1, piece, g.shape[2]).swapaxes(1, 2)
+        step = _PAIRS // piece
+        parts = [
+            by_column[k : k + step] @ _powers(unit[k : k + step].ravel()).reshape(-1, piece, _TERMS)
+            for k in range(0, len(unit), step)
+        ]
+        moments = np.concatenate(parts).reshape(len(z), -1, g.shape[2], _TERMS).sum(axis=1)
+        return cls(centre=centre, radius=radius, moments=moments)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sources:
+    """The tree of segments, one at the first level and twice as many at each next, and the leaves' own sources."""
+
+    levels: tuple[_Level, ...]
+    z: Complex[np.ndarray, "l i"]
+    g: Complex[np.ndarray, "l i c"]
+
+    @classmethod
+    def of(cls, sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"]) -> _Sources:
+        depth = int(np.ceil(np.log2(max(1.0, len(sources) / _SOURCES_PER_LEAF))))
+        missing = (_SOURCES_PER_LEAF << depth) - len(sources)
+        # sources without strength fill the last leaves
+        z = np.append(sources, np.full(missing, sources[-1]))
+        g = np.concatenate([strengths, np.zeros((missing, strengths.shape[1]))])
+        levels = tuple(_Level.of(z.reshape(1 << k, -1), g.reshape(1 << k, -1, g.shape[1])) for k in range(depth + 1))
+        return cls(levels=levels, z=z.reshape(1 << depth, -1), g=g.reshape(1 << depth, -1, g.shape[1]))
+
+    def pairs(self, centre: Complex[np.ndarray, " t"], radius: Float[np.ndarray, " t"]) -> tuple[list[_Pairs], _Pairs]:
+        """For each level the pairs of a target cluster and a segment apart from it, and the leaves too near for that.
+
+        To each cluster every source belongs once.
+        """
+        own, segment = np.arange(len(centre)), np.zeros(len(centre), dtype=np.int64)
+        far: list[_Pairs] = []
+        for level in self.levels:
+            if far:
+                own, segment = np.repeat(own, 2), np.add.outer(2 * segment, [0, 1]).ravel()
+            apart = radius[own] + level.radius[segment] < _APART * np.abs(centre[own] - level.centre[segment])
+            far.append((own[apart], segment[apart]))
+            own, segment = own[~apart], segment[~apart]
+        return far, (own, segment)
+
+
+def _cells(
+    sources: Complex[np.ndarray, " n"], targets: Complex[np.ndarray, " m"]
+) -> tuple[Int[np.ndarray, " m"], Complex[np.ndarray, " t"], Float[np.ndarray, " t"]]:
+    """Square cells of targets away from the sources: each target's cell, −1 for none, and the cells' circles."""
+    tree = cKDTree(_plane(sources))
+    cell, count = np.full(len(targets), -1), 0
+    centres, radii = [np.zeros(0, dtype=np.complex128)], [np.zeros(0)]
+    extent = max(float(np.abs(z - sources[0]).max(initial=0.0)) for z in (sources, targets))
+    side = 2.0 ** np.ceil(np.log2(extent or 1.0))
+    left = np.arange(len(targets))
+    for _ in range(_MOST_HALVINGS):
+        corner = np.floor(targets[left].real / side) + 1j * np.floor(targets[left].imag / side)
+        corner, number, members = np.unique(corner, return_inverse=True, return_counts=True)
+        centre = (corner + 0.5 + 0.5j) * side
+        distance, _ = tree.query(_plane(centre))
+        crowd = members >= _FEWEST_IN_CELL
+        good = crowd & (side <= _CELL_SIDE * distance)
+        chosen = good[number]
+        cell[left[chosen]] = count + (np.cumsum(good) - 1)[number[chosen]]
+        count += int(good.sum())
+        centres.append(centre[good])
+        radii.append(np.full(int(good.sum()), side / np.sqrt(2)))
+        left = left[(crowd & ~good)[number]]
+        if len(left) == 0:
+            break
+        side /= 2
+    return cell, np.concatenate(centres), np.concatenate(radii)
+
+
+def _add_local_series(
+    series: Complex[np.ndarray, "t c k"],
+    centre: Complex[np.ndarray, " t"],
+    radius: Float[np.ndarray, " t"],
+    level: _Level,
+    own: Int[np.ndarray, " p"],
+    segment: Int[np.ndarray, " p"],
+) -> None:
+    """Adds what segments do in cells apart from them, as power series of (z − centre)/radius."""
+    for start in range(0, len(own), _PAIRS):
+        cell, s = own[start : start + _PAIRS], segment[start : start + _PAIRS]
+        inverse = 1 / (centre[cell] - level.centre[s])
+        scaled = level.moments[s] * _powers(level.radius[s] * inverse)[:, None, :]
+        local = (scaled.reshape(-1, _TERMS) @ _BINOMIALS).reshape(scaled.shape)
+        local *= (-inverse[:, None] * _powers(-radius[cell] * inverse))[:, None, :]
+        _add_by_owner(series, cell, local)
+
+
+def _one_by_one(tree: _Sources, targets: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, "m c"]:
+    """The sums at targets without a cell, from the segments' series and from single sources."""
+    total = np.zeros((len(targets), tree.g.shape[2]), dtype=np.complex128)
+    far, near = tree.pairs(targets, np.zeros(len(targets)))
+    for level, (own, segment) in zip(tree.levels, far, strict=True):
+        for start in range(0, len(own), _PAIRS):
+            target, s = own[start : start + _PAIRS], segment[start : start + _PAIRS]
+            inverse = 1 / (targets[target] - level.centre[s])
+            powers = -inverse[:, None] * _powers(level.radius[s] * inverse)
+            _add_by_owner(total, target, (level.moments[s] @ powers[:, :, None])[:, :, 0])
+    for start in range(0, len(near[0]), _PAIRS):
+        target, leaf = (numbers[start : start + _PAIRS] for numbers in near)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            kernel = 1 / (tree.z[leaf] - targets[target][:, None])
+            _add_by_owner(total, target, (kernel[:, None, :] @ tree.g[leaf])[:, 0])
+    return total
+
+
+def _horner(
+    series: Complex[np.ndarray, "t c k"], cell: Int[np.ndarray, " m"], u: Complex[np.ndarray, " m"]
+) -> Complex[np.ndarray, "m c"]:
+    """Σ_k series[cell, :, k] u^k."""
+    by_term = np.ascontiguousarray(np.moveaxis(series, 2, 0))
+    parts = [np.zeros((0, series.shape[1]), dtype=np.complex128)]
+    for start in range(0, len(u), _PAIRS):
+        some, power = cell[start : start + _PAIRS], u[start : start + _PAIRS, None]
+        total = by_term[-1][some]
+        for terms in by_term[-2::-1]:
+            total *= power
+            total += terms[some]
+        parts.append(total)
+    return np.concatenate(parts)
+
+
+def _powers(x: Complex[np.ndarray, " p"]) -> Complex[np.ndarray, "p k"]:
+    table = np.repeat(x[:, None], _TERMS, axis=1)
+    table[:, 0] = 1
+    return np.asarray(np.multiply.accumulate(table, axis=1))
+
+
+def _add_by_owner(
+    total: Complex[np.ndarray, "t *rest"], owner: Int[np.ndarray, " p"], values: Complex[np.ndarray, "p *rest"]
+) -> None:
+    """Adds each value to its owner's; the owners ascend."""
+    if len(owner):
+        first = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
+        total[owner[first]] += np.add.reduceat(values, first, axis=0)
+
+
+def _plane(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
+    return np.stack([z.real, z.imag], axis=1)

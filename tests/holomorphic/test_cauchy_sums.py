@@ -1,0 +1,179 @@
+"""Fast sums of Cauchy kernels: the direct sums, wherever the points are."""
+
+import time
+
+import numpy as np
+import pytest
+import torch
+import torch.autograd.forward_ad as forward_ad
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.domain import FourierBoundary
+from spinor_geom.holomorphic import interpolant
+from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
+from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from tests.strategies import SEEDS, analytic_boundaries
+
+ELLIPSE = FourierBoundary(np.array([0.3, 0, 1.7]), 64)
+
+
+def direct(sources, strengths, targets):
+    return (strengths / (sources[:, None] - targets[:, None, None])).sum(axis=1)
+
+
+def check_sums(sources, strengths, targets):
+    """Equal to round-off of the terms, many times a term's own: 1e-12 of the sum of their absolute values."""
+    scale = (np.abs(strengths) / np.abs(sources[:, None] - targets[:, None, None])).sum(axis=1)
+    error = np.abs(cauchy_sums(sources, strengths, targets) - direct(sources, strengths, targets))
+    assert (error < 1e-12 * scale).all()
+
+
+def random_complex(rng, *shape):
+    return rng.normal(size=(*shape, 2)) @ [1, 1j]
+
+
+@pytest.mark.parametrize("n", [1, 3, 8, 9, 100, 513])
+@pytest.mark.parametrize("targets", [1, 5, 400])
+def test_any_numbers_of_sources_and_targets(n, targets):
+    rng = np.random.default_rng(n)
+    sources = ELLIPSE.point(np.arange(n) / n)
+    check_sums(sources, random_complex(rng, n, 2), 2 * random_complex(rng, targets))
+
+
+@settings(max_examples=15)
+@given(boundary=analytic_boundaries(), seed=SEEDS, n=st.integers(50, 800))
+def test_targets_beside_and_far_from_random_curves(boundary, seed, n):
+    rng = np.random.default_rng(seed)
+    sources = boundary.grid(max(n, len(boundary.coefficients)))[0]
+    beside = rng.choice(sources, 300) + random_complex(rng, 300) * 10 ** rng.uniform(-8, 0, 300)
+    crowd = rng.choice(sources, 1) * 0.5 + 1e-3 * random_complex(rng, 300)
+    check_sums(sources, random_complex(rng, len(sources), 3), np.concatenate([beside, crowd]))
+
+
+@pytest.mark.parametrize("scale", [1e-8, 1e8])
+def test_scale_of_the_plane_does_not_matter(scale):
+    rng = np.random.default_rng(0)
+    sources = ELLIPSE.point(np.arange(300) / 300)
+    strengths, targets = random_complex(rng, 300, 1), random_complex(rng, 200)
+    scaled = cauchy_sums(scale * sources, scale * strengths, scale * targets)
+    np.testing.assert_allclose(scaled, cauchy_sums(sources, strengths, targets), rtol=1e-9)
+
+
+def test_sources_in_one_place_and_targets_in_one_place():
+    rng = np.random.default_rng(0)
+    check_sums(np.ones(40, dtype=complex), random_complex(rng, 40, 2), np.full(60, 3 + 1j))
+    check_sums(ELLIPSE.point(np.arange(40) / 40), random_complex(rng, 40, 2), np.full(60, 0.2 + 0.1j))
+
+
+def test_sums_at_a_source_are_not_finite_and_the_others_are():
+    sources = ELLIPSE.point(np.arange(100) / 100)
+    targets = np.append(sources[17], 0.1 * np.arange(5))
+    finite = np.isfinite(cauchy_sums(sources, np.ones((100, 1)), targets)).all(axis=1)
+    assert finite.tolist() == [False, *[True] * 5]
+    # the last source is there again where the last leaves are filled up
+    assert not np.isfinite(cauchy_sums(sources, np.ones((100, 1)), sources)).any()
+    # a single one is a cluster without extent
+    assert not np.isfinite(cauchy_sums(sources[:1], np.ones((1, 1)), sources[:1])).any()
+
+
+def test_sums_are_the_same_each_time():
+    rng = np.random.default_rng(0)
+    sources = ELLIPSE.point(np.arange(3000) / 3000)
+    strengths, targets = random_complex(rng, 3000, 3), random_complex(rng, 2000)
+    first = cauchy_sums(sources, strengths, targets)
+    np.testing.assert_array_equal(cauchy_sums(sources, strengths, targets), first)
+
+
+def test_no_targets():
+    assert cauchy_sums(ELLIPSE.point(np.arange(20) / 20), np.ones((20, 2)), np.zeros(0, dtype=complex)).shape == (0, 2)
+
+
+def test_time_does_not_grow_with_the_product():
+    def seconds(n):
+        rng = np.random.default_rng(0)
+        sources, targets = ELLIPSE.point(np.arange(n) / n), 0.9 * rng.uniform(-1, 1, 5 * n) + 0.9j * rng.uniform(-1, 1)
+        start = time.process_time()
+        cauchy_sums(sources, np.ones((n, 3)), targets)
+        return time.process_time() - start
+
+    # sixteen times as much to do; the product of the numbers is 256 times as large
+    assert min(seconds(16_000) for _ in range(2)) < 60 * min(seconds(1000) for _ in range(3))
+
+
+# --- in the interpolant -----------------------------------------------------------------------------------------------
+
+
+def model_and_points():
+    z, dz, _ = (torch.from_numpy(row) for row in ELLIPSE.grid(200))
+    model = CauchyInterpolant(z, dz, torch.stack([torch.exp(z), z**3], dim=-1))
+    rng = np.random.default_rng(0)
+    return model, torch.from_numpy(ELLIPSE.point(rng.uniform(size=500)) * rng.uniform(0, 1, 500))
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Every number of nodes and points counts as many; holds the numbers of points of the fast sums."""
+    heard = []
+
+    def sums(sources, strengths, targets):
+        heard.append(len(targets))
+        return cauchy_sums(sources, strengths, targets)
+
+    monkeypatch.setattr(interpolant, "_MANY", 0)
+    monkeypatch.setattr(interpolant, "cauchy_sums", sums)
+    return heard
+
+
+def test_interpolant_gives_the_same_values_either_way(calls):
+    model, inner = model_and_points()
+    points = torch.cat([inner, model.nodes[::7], model.nodes[:9] * (1 - 1e-14)]).reshape(-1, 2)
+    with torch.no_grad():
+        plain = model.features(points) @ model.values
+        torch.testing.assert_close(model.value(points), plain, rtol=0, atol=1e-11)
+        # at the nodes to the last bit
+        assert torch.equal(model.value(model.nodes), model.values)
+    assert calls == [points.numel(), len(model.nodes)]
+
+
+# derivatives and batches of values, in all the ways that torch knows
+TRANSFORMS = {
+    "jvp": lambda f, z: torch.func.jvp(f, (z,), (torch.ones_like(z),))[1],
+    "jvp twice": lambda f, z: TRANSFORMS["jvp"](lambda w: TRANSFORMS["jvp"](f, w), z),
+    "vjp": lambda f, z: torch.func.vjp(f, z)[1](torch.ones(len(z), 2, dtype=z.dtype))[0],
+    "vmap": lambda f, z: torch.func.vmap(f)(z.reshape(4, -1)),
+    "vmap of jvp": lambda f, z: torch.func.vmap(lambda w: TRANSFORMS["jvp"](f, w))(z),
+    "forward mode": lambda f, z: tangent_of(f, z),
+}
+
+
+def tangent_of(function, z):
+    with forward_ad.dual_level():
+        return forward_ad.unpack_dual(function(forward_ad.make_dual(z, torch.ones_like(z)))).tangent
+
+
+# torch compiles some rules of forward mode on first use, by a function that it has itself deprecated
+@pytest.mark.filterwarnings("ignore:.*torch.jit.script:DeprecationWarning")
+@pytest.mark.parametrize("transform", TRANSFORMS.values(), ids=TRANSFORMS.keys())
+def test_transforms_go_the_plain_way(transform, calls):
+    model, points = model_and_points()
+    points = 0.8 * points[:40]
+
+    def rational(z):
+        return model.features(z) @ model.values
+
+    with torch.no_grad():
+        torch.testing.assert_close(transform(model.value, points), transform(rational, points), rtol=0, atol=1e-9)
+    assert calls == []
+    # gradients of the parameters too
+    assert model.value(points).requires_grad
+    assert calls == []
+
+
+def test_what_is_not_finite_or_of_less_digits_goes_the_plain_way(calls):
+    model, points = model_and_points()
+    with torch.no_grad():
+        value = model.value(torch.cat([points[:2], torch.tensor([complex("nan"), complex("inf")])]))
+        assert value.isfinite().all(-1).tolist()[:3] == [True, True, False]
+        assert model.value(points.to(torch.complex64)).shape == (500, 2)
+    assert calls == []

@@ -1,0 +1,130 @@
+"""PowerSeries: closed integrals of its squares, and series of thousands of terms."""
+
+import resource
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.holomorphic import MODELS, PowerSeries
+from spinor_geom.holomorphic.model import IntegrableModel
+from tests.strategies import SEEDS
+
+# of every kind of model
+SIZES = {"terms": 3, "center": (0, 0), "radius": 1, "nodes": 3, "degree": 2, "poles": 1, "features": 4}
+
+
+def random_series(terms, seed=0, **place):
+    rng = np.random.default_rng(seed)
+    return PowerSeries(torch.tensor(rng.normal(size=(terms, 2, 2)) @ [1, 1j]), **place)
+
+
+def points_in_disk(count, seed=0, center=0.0, radius=1.0):
+    rng = np.random.default_rng(seed)
+    z = np.sqrt(rng.uniform(size=count)) * np.exp(2j * np.pi * rng.uniform(size=count))
+    return torch.from_numpy(center + radius * z)
+
+
+def geometric_series(ratio, terms):
+    """p = Σ (ratio·z)^k, and q = p·i."""
+    powers = torch.full((terms,), ratio, dtype=torch.complex128) ** torch.arange(terms)
+    return PowerSeries(torch.stack([powers, 1j * powers], dim=-1))
+
+
+# --- the closed integral ----------------------------------------------------------------------------------------------
+
+
+def test_only_power_series_have_closed_integrals():
+    integrable = {kind for kind, model in MODELS.items() if isinstance(model.from_config(SIZES), IntegrableModel)}
+    assert integrable == {"series"}
+
+
+def test_integrals_of_ennepers_spinors():
+    series = PowerSeries(torch.tensor([[1, 0], [0, 1]], dtype=torch.complex128))
+    z = points_in_disk(50)
+    exact = torch.stack([z, z**3 / 3, z**2 / 2], dim=-1)
+    with torch.no_grad():
+        torch.testing.assert_close(series.primitive(z), exact, rtol=0, atol=1e-15)
+
+
+@settings(max_examples=25)
+@given(st.integers(1, 80), SEEDS, st.floats(0.1, 10), st.complex_numbers(max_magnitude=3, allow_nan=False))
+def test_integrals_equal_quadrature_along_rays(terms, seed, radius, center):
+    series = random_series(terms, seed, center=center, radius=radius)
+    z = points_in_disk(20, seed, center, radius)
+    # exact for polynomials of the squares' degree
+    nodes, weights = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(terms))
+    with torch.no_grad():
+        p, q = series.value(center + (z - center)[:, None] * (nodes + 1) / 2).unbind(-1)
+        steps = (z - center)[:, None] / 2
+        expected = torch.stack([((f * g) @ (weights + 0j)) for f, g in ((p, p), (q, q), (p, q))], dim=-1) * steps
+        # rounding errors of 2K − 1 coefficients as large as K products of random numbers
+        torch.testing.assert_close(series.primitive(z), expected, rtol=0, atol=1e-14 * radius * terms**1.5)
+
+
+def test_derivatives_of_the_integrals_are_the_squares():
+    series = random_series(12)
+    z = points_in_disk(30).requires_grad_()
+    p, q = series.value(z.detach()).detach().unbind(-1)
+    for k, square in enumerate((p * p, q * q, p * q)):
+        (gradient,) = torch.autograd.grad(series.primitive(z)[:, k].real.sum(), z)
+        torch.testing.assert_close(gradient.conj().resolve_conj(), square, rtol=0, atol=1e-12)
+
+
+def test_integrals_are_differentiable_by_the_coefficients():
+    def integral(coefficients):
+        series = PowerSeries(torch.zeros(3, 2, dtype=torch.complex128))
+        return torch.func.functional_call(Integral(series), {"series.coefficients": coefficients}, (points_in_disk(4),))
+
+    coefficients = random_series(3).coefficients.detach().requires_grad_()
+    assert torch.autograd.gradcheck(integral, (coefficients,))
+
+
+class Integral(torch.nn.Module):
+    """functional_call calls a module, so the integral becomes one."""
+
+    def __init__(self, series):
+        super().__init__()
+        self.series = series
+
+    def forward(self, z):
+        return self.series.primitive(z)
+
+
+# --- long series ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("terms", [0, 1, 2, 31, 32, 33, 64, 65, 500])
+def test_value_equals_the_sum_over_the_powers_whatever_the_number_of_blocks(terms):
+    series = random_series(terms) if terms else PowerSeries(torch.zeros(0, 2, dtype=torch.complex128))
+    z = points_in_disk(40)
+    with torch.no_grad():
+        torch.testing.assert_close(series.value(z), series.features(z) @ series.coefficients, rtol=0, atol=1e-12)
+        k = torch.arange(terms)
+        slopes = series.features(z)[:, : max(terms - 1, 0)] @ (k[:, None] * series.coefficients)[1:]
+        torch.testing.assert_close(series.derivative(z), slopes, rtol=0, atol=1e-11 * max(terms, 1))
+
+
+def test_geometric_series_of_thousands_of_terms():
+    series = geometric_series(0.998, 20_000)
+    z = points_in_disk(300)
+    with torch.no_grad():
+        p, exact = series.value(z)[:, 0], 1 / (1 - 0.998 * z)
+        torch.testing.assert_close(p, exact, rtol=1e-12, atol=0)
+        torch.testing.assert_close(series.derivative(z)[:, 0], 0.998 * exact**2, rtol=1e-11, atol=0)
+        integrals = series.primitive(z)
+        # ∫ p² = z/(1 − 0.998 z) to the same terms, and q = ip
+        torch.testing.assert_close(integrals[:, 0], z * exact, rtol=1e-11, atol=0)
+        torch.testing.assert_close(integrals[:, 1:], torch.stack([-z * exact, 1j * z * exact], -1), rtol=1e-11, atol=0)
+
+
+def test_long_series_at_many_points_takes_little_memory():
+    series, z = geometric_series(0.99, 5000), points_in_disk(20_000)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with torch.no_grad():
+        value = series.value(z)
+    # kibibytes; a table of all powers would take 1.5 GiB
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000
+    torch.testing.assert_close(value[:, 0], 1 / (1 - 0.99 * z), rtol=1e-12, atol=0)

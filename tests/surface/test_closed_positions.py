@@ -1,0 +1,138 @@
+"""Positions in closed form, and by quadrature along the paths that are needed."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from spinor_geom.domain import FourierBoundary, PlaneDomain
+from spinor_geom.gallery import catenoid, enneper, helicoid
+from spinor_geom.holomorphic import PowerSeries
+from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.surface import SpinorSurface
+from tests.strategies import SEEDS
+
+
+class Plain(torch.nn.Module):
+    """A model's p and q without its closed integrals."""
+
+    def __init__(self, model):
+        super().__init__()
+        self.model = model
+
+    def value(self, z):
+        return self.model.value(z)
+
+
+def by_quadrature(surface):
+    return SpinorSurface(Plain(surface.model), surface.domain, surface.constant, spinor_map=surface.spinor_map)
+
+
+def random_surface(seed, terms=9):
+    rng = np.random.default_rng(seed)
+    coefficients = torch.tensor(rng.normal(size=(terms, 2, 2)) @ [1, 1j])
+    return SpinorSurface(PowerSeries(coefficients), PlaneDomain.disk(n=32), rng.normal(size=3))
+
+
+def inside(domain, n, seed=0):
+    rng = np.random.default_rng(seed)
+    mesh = domain.triangulation
+    faces = mesh.points[mesh.faces[rng.integers(len(mesh.faces), size=n)]]
+    return (faces * rng.dirichlet([1, 1, 1], size=n)).sum(axis=1)
+
+
+def test_closed_positions_are_those_of_gauss_s_rule_on_power_series_alone():
+    surface = enneper(1.0).surface
+    assert surface.has_closed_positions
+    assert not by_quadrature(surface).has_closed_positions
+    simpson = SpinorSurface(surface.model, surface.domain, quadrature="simpson", order=8)
+    assert not simpson.has_closed_positions
+
+
+@settings(max_examples=20)
+@given(SEEDS, st.floats(-4, 4), st.floats(1e-3, 1e3))
+def test_closed_positions_equal_quadrature_on_every_surface_of_the_model(seed, angle, scale):
+    rotation = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    surface = random_surface(seed).associate(angle).transform(rotation, scale, scale * np.arange(3.0))
+    z = inside(surface.domain, 40, seed)
+    expected = by_quadrature(surface).position(z)
+    np.testing.assert_allclose(surface.position(z), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("known", [catenoid(0.5), helicoid(1.0, 1.0)], ids=lambda known: known.name)
+def test_closed_positions_on_domains_that_are_no_disk(known):
+    z = inside(known.surface.domain, 100)
+    np.testing.assert_allclose(known.surface.position(z), known.position(z), atol=2e-14)
+
+
+def test_position_of_the_root_is_the_constant_to_the_last_bit():
+    surface = random_surface(3)
+    np.testing.assert_array_equal(surface.position(np.array(surface.root)), surface.constant.detach().numpy())
+
+
+@pytest.mark.parametrize("shape", [(), (0,), (3, 0), (2, 3)])
+def test_shapes_of_closed_positions(shape):
+    surface = random_surface(0)
+    z = np.full(shape, 0.1 + 0.2j)
+    assert surface.position(z).shape == (*shape, 3)
+    assert surface.position(torch.from_numpy(z)).shape == (*shape, 3)
+
+
+def test_gradients_of_closed_positions_equal_those_of_quadrature():
+    surface = random_surface(1)
+    other = by_quadrature(surface)
+    z = torch.tensor([0.3 + 0.2j, -0.5j, 0.1], requires_grad=True)
+    gradients = []
+    for each in (surface, other):
+        parameters = [each.constant, surface.model.coefficients, z]
+        loss = (each.position(z) * torch.arange(9.0, dtype=torch.float64).reshape(3, 3)).sum()
+        gradients.append(torch.autograd.grad(loss, parameters))
+    for closed, plain in zip(*gradients, strict=True):
+        torch.testing.assert_close(closed, plain, rtol=0, atol=1e-11)
+
+
+def test_surfaces_of_thousands_of_terms_are_conformal():
+    terms = 4000
+    powers = 0.995 ** torch.arange(terms, dtype=torch.float64) / torch.arange(1, terms + 1)
+    model = PowerSeries(torch.stack([powers + 0j, 1j * powers.flip(0)], dim=-1))
+    surface = SpinorSurface(model, PlaneDomain.disk(n=64))
+    # of a size at which differences of fourth order are exact to 1e-9, where the surface is as smooth
+    z, h = 0.9 * np.exp(2j * np.pi * np.arange(20) / 20), 1e-3
+    steps = np.array([-2, -1, 1, 2]) * h
+    weights = np.array([1, -8, 8, -1]) / (12 * h)
+    x = np.einsum("k,nki->ni", weights, surface.position(z[:, None] + steps))
+    y = np.einsum("k,nki->ni", weights, surface.position(z[:, None] + 1j * steps))
+    factor = surface.conformal_factor(z)
+    np.testing.assert_allclose((x * x).sum(axis=1), factor**2, rtol=1e-6)
+    np.testing.assert_allclose((y * y).sum(axis=1), factor**2, rtol=1e-6)
+    assert np.abs((x * y).sum(axis=1) / factor**2).max() < 1e-6
+
+
+# --- by quadrature ----------------------------------------------------------------------------------------------------
+
+
+def test_positions_of_a_few_points_are_those_of_many():
+    boundary = FourierBoundary(np.array([0.1j, 0.5, 0.2, 1.5, 0.1]), 64)
+    z, dz, _ = (torch.from_numpy(row) for row in boundary.grid(128))
+    model = CauchyInterpolant(z, dz, torch.stack([torch.exp(z), 0.3 * z], dim=-1))
+    surface = SpinorSurface(model, PlaneDomain.inside(boundary), (1.0, 2.0, 3.0))
+    points = inside(surface.domain, 50)
+    together = surface.position(points)
+    alone = np.stack([surface.position(point) for point in points])
+    np.testing.assert_allclose(alone, together, rtol=0, atol=1e-14)
+    # the paths of all vertices are the same again
+    with torch.no_grad():
+        np.testing.assert_allclose(surface.position(torch.from_numpy(points)), together, rtol=0, atol=1e-14)
+
+
+def test_ways_from_the_root_hold_what_was_asked_for_and_all_before_it():
+    tree = PlaneDomain.disk(n=40).paths
+    wanted = np.array([0, 7, 30])
+    visited = tree.visited(wanted)
+    assert set(wanted.tolist()) <= set(visited.tolist())
+    assert tree.root in visited
+    assert np.isin(tree.parent[visited], visited).all()
+    assert len(visited) <= 1 + 3 * len(tree.levels)
+    assert len(tree.visited(np.zeros(0, dtype=np.int64))) == 0
