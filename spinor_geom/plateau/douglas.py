@@ -26,8 +26,6 @@ _CROWDED = 40.0
 _SMALL_GRADIENT, _PATIENCE = 1e-6, 4
 # Curvatures of the energy below this share of the metric's count as none.
 _FLAT = 1e-6
-# Share of the Hessian's scale that is added where conformal maps of Ω onto itself leave it singular.
-_GAUGE_STIFFNESS = 1e-3
 # Increments shrink at most to e⁻³ of themselves in a step.
 _LARGEST_SHRINKAGE = 3.0
 # Where Γ curves against the step, the second derivative of the energy is reflected by this share at first, then less.
@@ -42,7 +40,8 @@ class HarmonicDisk:
         slide: (n,), curve parameter s at each node, increasing.
         points: (n, 3), Γ(s).
         energy: Dirichlet energy: the area where the surface is conformal, more elsewhere.
-        gradient: RMS of the energy's derivative by s, relative to that of its two factors: 0 where conformal.
+        gradient: RMS of the energy's derivative by s, less what conformal maps of Ω can give it, relative to that of
+            its two factors: 0 where conformal.
         steps: Newton steps taken.
         crowded: whether it was given up because the nodes crowd.
     """
@@ -92,9 +91,9 @@ def minimise_dirichlet_energies(
 ) -> tuple[HarmonicDisk, ...]:
     """Newton's method with conjugate gradients for the slides of several curves, all of it by fast Fourier transforms.
 
-    The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself leave it as it is, so its Hessian is singular
-    at a solution; a small multiple of the projection on {1, cos 2πt, sin 2πt}, which those maps change, is added to it
-    and takes nothing from the solution. A step is taken along s by factors of the increments, so that s stays
+    The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself leave it as it is, up to the error of the
+    samples, which would lead astray along them: steps have no part in {1, cos 2πt, sin 2πt}, which those maps change,
+    and where the gradient is in their span it is 0. A step is taken along s by factors of the increments, so that s stays
     increasing. The curves do not know of each other; together they take little longer than the slowest of them where n
     is small.
 
@@ -117,10 +116,10 @@ def minimise_dirichlet_energies(
     stuck = torch.zeros_like(number, dtype=torch.bool)
     recent = torch.full((len(slides), _PATIENCE), torch.inf, dtype=slides.dtype, device=slides.device)
     for steps in itertools.count():
-        gradient = problem.gradient(state)
+        gradient = problem.without_gauge(problem.gradient(state))
         size = (gradient.square().mean(-1) / (state.force.square() * state.speed2).mean(-1)).sqrt()
         crowded = state.increments.amax(-1) * slides.shape[1] > _CROWDED
-        # what is left once it stays as it is belongs to conformal maps of Ω, to which the samples are not quite blind
+        # what is left once it stays as it is is rounding error
         stays = (size < _SMALL_GRADIENT) & (size > recent.amin(-1) / 2)
         finished = ~(size > limits) | stays | stuck | crowded
         if steps >= max_steps:
@@ -193,19 +192,16 @@ class _Problem:
     curves: CurveTensors
     form: DirichletForm
     gauge: Tensor  # (n, 3), orthonormal columns 1, cos, sin
-    stiffness: Tensor  # (b, 1), of the gauge
 
     @classmethod
     def of(cls, curves: CurveTensors, form: DirichletForm, slides: Float[Tensor, "b n"]) -> _Problem:
         n = slides.shape[1]
         angle = 2 * torch.pi * torch.arange(n, dtype=slides.dtype, device=slides.device) / n
         columns = torch.stack([torch.ones_like(angle), 2**0.5 * angle.cos(), 2**0.5 * angle.sin()], dim=-1) / n**0.5
-        _, tangent, _ = curves.point_and_derivatives(slides)
-        stiffness = _GAUGE_STIFFNESS * tangent.square().sum(-1).mean(-1, keepdim=True)
-        return cls(curves=curves, form=form, gauge=columns, stiffness=stiffness)
+        return cls(curves=curves, form=form, gauge=columns)
 
     def at(self, which: Int[Tensor, " k"]) -> _Problem:
-        return replace(self, curves=self.curves.at(which), stiffness=self.stiffness[which])
+        return replace(self, curves=self.curves.at(which))
 
     def state(self, slides: Float[Tensor, "b n"]) -> _State:
         points, tangent, second = self.curves.point_and_derivatives(slides)
@@ -218,6 +214,10 @@ class _Problem:
             normal_derivative=normal,
             energy=0.5 * (points * normal).sum((-2, -1)),
         )
+
+    def without_gauge(self, v: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
+        """Less its part that conformal maps of Ω can give it."""
+        return v - (v @ self.gauge) @ self.gauge.T
 
     def gradient(self, state: _State) -> Float[Tensor, "b n"]:
         return (state.normal_derivative * state.tangent).sum(-1)
@@ -242,11 +242,11 @@ class _Problem:
 
         def hessian(v: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
             stretched = (tangent * self.form(tangent * v[..., None])).sum(-1)
-            return stretched + bend * v + self.stiffness * ((v @ self.gauge) @ self.gauge.T)
+            return self.without_gauge(stretched + bend * v)
 
         def precondition(v: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
             smooth: Tensor = torch.fft.irfft(torch.fft.rfft(v / speed) * symbol, n=n)
-            return smooth / speed
+            return self.without_gauge(smooth / speed)
 
         x, rest = torch.zeros_like(gradient), -gradient
         z = precondition(rest)
@@ -258,7 +258,6 @@ class _Problem:
             image = hessian(along)
             curvature, scale = _dot(along, image), _dot(along, metric)
             flat = unfinished & (curvature <= _FLAT * scale)
-            # a flat direction is a conformal map of Ω: it has nothing to give and does not disturb the others
             downwards |= flat & (curvature < -_FLAT * scale)
             unfinished &= ~flat
             if step == 0:

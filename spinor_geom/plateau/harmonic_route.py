@@ -72,7 +72,7 @@ _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
 _MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 24
 _FEWEST_NODES, _MOST_NODES = 256, 1 << 17
 # Nodes for each edge of a loop so short that they are fewer than that, and most nodes of loops that are batched.
-_FEWEST_PER_EDGE, _BATCHED_NODES = 8, 256
+_FEWEST_PER_EDGE, _BATCHED_NODES = 16, 256
 _MORE_NODES = 1.5
 # Where so many times more nodes do not halve the residual, it is not their number that limits it.
 _PATIENCE = 3

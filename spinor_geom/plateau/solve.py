@@ -274,7 +274,7 @@ class _Task:
 
     @property
     def is_harmonic(self) -> bool:
-        """Whether harmonic disks may be tried: kinks of Γ are singularities of p and q, for which a network has poles."""
+        """Whether harmonic disks may be tried: kinks of Γ are singularities of p and q, which take a network."""
         return self.options.is_free and not self.loop.corners.any()
 
     def solved(self) -> PlateauSolution:

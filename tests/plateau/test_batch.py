@@ -1,0 +1,89 @@
+"""Many loops at once: each as if it were alone, in order, with errors in their place."""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from spinor_geom import boundary_loops, gallery, read_mesh
+from spinor_geom.errors import OptionError, SpinorGeomError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau import solve_plateau, solve_plateau_batch
+from tests.loops import CONVEX, planar
+from tests.strategies import SEEDS
+
+BOW_TIE = BoundaryLoop.from_points([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)])
+FOLDED = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 0), (0.5, 0, 0), (0, 1, 1)])
+
+
+def saddle(points: int, seed: int) -> BoundaryLoop:
+    """A curve around a saddle, not quite regular."""
+    random = np.random.default_rng(seed)
+    t = 2 * np.pi * (np.arange(points) + 0.3 * random.random(points)) / points
+    height = random.uniform(0.1, 0.6)
+    return BoundaryLoop.from_points(
+        np.stack([np.cos(t), random.uniform(0.5, 1) * np.sin(t), height * np.cos(2 * t)], 1)
+    )
+
+
+@settings(max_examples=6)
+@given(seed=SEEDS)
+def test_every_solution_is_the_one_of_its_loop_alone(seed):
+    loops = [saddle(n, seed + n) for n in (5, 6, 6, 7, 20, 64)]
+    loops += [planar(CONVEX, 12), gallery.ellipse(6).sample(40)]
+    for loop, solution in zip(loops, solve_plateau_batch(loops), strict=True):
+        alone = solve_plateau(loop)
+        assert not isinstance(solution, SpinorGeomError)
+        assert (solution.loop, solution.route, solution.converged) == (loop, alone.route, alone.converged)
+        assert abs(solution.area / alone.area - 1) < 1e-7
+        assert (solution.surface.normal(0j) @ alone.surface.normal(0j) if solution.route == "disk" else 1) > 1 - 1e-5
+        assert len(solution.history) == len(alone.history)
+        assert set(solution.timings) == set(alone.timings)
+
+
+def test_errors_stand_in_the_place_of_their_loops():
+    wrong = {1: BOW_TIE, 3: FOLDED}
+    loops = [wrong.get(i, saddle(9, i)) for i in range(5)]
+    for i, answer in enumerate(solve_plateau_batch(loops)):
+        if i in wrong:
+            with pytest.raises(type(answer), match=re.escape(str(answer))):
+                solve_plateau(wrong[i])
+        else:
+            assert answer.converged
+
+
+def test_loops_are_taken_as_they_are_needed():
+    taken = []
+
+    def endless():
+        for seed in itertools.count():
+            taken.append(seed)
+            yield saddle(6, seed)
+
+    solutions = list(itertools.islice(solve_plateau_batch(endless()), 3))
+    assert all(solution.converged for solution in solutions)
+    assert len(taken) <= 128
+
+
+def test_options_are_checked_at_once():
+    for wrong in ({"model": "mlp9"}, {"tolerance": 0.0}, {"max_iterations": 0}, {"unstable": "drop"}):
+        with pytest.raises(OptionError):
+            solve_plateau_batch([], **wrong)
+
+
+def test_a_batch_may_take_the_network():
+    (solution,) = solve_plateau_batch([saddle(12, 3)], model="cauchy")
+    assert solution.route == "network"
+
+
+def test_small_holes_of_a_real_mesh_take_few_steps_on_the_disk():
+    holes = [loop for loop in boundary_loops(read_mesh("data/spot_cut.obj")) if len(loop) == 6]
+    assert len(holes) > 50
+    for solution in solve_plateau_batch(holes):
+        # steps along conformal maps of the disk led nodes to crowd where there were few, and never ended
+        assert (solution.route, solution.converged) == ("disk", True)
+        assert len(solution.history) <= 20
