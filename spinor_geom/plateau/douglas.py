@@ -20,6 +20,9 @@ from spinor_geom.plateau.problem import CurveTensors
 
 _MAX_CG_STEPS = 60
 _MAX_HALVINGS = 12
+# A step may raise the energy up to the highest of so many last ones: valleys of the energy are bent, and Newton's
+# method follows them far faster if it may climb their sides a little.
+_REMEMBERED = 6
 # Nodes may be no farther apart on Γ than so many times their mean distance: beyond, ∂Ω crowds and nothing is resolved.
 _CROWDED = 40.0
 # A gradient below this that does not halve in so many steps is the discretisation's.
@@ -62,6 +65,7 @@ def minimise_dirichlet_energy(
     tolerance: float,
     max_steps: int,
     near: bool = False,
+    negligible: float = 0.0,
     on_step: Callable[[float], None] | None = None,
 ) -> HarmonicDisk:
     """The slide of one curve: see `minimise_dirichlet_energies`."""
@@ -74,6 +78,7 @@ def minimise_dirichlet_energy(
         tolerances=[tolerance],
         max_steps=max_steps,
         near=near,
+        negligible=negligible,
         on_step=[] if on_step is None else [on_step],
     )
     return disk
@@ -87,6 +92,7 @@ def minimise_dirichlet_energies(
     tolerances: Sequence[float],
     max_steps: int,
     near: bool = False,
+    negligible: float = 0.0,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk, ...]:
     """Newton's method with conjugate gradients for the slides of several curves, all of it by fast Fourier transforms.
@@ -104,9 +110,11 @@ def minimise_dirichlet_energies(
         tolerances: (b,), gradient, as in `HarmonicDisk`, at which each is to stop.
         max_steps: limit on each one's Newton steps.
         near: whether the starts are near to solutions, so that plain Newton steps may be taken at once.
+        negligible: fall of the least energy over several steps at which to stop.
         on_step: one for each curve, is called with its gradient at the start of each of its steps; none for silence.
 
-    Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
+    Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931); Grippo, Lampariello & Lucidi, "A
+    nonmonotone line search technique for Newton's method", SIAM J. Numer. Anal. 23 (1986).
     """
     disks: list[HarmonicDisk | None] = [None] * len(slides)
     problem = _Problem.of(curves, form, slides)
@@ -115,13 +123,19 @@ def minimise_dirichlet_energies(
     reflection = torch.full_like(limits, 0.0 if near else 1.0)
     stuck = torch.zeros_like(number, dtype=torch.bool)
     recent = torch.full((len(slides), _PATIENCE), torch.inf, dtype=slides.dtype, device=slides.device)
+    # the last energies, and the least that had been reached before each of the last steps
+    energies = state.energy[:, None].expand(-1, _REMEMBERED)
+    lowest = torch.full((len(slides), _REMEMBERED + 1), torch.inf, dtype=slides.dtype, device=slides.device)
+    lowest[:, -1] = state.energy
+    negligible *= slides.shape[1] / (2 * torch.pi)
     for steps in itertools.count():
         gradient = problem.without_gauge(problem.gradient(state))
         size = (gradient.square().mean(-1) / (state.force.square() * state.speed2).mean(-1)).sqrt()
         crowded = state.increments.amax(-1) * slides.shape[1] > _CROWDED
         # what is left once it stays as it is is rounding error
         stays = (size < _SMALL_GRADIENT) & (size > recent.amin(-1) / 2)
-        finished = ~(size > limits) | stays | stuck | crowded
+        still = lowest[:, 0] - lowest[:, -1] < negligible
+        finished = ~(size > limits) | stays | still | stuck | crowded
         if steps >= max_steps:
             finished[:] = True
         for i in finished.nonzero()[:, 0].tolist():
@@ -139,13 +153,17 @@ def minimise_dirichlet_energies(
             rest = (~finished).nonzero()[:, 0]
             problem, state, number, limits = problem.at(rest), state.at(rest), number[rest], limits[rest]
             gradient, size, reflection, recent = gradient[rest], size[rest], reflection[rest], recent[rest]
+            energies, lowest = energies[rest], lowest[rest]
         if on_step:
             for i, value in zip(number.tolist(), size.tolist(), strict=True):
                 on_step[i](value)
         recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
         recent[reflection != 0] = torch.inf
-        direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=size.clamp(max=0.1))
-        state, moved, full = problem.line_search(state, direction)
+        forcing = (size.sqrt() if negligible else size).clamp(max=0.1)
+        direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=forcing)
+        state, moved, full = problem.line_search(state, direction, highest=energies.amax(-1))
+        energies = torch.cat([energies[:, 1:], state.energy[:, None]], dim=1)
+        lowest = torch.cat([lowest[:, 1:], torch.minimum(lowest[:, -1], state.energy)[:, None]], dim=1)
         stuck = ~moved & (reflection >= 1)
         more = torch.where(moved, 10 * _LEAST_REFLECTION, 0.1)
         less = torch.where(reflection > _LEAST_REFLECTION, reflection / _REFLECT_MORE, 0.0)
@@ -275,9 +293,9 @@ class _Problem:
         return x, downwards[:, 0]
 
     def line_search(
-        self, state: _State, direction: Float[Tensor, "b n"]
+        self, state: _State, direction: Float[Tensor, "b n"], *, highest: Float[Tensor, " b"]
     ) -> tuple[_State, Bool[Tensor, " b"], Bool[Tensor, " b"]]:
-        """The longest of the steps 1, ½, ¼, … that does not raise the energy.
+        """The longest of the steps 1, ½, ¼, … whose energy is not above the highest.
 
         Returns:
             The states after it, which of them moved, and which by the first of those steps.
@@ -285,11 +303,13 @@ class _Problem:
         start, moved, which = state, torch.zeros_like(state.energy, dtype=torch.bool), None
         full = moved
         for halving in range(_MAX_HALVINGS):
-            problem, before, along = (
-                (self, start, direction) if which is None else (self.at(which), start.at(which), direction[which])
+            problem, before, along, most = (
+                (self, start, direction, highest)
+                if which is None
+                else (self.at(which), start.at(which), direction[which], highest[which])
             )
             trial = problem.state(_moved(before, along, 0.5**halving))
-            lower = trial.energy <= before.energy + 1e-13 * before.energy.abs()
+            lower = trial.energy <= most + 1e-13 * most.abs()
             if which is None:
                 full = moved = lower
                 if lower.all():
