@@ -5,6 +5,7 @@ At a stationary slide the harmonic surface is conformal, hence minimal.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,6 +20,9 @@ from spinor_geom.plateau.problem import CurveTensors
 
 _MAX_CG_STEPS = 60
 _MAX_HALVINGS = 12
+# A step may raise the energy up to the highest of so many last ones: valleys of the energy are bent, and Newton's
+# method follows them far faster if it may climb their sides a little.
+_REMEMBERED = 6
 # Nodes may be no farther apart on Γ than so many times their mean distance: beyond, ∂Ω crowds and nothing is resolved.
 _CROWDED = 40.0
 # A gradient below this that does not halve in so many steps is the discretisation's.
@@ -80,11 +84,13 @@ def minimise_dirichlet_energy(
         near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
         on_step: is called with the gradient at the start of each step.
 
-    Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
+    Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931); Grippo, Lampariello & Lucidi, "A
+    nonmonotone line search technique for Newton's method", SIAM J. Numer. Anal. 23 (1986).
     """
     problem = _Problem.of(curve, form, slide)
     state = problem.state(slide)
     reflection, steps, crowded, sizes = 0.0 if near else 1.0, 0, False, [np.inf]
+    energies = deque([state.energy], maxlen=_REMEMBERED)
     while True:
         gradient = problem.gradient(state)
         size = float((gradient.square().mean() / state.force.square().mul(state.speed2).mean()).sqrt())
@@ -97,7 +103,7 @@ def minimise_dirichlet_energy(
             on_step(size)
         sizes = [*sizes, size] if reflection == 0 else [np.inf]
         direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=min(0.1, size))
-        moved, full = problem.line_search(state, direction)
+        moved, full = problem.line_search(state, direction, highest=max(energies))
         steps += 1
         if moved is None:
             if reflection >= 1:
@@ -109,6 +115,7 @@ def minimise_dirichlet_energy(
         elif full:
             reflection = reflection / _REFLECT_MORE if reflection > _LEAST_REFLECTION else 0.0
         state = moved
+        energies.append(state.energy)
     return HarmonicDisk(
         slide=state.slide,
         points=state.points,
@@ -214,8 +221,10 @@ class _Problem:
             along, metric = z + (size / before) * along, rest + (size / before) * metric
         return x, False
 
-    def line_search(self, state: _State, direction: Float[Tensor, " n"]) -> tuple[_State | None, bool]:
-        """The longest of the steps 1, ½, ¼, … that does not raise the energy, and whether it is the first."""
+    def line_search(
+        self, state: _State, direction: Float[Tensor, " n"], *, highest: float
+    ) -> tuple[_State | None, bool]:
+        """The longest of the steps 1, ½, ¼, … whose energy is not above the highest, and whether it is the first."""
         increments = state.increments
         change = torch.diff(direction, append=direction[:1]) / increments.clamp(min=1e-300)
         length = 1.0
@@ -227,7 +236,7 @@ class _Problem:
             slide = torch.cat([moved.new_zeros(1), (moved / moved.sum()).cumsum(0)[:-1]])
             slide = slide + (state.slide + length * direction - slide).mean()
             trial = self.state(slide)
-            if trial.energy <= state.energy + 1e-13 * abs(state.energy):
+            if trial.energy <= highest + 1e-13 * abs(highest):
                 return trial, halving == 0
             length /= 2
         return None, False

@@ -63,9 +63,10 @@ _WIDEST = 0.25
 _SHARES_OF_FLATTENING = (1.0, 0.7, 0.4)
 # Nodes per edge of a rough loop that a distance from Γ, in edges, is met with as a rule; smooth loops start with one.
 _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
-_MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 24
+_MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 96
 _FEWEST_NODES, _MOST_NODES = 256, 1 << 17
-_MORE_NODES = 1.5
+# How many times more nodes come next: the distance falls like the square of their number or faster.
+_MORE_NODES, _MOST_MORE = 1.5, 3.0
 # Where so many times more nodes do not halve the residual, it is not their number that limits it.
 _PATIENCE = 3
 # Nodes farther apart than so many times what was asked for show that Ω has lost a part of the loop.
@@ -310,7 +311,8 @@ class HarmonicSolver:
                 if best is None or lift.rms < best[0].rms / 2:
                     last_gain = attempt
                 best = lift, disk, form
-            nodes = int(_MORE_NODES * n)
+            short = 1.0 if lift is None else (lift.rms / self.allowed) ** 0.5
+            nodes = int(np.clip(short, _MORE_NODES, _MOST_MORE if self._rough else _MORE_NODES) * n)
             if (best is not None and best[0].rms <= self.allowed) or attempt - last_gain >= _PATIENCE:
                 break
             if nodes > min(most, _MOST_NODES):
