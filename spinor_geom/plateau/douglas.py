@@ -66,6 +66,7 @@ def minimise_dirichlet_energy(
     tolerance: float,
     max_steps: int,
     near: bool = False,
+    negligible: float = 0.0,
     on_step: Callable[[float], None] | None = None,
 ) -> HarmonicDisk:
     """Newton's method with conjugate gradients for the slide, all of it by fast Fourier transforms.
@@ -82,6 +83,7 @@ def minimise_dirichlet_energy(
         tolerance: gradient, as in `HarmonicDisk`, at which to stop.
         max_steps: limit on Newton steps.
         near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
+        negligible: fall of the least energy over several steps at which to stop.
         on_step: is called with the gradient at the start of each step.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931); Grippo, Lampariello & Lucidi, "A
@@ -91,13 +93,16 @@ def minimise_dirichlet_energy(
     state = problem.state(slide)
     reflection, steps, crowded, sizes = 0.0 if near else 1.0, 0, False, [np.inf]
     energies = deque([state.energy], maxlen=_REMEMBERED)
+    lowest = [state.energy]
+    negligible *= len(slide) / (2 * torch.pi)
     while True:
         gradient = problem.gradient(state)
         size = float((gradient.square().mean() / state.force.square().mul(state.speed2).mean()).sqrt())
         crowded = float(state.increments.max()) * len(slide) > _CROWDED
         # what is left once it stays as it is belongs to conformal maps of Ω, to which the samples are not quite blind
         stays = size < _SMALL_GRADIENT and size > min(sizes[-_PATIENCE:]) / 2
-        if not size > tolerance or stays or steps >= max_steps or crowded:
+        still = len(lowest) > _REMEMBERED and lowest[-_REMEMBERED - 1] - lowest[-1] < negligible
+        if not size > tolerance or stays or still or steps >= max_steps or crowded:
             break
         if on_step is not None:
             on_step(size)
@@ -116,6 +121,7 @@ def minimise_dirichlet_energy(
             reflection = reflection / _REFLECT_MORE if reflection > _LEAST_REFLECTION else 0.0
         state = moved
         energies.append(state.energy)
+        lowest.append(min(lowest[-1], state.energy))
     return HarmonicDisk(
         slide=state.slide,
         points=state.points,

@@ -81,6 +81,8 @@ _MOST_STEPS = 60
 # one on smooth loops, where each step doubles the digits.
 _COARSE, _FINEST = 1e-3, 1e-11
 _FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
+# On rough loops it stops too where the energy falls by less than this share of that of the distance allowed.
+_NEGLIGIBLE = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,6 +145,11 @@ class HarmonicSolver:
         return next((nodes for limit, nodes in _PER_EDGE_ROUGH if wanted >= limit), _PER_EDGE_ROUGH[-1][1])
 
     @property
+    def _negligible_energy(self) -> float:
+        """Of a rough loop: a small share of what waves as long as an edge and as high as the distance allowed have."""
+        return _NEGLIGIBLE * 2 * np.pi * len(self.loop) * self.allowed**2 if self._rough else 0.0
+
+    @property
     def _fineness(self) -> float:
         return _FINE_ROUGH if self._rough else _FINE_SMOOTH
 
@@ -159,6 +166,15 @@ class HarmonicSolver:
         return self._density.narrowest > _NARROW
 
     @property
+    def _shapes(self) -> tuple[_Shape, ...]:
+        """∂Ω's resolutions, the likelier first: a rough loop of few points has each of them resolved by the fine one."""
+        if self._is_narrow:
+            return (self._fine,)
+        if self._rough and len(self.loop) <= self._density.points:
+            return self._fine, self._coarse
+        return self._coarse, self._fine
+
+    @property
     def _coarse(self) -> _Shape:
         rounding = _ROUNDING_ROUGH if self._rough else _ROUNDING_SMOOTH
         return _Shape(density=self._density, steps_per_point=_STEPS_PER_POINT, rounding=rounding)
@@ -173,7 +189,7 @@ class HarmonicSolver:
             disk = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
             even = torch.arange(_FEWEST_NODES, dtype=torch.float64, device=self.device) / _FEWEST_NODES
             yield from self._fitted(disk, even, "disk", None)
-        for shape in (self._fine,) if self._is_narrow else (self._coarse, self._fine):
+        for shape in self._shapes:
             way = self._near(shape)
             form = self._unfolded(way[0].curve, shape)
             if form is not None:
@@ -359,7 +375,14 @@ class HarmonicSolver:
         left = max(0, min(_MOST_STEPS, self.max_steps - len(self.history)))
         with self.clock.stage("slide"):
             return minimise_dirichlet_energy(
-                curve, form, slide, tolerance=tolerance, max_steps=left, near=near, on_step=heard
+                curve,
+                form,
+                slide,
+                tolerance=tolerance,
+                max_steps=left,
+                near=near,
+                negligible=self._negligible_energy,
+                on_step=heard,
             )
 
 
