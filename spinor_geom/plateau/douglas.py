@@ -107,7 +107,8 @@ def minimise_dirichlet_energy(
         if on_step is not None:
             on_step(size)
         sizes = [*sizes, size] if reflection == 0 else [np.inf]
-        direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=min(0.1, size))
+        forcing = min(0.1, size**0.5 if negligible else size)
+        direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=forcing)
         moved, full = problem.line_search(state, direction, highest=max(energies))
         steps += 1
         if moved is None:

@@ -65,7 +65,7 @@ _SHARES_OF_FLATTENING = (1.0, 0.7, 0.4)
 _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
 _MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 96
 _FEWEST_NODES, _MOST_NODES = 256, 1 << 17
-# How many times more nodes come next: the distance falls like the square of their number or faster.
+# How many times more nodes come next: on rough loops the distance falls not much faster than their number grows.
 _MORE_NODES, _MOST_MORE = 1.5, 3.0
 # Where so many times more nodes do not halve the residual, it is not their number that limits it.
 _PATIENCE = 3
@@ -82,7 +82,7 @@ _MOST_STEPS = 60
 _COARSE, _FINEST = 1e-3, 1e-11
 _FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
 # On rough loops it stops too where the energy falls by less than this share of that of the distance allowed.
-_NEGLIGIBLE = 1e-2
+_NEGLIGIBLE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -327,7 +327,7 @@ class HarmonicSolver:
                 if best is None or lift.rms < best[0].rms / 2:
                     last_gain = attempt
                 best = lift, disk, form
-            short = 1.0 if lift is None else (lift.rms / self.allowed) ** 0.5
+            short = 1.0 if lift is None else lift.rms / self.allowed
             nodes = int(np.clip(short, _MORE_NODES, _MOST_MORE if self._rough else _MORE_NODES) * n)
             if (best is not None and best[0].rms <= self.allowed) or attempt - last_gain >= _PATIENCE:
                 break
