@@ -48,7 +48,7 @@ _DISK_ELONGATION = 2.5
 # Points that Ω is made from, and most vertices of it.
 _FEWEST_POINTS, _POINTS = 32, 128
 # Steps of ∂Ω for each of them, and the width, in points, of the Gaussian that rounds ∂Ω: it has to be analytic.
-_STEPS_PER_POINT, _STEPS_PER_POINT_FINE = 4, 8
+_STEPS_PER_POINT, _STEPS_PER_POINT_FINE = 4, (8, 12)
 _ROUNDING_ROUGH, _ROUNDING_SMOOTH, _ROUNDING_FINE = 0.7, 0.35, 0.2
 # Width of a loop, as a density of nodes, from which its fingers want the fine ∂Ω: on a coarser one they close up.
 _NARROW = 1.7
@@ -166,13 +166,15 @@ class HarmonicSolver:
         return self._density.narrowest > _NARROW
 
     @property
-    def _shapes(self) -> tuple[_Shape, ...]:
-        """∂Ω's resolutions, the likelier first: a rough loop of few points has each of them resolved by the fine one."""
+    def _shapes(self) -> tuple[tuple[_Shape, ...], ...]:
+        """∂Ω's resolutions, the likelier first, of each kind the cheaper first.
+
+        The fine ones resolve each vertex of a rough loop of few points.
+        """
+        coarse, fine = (self._coarse,), self._fine
         if self._is_narrow:
-            return (self._fine,)
-        if self._rough and len(self.loop) <= self._density.points:
-            return self._fine, self._coarse
-        return self._coarse, self._fine
+            return (fine,)
+        return (fine, coarse) if self._rough and len(self.loop) <= self._density.points else (coarse, fine)
 
     @property
     def _coarse(self) -> _Shape:
@@ -180,8 +182,11 @@ class HarmonicSolver:
         return _Shape(density=self._density, steps_per_point=_STEPS_PER_POINT, rounding=rounding)
 
     @property
-    def _fine(self) -> _Shape:
-        return _Shape(density=self._density, steps_per_point=_STEPS_PER_POINT_FINE, rounding=_ROUNDING_FINE)
+    def _fine(self) -> tuple[_Shape, ...]:
+        return tuple(
+            _Shape(density=self._density, steps_per_point=steps, rounding=_ROUNDING_FINE)
+            for steps in _STEPS_PER_POINT_FINE
+        )
 
     def tries(self) -> Iterator[Found]:
         """A minimal disk on one Ω after the other, the cheapest first, for the caller to take or leave."""
@@ -189,11 +194,13 @@ class HarmonicSolver:
             disk = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
             even = torch.arange(_FEWEST_NODES, dtype=torch.float64, device=self.device) / _FEWEST_NODES
             yield from self._fitted(disk, even, "disk", None)
-        for shape in self._shapes:
-            way = self._near(shape)
-            form = self._unfolded(way[0].curve, shape)
-            if form is not None:
-                yield from self._deformed(way, form, shape, "unfolded")
+        for shapes in self._shapes:
+            for shape in shapes:
+                way = self._near(shape)
+                form = self._unfolded(way[0].curve, shape)
+                if form is not None:
+                    yield from self._deformed(way, form, shape, "unfolded")
+                    break
         far, near = self._far(self._coarse), self._near(self._coarse)
         for start in reversed(range(len(far))):
             form = self._unfolded(far[start].curve, self._coarse)
@@ -208,7 +215,7 @@ class HarmonicSolver:
             disk: over the loop at unit size.
             rim: indices of the loop's points that are its boundary vertices.
         """
-        shape = self._fine if self._is_narrow else self._coarse
+        shape = self._fine[0] if self._is_narrow else self._coarse
         t = shape.density.parameter(self.curve.breaks[rim])
         try:
             with self.clock.stage("flattening"):
@@ -417,7 +424,7 @@ class _Shape:
 
     @property
     def is_fine(self) -> bool:
-        return self.steps_per_point == _STEPS_PER_POINT_FINE
+        return self.steps_per_point > _STEPS_PER_POINT
 
     def unevenness(self, slide: Float[Tensor, " n"]) -> float:
         """Largest distance of neighbouring nodes over what the density asks for."""
