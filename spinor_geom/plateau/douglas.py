@@ -99,9 +99,9 @@ def minimise_dirichlet_energies(
 
     The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself leave it as it is, up to the error of the
     samples, which would lead astray along them: steps have no part in {1, cos 2πt, sin 2πt}, which those maps change,
-    and where the gradient is in their span it is 0. A step is taken along s by factors of the increments, so that s stays
-    increasing. The curves do not know of each other; together they take little longer than the slowest of them where n
-    is small.
+    and where the gradient is in their span it is 0. A step is taken along s by factors of the increments, so that s
+    stays increasing. The curves do not know of each other; together they take little longer than the slowest of them
+    where n is small.
 
     Args:
         curves: a batch of b curves.

@@ -54,7 +54,7 @@ _DISK_ELONGATION = 2.5
 # Points that Ω is made from, and most vertices of it.
 _FEWEST_POINTS, _POINTS = 32, 128
 # Steps of ∂Ω for each of them, and the width, in points, of the Gaussian that rounds ∂Ω: it has to be analytic.
-_STEPS_PER_POINT, _STEPS_PER_POINT_FINE = 4, 8
+_STEPS_PER_POINT, _STEPS_PER_POINT_FINE = 4, (8, 12)
 _ROUNDING_ROUGH, _ROUNDING_SMOOTH, _ROUNDING_FINE = 0.7, 0.35, 0.2
 # Width of a loop, as a density of nodes, from which its fingers want the fine ∂Ω: on a coarser one they close up.
 _NARROW = 1.7
@@ -69,11 +69,12 @@ _WIDEST = 0.25
 _SHARES_OF_FLATTENING = (1.0, 0.7, 0.4)
 # Nodes per edge of a rough loop that a distance from Γ, in edges, is met with as a rule; smooth loops start with one.
 _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
-_MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 24
+_MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 96
 _FEWEST_NODES, _MOST_NODES = 256, 1 << 17
 # Nodes for each edge of a loop so short that they are fewer than that, and most nodes of loops that are batched.
 _FEWEST_PER_EDGE, _BATCHED_NODES = 16, 256
-_MORE_NODES = 1.5
+# How many times more nodes come next: on rough loops the distance falls not much faster than their number grows.
+_MORE_NODES, _MOST_MORE = 1.5, 3.0
 # Where so many times more nodes do not halve the residual, it is not their number that limits it.
 _PATIENCE = 3
 # Nodes farther apart than so many times what was asked for show that Ω has lost a part of the loop.
@@ -88,6 +89,8 @@ _MOST_STEPS = 60
 # one on smooth loops, where each step doubles the digits.
 _COARSE, _FINEST = 1e-3, 1e-11
 _FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
+# On rough loops it stops too where the energy falls by less than this share of that of the distance allowed.
+_NEGLIGIBLE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,6 +178,11 @@ class HarmonicSolver:
         return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _FINEST, _COARSE))
 
     @property
+    def _negligible_energy(self) -> float:
+        """Of a rough loop: a small share of what waves as long as an edge and as high as the distance allowed have."""
+        return _NEGLIGIBLE * 2 * np.pi * len(self.loop) * self.allowed**2 if self._rough else 0.0
+
+    @property
     def _count(self) -> int:
         return int(np.clip(len(self.loop), _FEWEST_POINTS, _POINTS))
 
@@ -187,24 +195,40 @@ class HarmonicSolver:
         return self._density.narrowest > _NARROW
 
     @property
+    def _shapes(self) -> tuple[tuple[_Shape, ...], ...]:
+        """∂Ω's resolutions, the likelier first, of each kind the cheaper first.
+
+        The fine ones resolve each vertex of a rough loop of few points.
+        """
+        coarse, fine = (self._coarse,), self._fine
+        if self._is_narrow:
+            return (fine,)
+        return (fine, coarse) if self._rough and len(self.loop) <= self._density.points else (coarse, fine)
+
+    @property
     def _coarse(self) -> _Shape:
         rounding = _ROUNDING_ROUGH if self._rough else _ROUNDING_SMOOTH
         return _Shape(density=self._density, steps_per_point=_STEPS_PER_POINT, rounding=rounding)
 
     @property
-    def _fine(self) -> _Shape:
-        return _Shape(density=self._density, steps_per_point=_STEPS_PER_POINT_FINE, rounding=_ROUNDING_FINE)
+    def _fine(self) -> tuple[_Shape, ...]:
+        return tuple(
+            _Shape(density=self._density, steps_per_point=steps, rounding=_ROUNDING_FINE)
+            for steps in _STEPS_PER_POINT_FINE
+        )
 
     def tries(self) -> Iterator[Found]:
         """A minimal disk on one Ω after the other, the cheapest first, for the caller to take or leave."""
         if self.suits_disk:
             disk = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
             yield from self._fitted(disk, self._equal_steps if self.start is None else self.start, "disk", None)
-        for shape in (self._fine,) if self._is_narrow else (self._coarse, self._fine):
-            way = self._near(shape)
-            form = self._unfolded(way[0].curve, shape)
-            if form is not None:
-                yield from self._deformed(way, form, shape, "unfolded")
+        for shapes in self._shapes:
+            for shape in shapes:
+                way = self._near(shape)
+                form = self._unfolded(way[0].curve, shape)
+                if form is not None:
+                    yield from self._deformed(way, form, shape, "unfolded")
+                    break
         far, near = self._far(self._coarse), self._near(self._coarse)
         for start in reversed(range(len(far))):
             form = self._unfolded(far[start].curve, self._coarse)
@@ -219,7 +243,7 @@ class HarmonicSolver:
             disk: over the loop at unit size.
             rim: indices of the loop's points that are its boundary vertices.
         """
-        shape = self._fine if self._is_narrow else self._coarse
+        shape = self._fine[0] if self._is_narrow else self._coarse
         t = shape.density.parameter(self.curve.breaks[rim])
         try:
             with self.clock.stage("flattening"):
@@ -338,7 +362,8 @@ class HarmonicSolver:
                 if best is None or lift.rms < best[0].rms / 2:
                     last_gain = attempt
                 best = lift, disk, form
-            nodes = int(_MORE_NODES * n)
+            short = 1.0 if lift is None else lift.rms / self.allowed
+            nodes = int(np.clip(short, _MORE_NODES, _MOST_MORE if self._rough else _MORE_NODES) * n)
             if (best is not None and best[0].rms <= self.allowed) or attempt - last_gain >= _PATIENCE:
                 break
             if nodes > min(most, _MOST_NODES):
@@ -379,7 +404,14 @@ class HarmonicSolver:
         left = max(0, min(_MOST_STEPS, self.max_steps - len(self.history)))
         with self.clock.stage("slide"):
             return minimise_dirichlet_energy(
-                curve, form, slide, tolerance=tolerance, max_steps=left, near=near, on_step=self._heard
+                curve,
+                form,
+                slide,
+                tolerance=tolerance,
+                max_steps=left,
+                near=near,
+                negligible=self._negligible_energy,
+                on_step=self._heard,
             )
 
     def _heard(self, gradient: float) -> None:
@@ -445,7 +477,7 @@ class _Shape:
 
     @property
     def is_fine(self) -> bool:
-        return self.steps_per_point == _STEPS_PER_POINT_FINE
+        return self.steps_per_point > _STEPS_PER_POINT
 
     def unevenness(self, slide: Float[Tensor, " n"]) -> float:
         """Largest distance of neighbouring nodes over what the density asks for."""
