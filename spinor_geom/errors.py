@@ -124,6 +124,17 @@ class RepeatedPointError(LoopError):
         super().__init__(f"points {index} and its successor on the loop are equal; remove one of them", index=index)
 
 
+class CurveError(LoopError):
+    """The formulas of a closed curve are not what they should be."""
+
+    def __init__(self, *, reason: str, parameter: float) -> None:
+        super().__init__(
+            f"the curve {reason} (near s = {parameter:.6g}); give a closed curve on [0, 1) with its own "
+            "derivatives and name its corners",
+            parameter=parameter,
+        )
+
+
 class ZeroWidthSlitError(LoopError):
     """Both sides of the loop lie on each other."""
 

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.curve import interpolating_spline
+from spinor_geom.mesh.curve import piecewise_cubic
 
 # Panels that halve towards a corner resolve its singularity to 2⁻¹⁶ of an edge.
 _CORNER_LEVELS = 16
@@ -48,19 +48,31 @@ class Boundary(Protocol):
 
 
 class SplineBoundary:
-    """Interpolating spline through the vertices, as `mesh.curve.interpolating_spline` makes it; its corners are Ω's."""
+    """A closed curve of polynomial pieces, with corners where the domain has corners."""
 
     def __init__(
-        self, vertices: Complex[np.ndarray, " m"], corners: Bool[np.ndarray, " m"] | None = None, degree: int = 3
+        self,
+        parameters: Float[np.ndarray, " m1"],
+        coefficients: Complex[np.ndarray, "d1 m"],
+        corners: Bool[np.ndarray, " m"],
     ) -> None:
-        """Takes the vertices, counter-clockwise, which of them are corners of a cubic, and the degree."""
-        self.vertices = np.asarray(vertices, dtype=np.complex128)
-        self.corners = np.zeros(len(vertices), dtype=bool) if corners is None else np.asarray(corners, dtype=bool)
-        self.degree = degree
-        self.parameters, coefficients = interpolating_spline(
-            np.stack([self.vertices.real, self.vertices.imag], axis=1), self.corners, degree
-        )
-        self._coefficients = coefficients[..., 0] + 1j * coefficients[..., 1]
+        """Takes the ends of the pieces from 0 to 1, their coefficients, highest power first, and the corners."""
+        self.parameters = np.asarray(parameters, dtype=np.float64)
+        self.coefficients = np.asarray(coefficients, dtype=np.complex128)
+        self.corners = np.asarray(corners, dtype=bool)
+        self.vertices = self.coefficients[-1].copy()
+
+    @classmethod
+    def through(
+        cls, vertices: Complex[np.ndarray, " m"], corners: Bool[np.ndarray, " m"] | None = None
+    ) -> SplineBoundary:
+        """The interpolating cubic spline by chord length through vertices, counter-clockwise."""
+        flags = np.zeros(len(vertices), dtype=bool) if corners is None else np.asarray(corners, dtype=bool)
+        z = np.asarray(vertices, dtype=np.complex128)
+        parameters, coefficients = piecewise_cubic(np.stack([z.real, z.imag], axis=1), flags)
+        boundary = cls(parameters, coefficients[..., 0] + 1j * coefficients[..., 1], flags)
+        boundary.vertices = z
+        return boundary
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(t); t is taken modulo 1."""
@@ -74,9 +86,9 @@ class SplineBoundary:
         t = np.mod(t, 1.0)
         piece = np.clip(np.searchsorted(self.parameters, t, side="right") - 1, 0, len(self.vertices) - 1)
         x = t - self.parameters[piece]
-        value = self._coefficients[0][piece]
+        value = self.coefficients[0][piece]
         slope = np.zeros_like(value)
-        for coefficient in self._coefficients[1:]:
+        for coefficient in self.coefficients[1:]:
             slope = slope * x + value
             value = value * x + coefficient[piece]
         return value, slope
@@ -191,7 +203,7 @@ class PlaneDomain:
         Raises:
             DomainError: the polygon of the vertices is not simple.
         """
-        return cls.inside(SplineBoundary(vertices, corners), log_scale)
+        return cls.inside(SplineBoundary.through(vertices, corners), log_scale)
 
     @classmethod
     def inside(cls, boundary: Boundary, log_scale: Float[np.ndarray, " m"] | None = None) -> PlaneDomain:

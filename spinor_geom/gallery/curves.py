@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from scipy.special import ellipk
 
 from spinor_geom.errors import OptionError
-from spinor_geom.gallery.known import CurveFunction, KnownCurve, KnownDisk
+from spinor_geom.gallery.known import KnownCurve, KnownDisk
+from spinor_geom.mesh.curve import CurveFunction
 
 # complete elliptic integrals of modulus 1/2 and √3/2 (scipy's argument is the modulus squared)
 _K = float(ellipk(0.25))

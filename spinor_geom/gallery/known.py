@@ -10,9 +10,9 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.surface import SpinorSurface
 
-CurveFunction = Callable[[Float[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
 SurfaceFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
 
 
@@ -32,24 +32,16 @@ class KnownDisk:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class KnownCurve:
-    """A closed curve Γ(t), t in [0, 1), in exact formulas.
+class KnownCurve(ClosedCurve):
+    """A closed curve in exact formulas, with what is known of it.
 
     Attributes:
         name: for tables and messages.
-        point: Γ.
-        derivative: Γ′.
-        second_derivative: Γ″.
-        corners: parameters of its corners, increasing; Γ′ jumps there, from the left-hand to the right-hand side.
         disks: the minimal disks it is known to bound, smallest area first.
         source: where curve and areas come from.
     """
 
     name: str
-    point: CurveFunction
-    derivative: CurveFunction
-    second_derivative: CurveFunction
-    corners: tuple[float, ...] = ()
     disks: tuple[KnownDisk, ...] = ()
     source: str
 

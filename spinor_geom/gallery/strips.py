@@ -10,7 +10,8 @@ from jaxtyping import Float, Int
 
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery.curves import polygon
-from spinor_geom.gallery.known import CurveFunction, KnownCurve, KnownDisk
+from spinor_geom.gallery.known import KnownCurve, KnownDisk
+from spinor_geom.mesh.curve import CurveFunction
 
 
 def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 0.0) -> KnownCurve:

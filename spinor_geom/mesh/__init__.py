@@ -5,7 +5,7 @@ the spline through a loop, and `MeshExtension` is what a fill appends. numpy, sc
 """
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, Plane, detect_corners, turning_angles
-from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas, internal_angles, mass_matrix
@@ -23,6 +23,7 @@ from spinor_geom.mesh.validate import validate
 __all__ = [
     "BoundaryCurve",
     "BoundaryLoop",
+    "ClosedCurve",
     "HalfEdges",
     "MeshExtension",
     "Plane",

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from math import factorial
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from scipy.spatial import cKDTree
 
+from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 
 LENGTH_NODES = 16
@@ -25,6 +28,34 @@ MIN_POINTS_FOR_HIGH_DEGREE = 16
 # A higher degree must predict left-out points this many times better: on rough curves it only swings.
 GAIN_PER_DEGREE = 2.5
 ARC_NODES = 6
+# Polynomials of a formula: their degree, the error that is allowed, as a share of the curve's extent, where it is
+# looked for on each piece, and the numbers of pieces that are tried. Derivatives of the formula may differ by more.
+FORMULA_DEGREE, FORMULA_ERROR = 11, 1e-14
+FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])
+FEWEST_PIECES, MOST_PIECES = 64, 4096
+# Largest gap between the end of a piece and the start of the next, as a share of the extent.
+CLOSING_ERROR = 1e-12
+DERIVATIVE_ERROR = 1e-5
+
+
+CurveFunction: TypeAlias = Callable[[Float[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClosedCurve:
+    """A closed curve Γ(s), s in [0, 1), in formulas.
+
+    Attributes:
+        point: Γ, in any units of length; takes arrays of any shape.
+        derivative: Γ′.
+        second_derivative: Γ″.
+        corners: parameters of its corners, increasing; Γ′ jumps there, from the left-hand to the right-hand side.
+    """
+
+    point: CurveFunction
+    derivative: CurveFunction
+    second_derivative: CurveFunction
+    corners: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,11 +69,13 @@ class BoundaryCurve:
             degree 3, by arcs of the cubic spline for higher degrees (chords would spoil their order).
         coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
         corners: (M,) bool, at which vertices Γ′ jumps; elsewhere Γ is d − 1 times continuously differentiable.
+        slopes: coefficients of Γ′ where that comes from a formula: differentiated polynomials lose three digits.
     """
 
     breaks: Float[np.ndarray, " m_plus_1"]
     coefficients: Float[np.ndarray, "d_plus_1 m 3"]
     corners: Bool[np.ndarray, " m"]
+    slopes: Float[np.ndarray, "d_plus_1 m 3"] | None = None
 
     @classmethod
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
@@ -60,8 +93,43 @@ class BoundaryCurve:
         """
         require_distinct_neighbours(loop.points)
         degree = DEGREES[0] if loop.corners.any() else _predicting_degree(loop.points)
-        breaks, coefficients = interpolating_spline(loop.points, loop.corners, degree)
+        if degree == DEGREES[0]:
+            breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
+        else:
+            breaks, coefficients = _smooth_spline(loop.points, degree)
         return cls(breaks=breaks, coefficients=coefficients, corners=loop.corners)
+
+    @classmethod
+    def from_formula(cls, curve: ClosedCurve) -> BoundaryCurve:
+        """A curve that is given by formulas, by polynomials of degree 11 to 1e-14 of its extent.
+
+        Each side between two corners is divided into equal pieces, 64 of them or more all around.
+
+        Raises:
+            CurveError: Γ does not close, has a value that is not finite, is not as smooth as it should be, or the
+                derivatives are not its own.
+        """
+        pieces = FEWEST_PIECES
+        while True:
+            breaks, corners = _formula_breaks(curve.corners, pieces)
+            fitted = cls(breaks=breaks, coefficients=_formula_coefficients(curve.point, breaks), corners=corners)
+            between = breaks[:-1, None] + np.diff(breaks)[:, None] * FORMULA_CHECKS
+            extent = np.ptp(fitted.coefficients[-1], axis=0).max()
+            error = np.linalg.norm(fitted.point(between) - curve.point(between), axis=2)
+            if not np.isfinite(error).all():
+                raise CurveError(reason="is not finite", parameter=float(between[~np.isfinite(error)][0]))
+            if error.max() <= FORMULA_ERROR * extent:
+                break
+            pieces *= 2
+            if pieces > MOST_PIECES:
+                worst = float(between.flat[int(error.argmax())])
+                raise CurveError(reason="has a jump or a kink that corners= does not name", parameter=worst)
+        ends, _, _ = fitted._horner(np.arange(len(corners)), np.diff(breaks))
+        gap = np.linalg.norm(ends - np.roll(fitted.coefficients[-1], -1, axis=0), axis=1)
+        if gap.max() > CLOSING_ERROR * extent:
+            raise CurveError(reason="is not closed or has a jump", parameter=float(breaks[1:][gap.argmax()]))
+        _require_own_derivatives(fitted, curve, between)
+        return replace(fitted, slopes=_formula_coefficients(curve.derivative, breaks))
 
     def smoothed(self, width: float) -> BoundaryCurve:
         """The cubic spline with the same breaks through vertices averaged along Γ, without corners.
@@ -99,7 +167,8 @@ class BoundaryCurve:
         """
         coefficients = scale * self.coefficients
         coefficients[-1] = points
-        return BoundaryCurve(breaks=self.breaks, coefficients=coefficients, corners=self.corners)
+        slopes = None if self.slopes is None else scale * self.slopes
+        return replace(self, coefficients=coefficients, slopes=slopes)
 
     @property
     def corner_parameters(self) -> Float[np.ndarray, " c"]:
@@ -174,7 +243,13 @@ class BoundaryCurve:
             second = second * h + first
             first = first * h + value
             value = value * h + coefficient[piece]
-        return value, first, 2 * second
+        if self.slopes is None:
+            return value, first, 2 * second
+        first, second = self.slopes[0][piece], np.zeros_like(value)
+        for coefficient in self.slopes[1:]:
+            second = second * h + first
+            first = first * h + coefficient[piece]
+        return value, first, second
 
     def _minimise_distance(
         self,
@@ -202,31 +277,56 @@ class BoundaryCurve:
         return local
 
 
-def interpolating_spline(
-    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"], degree: int
-) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d_plus_1 m k"]]:
-    """The closed interpolating spline through points of any dimension.
+def _formula_breaks(
+    corners: Sequence[float], pieces: int
+) -> tuple[Float[np.ndarray, " m_plus_1"], Bool[np.ndarray, " m"]]:
+    """Ends of so many pieces or some more, 0 among them, and which of them are corners."""
+    ends = np.unique(np.mod([0.0, *corners], 1.0))
+    sides = np.diff(np.append(ends, 1.0))
+    count = np.ceil(sides * pieces).astype(np.int64)
+    first = np.repeat(np.cumsum(count) - count, count)
+    inside = (np.arange(count.sum()) - first) / np.repeat(count, count)
+    breaks = np.append(np.repeat(ends, count) + inside * np.repeat(sides, count), 1.0)
+    flags = np.zeros(len(breaks) - 1, dtype=bool)
+    flags[(np.cumsum(count) - count)[np.isin(ends, np.mod(corners, 1.0))]] = True
+    return breaks, flags
 
-    Args:
-        points: in order.
-        corners: where a cubic has kinks; splines of higher degree have none.
-        degree: 3 by chord length, or higher and odd by the arcs of the cubic.
+
+def _formula_coefficients(function: CurveFunction, breaks: Float[np.ndarray, " m1"]) -> Float[np.ndarray, "d1 m 3"]:
+    """Polynomials through the values of Γ or Γ′ at Chebyshev's points inside each piece and at its start."""
+    # the last point is not the end: at a corner that is the next side's
+    x = (1 - np.cos(np.pi * np.arange(FORMULA_DEGREE + 1) / (FORMULA_DEGREE + 0.5))) / 2
+    width = np.diff(breaks)
+    values = np.asarray(function(breaks[:-1, None] + width[:, None] * x), dtype=np.float64)
+    if values.shape != (len(width), len(x), 3):
+        raise CurveError(reason=f"gives arrays of shape {values.shape} for {len(width), len(x)} points", parameter=0.0)
+    powers = np.linalg.solve(np.vander(x), np.moveaxis(values, 1, 0).reshape(len(x), -1)).reshape(len(x), -1, 3)
+    coefficients = powers / width[:, None] ** np.arange(FORMULA_DEGREE, -1, -1)[:, None, None]
+    coefficients[-1] = values[:, 0]
+    return np.asarray(coefficients)
+
+
+def _require_own_derivatives(fitted: BoundaryCurve, curve: ClosedCurve, s: Float[np.ndarray, "m k"]) -> None:
+    """Checks the derivatives of a formula against those of the polynomials."""
+    extent = np.ptp(fitted.coefficients[-1], axis=0).max()
+    for name, own, given in (
+        ("derivative", fitted.derivative(s), curve.derivative(s)),
+        ("second_derivative", fitted.second_derivative(s), curve.second_derivative(s)),
+    ):
+        error = np.linalg.norm(own - given, axis=2)
+        if not error.max() <= DERIVATIVE_ERROR * max(np.abs(own).max(), extent):
+            worst = float(s.flat[int(np.nan_to_num(error, nan=np.inf).argmax())])
+            raise CurveError(reason=f"has another derivative than {name}= says", parameter=worst)
+
+
+def piecewise_cubic(
+    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"]
+) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "4 m k"]]:
+    """The closed interpolating cubic spline through points of any dimension, by chord length, with kinks at corners.
 
     Returns:
         Breaks from 0 to 1, and coefficients of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
     """
-    if degree == DEGREES[0]:
-        return _piecewise_cubic(points, corners)
-    breaks = _by_arcs(points)
-    spline = _periodic(breaks, points, degree)
-    powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
-    # the constant terms are the vertices themselves, to the last bit
-    return breaks, np.stack([*powers, points])
-
-
-def _piecewise_cubic(
-    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"]
-) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "4 m k"]]:
     closed = np.vstack([points, points[:1]])
     chord = np.linalg.norm(np.diff(closed, axis=0), axis=1)
     breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
@@ -236,6 +336,17 @@ def _piecewise_cubic(
     else:
         coefficients = CubicSpline(breaks, closed, bc_type="periodic").c
     return breaks, np.ascontiguousarray(coefficients)
+
+
+def _smooth_spline(
+    points: Float[np.ndarray, "m 3"], degree: int
+) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d_plus_1 m 3"]]:
+    """The periodic spline of a degree above 3, by the arcs of the cubic."""
+    breaks = _by_arcs(points)
+    spline = _periodic(breaks, points, degree)
+    powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
+    # the constant terms are the vertices themselves, to the last bit
+    return breaks, np.stack([*powers, points])
 
 
 def _predicting_degree(points: Float[np.ndarray, "m 3"]) -> int:
@@ -272,7 +383,7 @@ def _periodic(breaks: Float[np.ndarray, " m_plus_1"], points: Float[np.ndarray, 
 
 def _by_arcs(points: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " m_plus_1"]:
     """The parameters of points as shares of the arc length of the periodic cubic spline through them."""
-    breaks, (a, b, c, _) = _piecewise_cubic(points, np.zeros(len(points), dtype=bool))
+    breaks, (a, b, c, _) = piecewise_cubic(points, np.zeros(len(points), dtype=bool))
     nodes, weights = _gauss_nodes(ARC_NODES)
     width = np.diff(breaks)
     h = (width[:, None] * (nodes + 1) / 2)[:, :, None]

@@ -69,10 +69,8 @@ def minimise_dirichlet_energy(
     on_step: Callable[[float], None] | None = None,
 ) -> HarmonicDisk:
     """The slide of one curve: see `minimise_dirichlet_energies`."""
-    batch = CurveTensors(breaks=curve.breaks[None], coefficients=curve.coefficients[:, None])
-
     (disk,) = minimise_dirichlet_energies(
-        batch,
+        CurveTensors.batch([curve]),
         form,
         slide[None],
         tolerances=[tolerance],

@@ -42,8 +42,9 @@ def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, c
     with clock.stage("surface"):
         u, v = (direction[0] for direction in normals_of(torch.tensor(plane.normal)[None]))
         frame = torch.stack([u, v]).numpy()
-        x, y = frame @ (loop.points - plane.centroid).T
-        boundary = SplineBoundary(x + 1j * y, loop.corners, curve.degree)
+        coefficients = curve.coefficients.copy()
+        coefficients[-1] -= plane.centroid
+        boundary = SplineBoundary(curve.breaks, coefficients @ (frame[0] + 1j * frame[1]), loop.corners)
         t = boundary.parameters[:-1, None] + np.diff(boundary.parameters)[:, None] * np.arange(_PER_PIECE) / _PER_PIECE
         if len(loop_crossings(curve.point(t.ravel()))):
             return None

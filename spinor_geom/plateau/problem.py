@@ -25,10 +25,12 @@ class CurveTensors:
     Attributes:
         breaks: (*batch, M + 1); 2 after the last break of a shorter curve.
         coefficients: (d + 1, *batch, M, 3), highest power first; 0 above the degree of a curve of a lower one.
+        slopes: the same for Γ′ where it comes from a formula of one curve.
     """
 
     breaks: Float[Tensor, "*batch m1"]
     coefficients: Float[Tensor, "d1 *batch m 3"]
+    slopes: Float[Tensor, "d1 *batch m 3"] | None = None
 
     @classmethod
     def of(cls, curve: BoundaryCurve, device: torch.device) -> CurveTensors:
@@ -36,11 +38,16 @@ class CurveTensors:
         return cls(
             breaks=torch.tensor(curve.breaks, device=device),
             coefficients=torch.tensor(curve.coefficients, device=device),
+            slopes=None if curve.slopes is None else torch.tensor(curve.slopes, device=device),
         )
 
     @classmethod
     def batch(cls, curves: Sequence[CurveTensors]) -> CurveTensors:
-        """Several curves, each without a batch, as one batch."""
+        """Several curves, each without a batch, as one batch; one alone keeps its own Γ′."""
+        if len(curves) == 1:
+            (curve,) = curves
+            slopes = None if curve.slopes is None else curve.slopes[:, None]
+            return cls(breaks=curve.breaks[None], coefficients=curve.coefficients[:, None], slopes=slopes)
         most = max(len(curve.breaks) for curve in curves)
         highest = max(len(curve.coefficients) for curve in curves)
         breaks = [torch.nn.functional.pad(curve.breaks, (0, most - len(curve.breaks)), value=2.0) for curve in curves]
@@ -54,7 +61,8 @@ class CurveTensors:
 
     def at(self, which: Int[Tensor, " k"]) -> CurveTensors:
         """Some curves of a batch."""
-        return CurveTensors(breaks=self.breaks[which], coefficients=self.coefficients[:, which])
+        slopes = None if self.slopes is None else self.slopes[:, which]
+        return CurveTensors(breaks=self.breaks[which], coefficients=self.coefficients[:, which], slopes=slopes)
 
     @cached_property
     def _last_piece(self) -> Int[Tensor, "*batch 1"]:
@@ -71,10 +79,6 @@ class CurveTensors:
     def _starts(self) -> Float[Tensor, " k"]:
         return self.breaks[..., :-1].flatten()
 
-    @cached_property
-    def _pieces(self) -> Float[Tensor, "d1 k 3"]:
-        return self.coefficients.reshape(len(self.coefficients), -1, 3)
-
     def point_and_derivatives(
         self, s: Float[Tensor, "*pts"]
     ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
@@ -83,19 +87,30 @@ class CurveTensors:
         piece = torch.minimum((torch.searchsorted(self.breaks, s, right=True) - 1).clamp(min=0), self._last_piece)
         piece = piece + self._first_piece
         h = (s - self._starts[piece])[..., None]
-        local = self._pieces[:, piece]
-        value = local[0]
-        first = second = torch.zeros_like(value)
-        for coefficient in local[1:]:
-            second = second * h + first
-            first = first * h + value
-            value = value * h + coefficient
-        return value, first, 2 * second
+        value, first, second = _horner(self.coefficients, piece, h)
+        if self.slopes is None:
+            return value, first, second
+        first, second, _ = _horner(self.slopes, piece, h)
+        return value, first, second
 
     def point_and_derivative(self, s: Float[Tensor, "*pts"]) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
         """Γ(s) and Γ'(s); s is taken modulo 1."""
         point, first, _ = self.point_and_derivatives(s)
         return point, first
+
+
+def _horner(
+    coefficients: Float[Tensor, "d1 *batch m 3"], piece: Int[Tensor, "*pts"], h: Float[Tensor, "*pts 1"]
+) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
+    """Value, first and second derivative of polynomials at h."""
+    local = coefficients.reshape(len(coefficients), -1, 3)[:, piece]
+    value = local[0]
+    first = second = torch.zeros_like(value)
+    for coefficient in local[1:]:
+        second = second * h + first
+        first = first * h + value
+        value = value * h + coefficient
+    return value, first, 2 * second
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

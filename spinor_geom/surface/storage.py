@@ -153,8 +153,9 @@ def _describe_boundary(boundary: Boundary) -> tuple[dict[str, Any], dict[str, Te
         coefficients = {"boundary/coefficients": torch.tensor(boundary.coefficients)}
         return {"kind": "fourier", "count": len(boundary.vertices)}, coefficients
     if isinstance(boundary, SplineBoundary):
-        return {"kind": "spline", "degree": boundary.degree}, {
-            "boundary/vertices": torch.tensor(boundary.vertices),
+        return {"kind": "spline"}, {
+            "boundary/parameters": torch.tensor(boundary.parameters),
+            "boundary/coefficients": torch.tensor(boundary.coefficients),
             "boundary/corners": torch.tensor(boundary.corners),
         }
     raise StorageError(f"a boundary of type {type(boundary).__name__} cannot be saved; known: fourier, spline")
@@ -164,8 +165,8 @@ def _read_boundary(description: Mapping[str, Any], data: Mapping[str, Tensor]) -
     if description["kind"] == "fourier":
         return FourierBoundary(data["boundary/coefficients"].numpy(), int(description["count"]))
     if description["kind"] == "spline":
-        corners = data["boundary/corners"].numpy()
-        return SplineBoundary(data["boundary/vertices"].numpy(), corners, int(description["degree"]))
+        parts = ("parameters", "coefficients", "corners")
+        return SplineBoundary(*(data[f"boundary/{part}"].numpy() for part in parts))
     raise ValueError(f"unknown boundary kind {description['kind']!r}")
 
 

@@ -7,8 +7,8 @@ from spinor_geom.domain import FourierBoundary, SplineBoundary
 from spinor_geom.domain.panels import Panels
 
 ANGLES = 2 * np.pi * np.arange(40) / 40
-ELLIPSE = SplineBoundary(3 * np.cos(ANGLES) + 1j * np.sin(ANGLES))
-SQUARE = SplineBoundary(np.array([0, 1, 2, 2 + 1j, 2 + 2j, 1 + 2j, 2j, 1j]), np.arange(8) % 2 == 0)
+ELLIPSE = SplineBoundary.through(3 * np.cos(ANGLES) + 1j * np.sin(ANGLES))
+SQUARE = SplineBoundary.through(np.array([0, 1, 2, 2 + 1j, 2 + 2j, 1 + 2j, 2j, 1j]), np.arange(8) % 2 == 0)
 CIRCLE = FourierBoundary.circle(2.0, 16)
 boundaries = pytest.mark.parametrize("boundary", [ELLIPSE, SQUARE, CIRCLE], ids=["ellipse", "square", "circle"])
 

@@ -49,7 +49,7 @@ def test_boundary_derivative_equals_difference_quotient(domain):
 
 
 def test_spline_with_corners_has_straight_sides():
-    square = SplineBoundary(np.array([0, 1, 2, 2 + 1j, 2 + 2j, 1 + 2j, 2j, 1j]), np.arange(8) % 2 == 0)
+    square = SplineBoundary.through(np.array([0, 1, 2, 2 + 1j, 2 + 2j, 1 + 2j, 2j, 1j]), np.arange(8) % 2 == 0)
     t = np.linspace(0, 1, 400, endpoint=False)
     z = square.point(t)
     distance = np.minimum(np.minimum(z.real, 2 - z.real), np.minimum(z.imag, 2 - z.imag))
