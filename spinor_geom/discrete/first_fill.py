@@ -13,6 +13,8 @@ from spinor_geom.errors import DomainError, FirstFillError
 _LONGEST = 200
 # Share of the squared diagonals in the cost: decides where areas tie (plane loops, straight sides).
 _DIAGONAL_WEIGHT = 1e-4
+# Share of the way to 60° by which angles are drawn: none is below 3° then.
+_TO_EQUILATERAL = 0.05
 
 
 def unfolded_loop(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]:
@@ -113,8 +115,11 @@ def _angles(distance: Float[np.ndarray, "n n"], triangles: Int[np.ndarray, "t 3"
 
 
 def _laplacian(angles: Float[np.ndarray, "t 3"], triangles: Int[np.ndarray, "t 3"], n: int) -> Float[np.ndarray, "n n"]:
-    """Cotangent Laplacian with angles kept away from 0 and π: slivers must not dominate the straightening."""
-    weight = 0.5 / np.tan(np.clip(angles, 0.05, np.pi - 0.05))
+    """Cotangent Laplacian with angles drawn a little to 60°: slivers must not dominate the straightening.
+
+    The angles of each triangle still sum to π, without which the matrix would not be positive.
+    """
+    weight = 0.5 / np.tan(angles + _TO_EQUILATERAL * (np.pi / 3 - angles))
     i, j = np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)
     off = coo_array((weight.ravel(), (i.ravel(), j.ravel())), shape=(n, n)).toarray()
     off += off.T

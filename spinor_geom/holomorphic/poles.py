@@ -34,7 +34,7 @@ class Poles:
 
 
 def place_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
-    """One pole beside each boundary vertex, and a cluster on the outer bisector of each corner.
+    """One pole beside each boundary vertex that is no corner, and a cluster on the outer bisector of each corner.
 
     Args:
         domain: Ω.
@@ -43,15 +43,16 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
     Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
     Numer. Anal. 57 (2019), for the clusters.
     """
-    w = domain.boundary.vertices
-    ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
-    local = (np.abs(ahead) + np.abs(back)) / 2
-    tangent = ahead / np.abs(ahead) + back / np.abs(back)
-    outward = -1j * tangent / np.maximum(np.abs(tangent), 1e-12)
+    beside = edge_poles(domain, offset=offset)
+    return beside + _corner_clusters(domain) if domain.boundary.corners.any() else beside
+
+
+def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
+    """One pole beside each boundary vertex that is no corner, along the outward normal; see `place_poles`."""
     plain = ~domain.boundary.corners
-    position, distance = _cleared(domain, w[plain], outward[plain], offset * local[plain])
-    if domain.boundary.corners.any():
-        return Poles(positions=position, scales=distance) + _corner_clusters(domain, outward)
+    w = domain.boundary.vertices
+    local = (np.abs(np.roll(w, -1) - w) + np.abs(w - np.roll(w, 1))) / 2
+    position, distance = _cleared(domain, w[plain], _outward(w)[plain], offset * local[plain])
     return Poles(positions=position, scales=distance)
 
 
@@ -101,13 +102,20 @@ def _cleared(
     return (foot + direction * distance)[good], distance[good]
 
 
-def _corner_clusters(domain: PlaneDomain, outward: Complex[np.ndarray, " m"]) -> Poles:
+def _outward(w: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
+    """Outward bisectors at the vertices of a polygon, of length 1."""
+    ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
+    tangent = ahead / np.abs(ahead) + back / np.abs(back)
+    return np.asarray(-1j * tangent / np.maximum(np.abs(tangent), 1e-12))
+
+
+def _corner_clusters(domain: PlaneDomain) -> Poles:
     w, corners = domain.boundary.vertices, np.flatnonzero(domain.boundary.corners)
     along = np.concatenate([[0.0], np.cumsum(np.abs(np.roll(w, -1) - w))])
     side = np.diff(np.append(along[corners], along[-1] + along[corners[0]]))
     reach = np.minimum(side, np.roll(side, 1)) / 2
     root = np.sqrt(np.arange(1, _CORNER_POLES + 1))
     distance = (reach[:, None] * np.exp(-_CORNER_DECAY * (root[-1] - root))).ravel()
-    foot, direction = np.repeat(w[corners], _CORNER_POLES), np.repeat(outward[corners], _CORNER_POLES)
+    foot, direction = np.repeat(w[corners], _CORNER_POLES), np.repeat(_outward(w)[corners], _CORNER_POLES)
     position, distance = _cleared(domain, foot, direction, distance)
     return Poles(positions=position, scales=distance)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from torch import Tensor
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.poles import Poles, place_poles, refining_poles
+from spinor_geom.holomorphic.poles import Poles, edge_poles, place_poles, refining_poles
 from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
@@ -27,6 +28,7 @@ _SMALL_NETWORK = 200
 _SMOOTH_TURN = np.radians(12.0)
 _FEWEST_NODES_PER_PANEL = 4
 _MAX_FEATURES = 420
+_FIELD_DEGREE = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,10 +155,27 @@ class Discretisation:
         """Whether Ω has more corners than a conformal map can place where it wants."""
         return bool(np.count_nonzero(self.domain.boundary.corners) > 3)
 
+    @cached_property
+    def _modulus_fields(self) -> ModulusFields:
+        # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
+        poles = edge_poles(self.domain)
+        smooth = CauchyNetwork.orthonormal_on(
+            torch.as_tensor(self.panels.z),
+            torch.as_tensor(self.panels.arc_weights),
+            poles=torch.as_tensor(poles.positions),
+            scales=torch.as_tensor(poles.scales),
+            degree=_FIELD_DEGREE,
+        )
+        return ModulusFields.of(self.domain, self.panels, smooth.features(torch.as_tensor(self.panels.z)).numpy())
+
     def flexible(self) -> Discretisation:
         """The same, with an unknown for each field along which Ω may move."""
-        fields = torch.as_tensor(ModulusFields.of(self.domain)(self.panels.z), device=self.problem.dz.device)
+        fields = torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device)
         return replace(self, problem=replace(self.problem, fields=fields))
+
+    def length_of_move(self, fit: Fit) -> float:
+        """Longest way of a vertex of ∂Ω when it moves as a fit asks."""
+        return float(np.abs(self._modulus_fields.vertices @ fit.amounts.cpu().numpy()).max(initial=0.0))
 
     def moved(self, fit: Fit, *, offset: float) -> Discretisation:
         """The discretisation of Ω moved along its modulus fields as a fit asks, poles placed anew.
@@ -164,7 +183,7 @@ class Discretisation:
         Raises:
             DomainError: the moved domain is not simple.
         """
-        domain = ModulusFields.of(self.domain).moved(self.domain, fit.amounts.cpu().numpy())
+        domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
         parameters = domain.boundary.parameters
         return self._of(
             domain,

@@ -40,6 +40,8 @@ _POOR = 1e-2
 _PATH_ORDER = 16
 # A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
 _STALL, _STALL_LAST = 0.2, 0.05
+# A move of Ω shorter than this share of the residual changes nothing: Ω's scale is near to 1.
+_LEAST_MOVE = 0.01
 # The fit may go on to this share of the tolerance: while it converges fast, steps cost little and every digit is real.
 _BELOW_TOLERANCE = 1e-6
 
@@ -261,16 +263,19 @@ def _with_right_moduli(
     while True:
         fit = budget.fit(stage.flexible(), readout, slide, history, stall=_STALL)
         history += fit.history
-        if fit.residual > last / 2 or len(history) >= budget.max_iterations:
+        readout, slide = fit.readout, fit.slide
+        if stage.length_of_move(fit) < _LEAST_MOVE * fit.residual:
             break
-        last = fit.residual
         try:
             moved = stage.moved(fit, offset=offset)
         except DomainError:  # the move would fold Ω: what is fitted so far stands
             break
         readout, slide = moved.transferred(stage, fit)
-        stage = moved
-    fit = budget.fit(stage, fit.readout, fit.slide, history, stall=_STALL)
+        stage = moved  # whatever the fit gained by the move, it is lost without it
+        if fit.residual > last / 2 or len(history) >= budget.max_iterations:
+            break
+        last = fit.residual
+    fit = budget.fit(stage, readout, slide, history, stall=_STALL)
     return stage, fit, history + fit.history
 
 
