@@ -13,7 +13,9 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 # A pole in a narrow gap outside Ω moves back until no part of ∂Ω is nearer than this share of its offset.
 _FREE_SHARE = 0.6
 _HALVINGS = 5
-_CORNER_POLES = 16
+# Poles at a corner for a distance from Γ, in edges: the fewest are enough for the looser, the most for the tighter one.
+_CORNER_POLES = (9, 16)
+_CORNER_TOLERANCE = (1e-3, 1e-4)
 # Decay of the distances to a corner, L·exp(−σ(√n − √k)): root-exponential convergence at corner singularities.
 _CORNER_DECAY = 4.0
 
@@ -37,18 +39,25 @@ class Poles:
         return Poles(positions=self.positions[chosen], scales=self.scales[chosen])
 
 
-def place_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
+def corner_poles(tolerance: float) -> int:
+    """Number of poles in a corner's cluster that a distance from Γ, in mean edges, takes."""
+    decades = np.log10(_CORNER_TOLERANCE)
+    return int(np.interp(-np.log10(tolerance), -decades, _CORNER_POLES))
+
+
+def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _CORNER_POLES[-1]) -> Poles:
     """One pole beside each boundary vertex that is no corner, and a cluster on the outer bisector of each corner.
 
     Args:
         domain: Ω.
         offset: distance of a pole from its vertex along the outward normal, in local edge lengths of ∂Ω.
+        at_corner: number of poles in each cluster; see `corner_poles`.
 
     Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
     Numer. Anal. 57 (2019), for the clusters.
     """
     beside = edge_poles(domain, offset=offset)
-    return beside + _corner_clusters(domain) if domain.boundary.corners.any() else beside
+    return beside + _corner_clusters(domain, at_corner) if domain.boundary.corners.any() else beside
 
 
 def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
@@ -113,13 +122,13 @@ def _outward(w: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
     return np.asarray(-1j * tangent / np.maximum(np.abs(tangent), 1e-12))
 
 
-def _corner_clusters(domain: PlaneDomain) -> Poles:
+def _corner_clusters(domain: PlaneDomain, count: int) -> Poles:
     w, corners = domain.boundary.vertices, np.flatnonzero(domain.boundary.corners)
     along = np.concatenate([[0.0], np.cumsum(np.abs(np.roll(w, -1) - w))])
     side = np.diff(np.append(along[corners], along[-1] + along[corners[0]]))
     reach = np.minimum(side, np.roll(side, 1)) / 2
-    root = np.sqrt(np.arange(1, _CORNER_POLES + 1))
+    root = np.sqrt(np.arange(1, count + 1))
     distance = (reach[:, None] * np.exp(-_CORNER_DECAY * (root[-1] - root))).ravel()
-    foot, direction = np.repeat(w[corners], _CORNER_POLES), np.repeat(_outward(w)[corners], _CORNER_POLES)
+    foot, direction = np.repeat(w[corners], count), np.repeat(_outward(w)[corners], count)
     position, distance = _cleared(domain, foot, direction, distance)
     return Poles(positions=position, scales=distance)

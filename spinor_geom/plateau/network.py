@@ -13,7 +13,7 @@ from torch import Tensor
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.poles import Poles, edge_poles, place_poles, refining_poles
+from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
 from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
@@ -47,6 +47,7 @@ class Discretisation:
         poles: poles outside Ω.
         degree: of the polynomials.
         equations: equations per unknown.
+        at_corner: number of poles that are clustered at each corner.
         panels: nodes on ∂Ω.
         network: features orthonormal on the nodes.
         problem: the same as tensors, with Γ.
@@ -57,6 +58,7 @@ class Discretisation:
     poles: Poles
     degree: int
     equations: float
+    at_corner: int
     panels: Panels
     network: CauchyNetwork
     problem: PlateauProblem
@@ -71,6 +73,7 @@ class Discretisation:
         degree: int,
         offset: float,
         turning: float,
+        tolerance: float,
     ) -> Discretisation:
         """One pole a boundary vertex, panels between the vertices and halving towards corners.
 
@@ -81,17 +84,20 @@ class Discretisation:
             degree: highest degree of the polynomials.
             offset: of the poles, in local edges.
             turning: turning angle that nine in ten of the loop's points do not exceed: its roughness.
+            tolerance: RMS distance from Γ, in mean edges, that is asked for: corners take fewer poles for a loose one.
         """
         edges = len(domain.boundary.vertices)
+        at_corner = corner_poles(tolerance)
         smooth = turning < _SMOOTH_TURN and edges >= 64 and not domain.boundary.corners.any()
         return cls._of(
             domain,
             curve,
             pairs,
-            poles=place_poles(domain, offset=offset),
+            poles=place_poles(domain, offset=offset, at_corner=at_corner),
             breaks=domain.panel_breaks,
             degree=min(degree, max(8, 2 * edges)),
             equations=_EQUATIONS_SMOOTH if smooth else _EQUATIONS_ROUGH,
+            at_corner=at_corner,
         )
 
     @classmethod
@@ -105,6 +111,7 @@ class Discretisation:
         breaks: Float[np.ndarray, " b"],
         degree: int,
         equations: float,
+        at_corner: int,
     ) -> Discretisation:
         device = curve.breaks.device
         unknowns = 4 * (degree + 1 + len(poles.positions))
@@ -123,6 +130,7 @@ class Discretisation:
             poles=poles,
             degree=degree,
             equations=equations,
+            at_corner=at_corner,
             panels=panels,
             network=network,
             problem=PlateauProblem.on_panels(panels, network, curve, pairs),
@@ -158,6 +166,7 @@ class Discretisation:
             breaks=np.sort(np.concatenate([breaks, chosen.mean(axis=1)])),
             degree=self.degree,
             equations=_EQUATIONS_ROUGH if small else _EQUATIONS_REFINED,
+            at_corner=self.at_corner,
         )
 
     def idle_poles(self, fit: Fit, allowed: float) -> Bool[np.ndarray, " k"]:
@@ -249,10 +258,11 @@ class Discretisation:
             domain,
             self.problem.curve,
             CornerPairs(t=parameters[:-1][domain.boundary.corners], s=self.pairs.s),
-            poles=place_poles(domain, offset=offset),
+            poles=place_poles(domain, offset=offset, at_corner=self.at_corner),
             breaks=np.interp(self.panels.breaks, self.domain.boundary.parameters, parameters),
             degree=self.degree,
             equations=self.equations,
+            at_corner=self.at_corner,
         )
 
     def readout_of(self, spinors: Complex[Tensor, "nodes 2"]) -> Complex[Tensor, "n 2"]:

@@ -171,6 +171,7 @@ class NetworkSolver:
                 degree=self.options.degree,
                 offset=self.options.pole_offset,
                 turning=self._turning,
+                tolerance=self.budget.allowed / self.loop.mean_edge_length,
             )
         with self.clock.stage("fit"):
             spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, device)
