@@ -173,7 +173,7 @@ class _Linear:
         n = 4 * parts.shape[2]
         # written in place, by real products: copies of rows cost as much as making them
         rows = parts.new_empty(sum(counts), n + 3 + moved.shape[2])
-        for (direction, nodes), block in zip(directions, rows.split(counts), strict=True):
+        for (direction, nodes), block in zip(directions, torch.split(rows, counts), strict=True):
             e = root[nodes] * direction
             block[:, :n] = (_by_spinors(e) @ parts[nodes]).flatten(1)
             block[:, n : n + 3] = e
