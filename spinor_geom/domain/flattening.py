@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric, internal_angles
 
-# Strengths of straightening, weakest first: weight of |u|² against the evenness of the smoothed curvature.
+# Strengths of straightening, weakest first: weight of the size of u against the evenness of the smoothed curvature.
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 # Widths of the smoothing as fractions of the boundary length: slow windings first, then ever more local tangles.
 _WIDTHS = (0.06, 0.03, 0.015)
@@ -75,9 +75,9 @@ def flatten(
     """Flattens a discrete disk conformally, with boundary scale 1 where the result is a simple polygon.
 
     Where two parts of the boundary cross, or come nearer than `clearance` edges across the outside, u is the minimiser
-    of α|u|²/ℓ² + |S(k₀ + Λu)/ds − 2π/ℓ|² with a Gaussian smoothing S along the boundary of length ℓ: it straightens the
-    slow winding and leaves corners alone. α is lowered until the boundary is clear. Small lobes, as ragged rims have
-    them, are drawn in where that does not help (see `untangled`).
+    of α(|u|²/ℓ² + u·Λu/ℓ) + |S(k₀ + Λu)/ds − 2π/ℓ|² with a Gaussian smoothing S along the boundary of length ℓ: it
+    straightens the slow winding and leaves corners alone. α is lowered until the boundary is clear. Small lobes, as
+    ragged rims have them, are drawn in where that does not help (see `untangled`).
 
     Args:
         vertices: boundary vertices first, in boundary order.
@@ -145,6 +145,8 @@ def _candidates(
     s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / length
     distance = np.abs(s[:, None] - s)
     distance = np.minimum(distance, 1 - distance)
+    # S is blind to what changes from vertex to vertex: without Λ here slivers turn the boundary to and fro
+    size = np.diag(ds) / length**2 + neumann / length
     for width in _WIDTHS:
         smooth = np.exp(-0.5 * (distance / width) ** 2)
         smooth /= (smooth @ ds)[:, None]
@@ -152,7 +154,7 @@ def _candidates(
         normal = slope.T @ (ds[:, None] * slope)
         load = slope.T @ (ds * (2 * np.pi / length - smooth @ turning))
         for strength in _STRENGTHS:
-            yield np.linalg.solve(normal + np.diag(strength / length**2 * ds), load)
+            yield np.linalg.solve(normal + strength * size, load)
 
 
 def lay_out(

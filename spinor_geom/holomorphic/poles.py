@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.plane_domain import PlaneDomain
@@ -13,7 +13,9 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 # A pole in a narrow gap outside Ω moves back until no part of ∂Ω is nearer than this share of its offset.
 _FREE_SHARE = 0.6
 _HALVINGS = 5
-_CORNER_POLES = 16
+# Poles at a corner for a distance from Γ, in edges: the fewest are enough for the looser, the most for the tighter one.
+_CORNER_POLES = (9, 16)
+_CORNER_TOLERANCE = (1e-3, 1e-4)
 # Decay of the distances to a corner, L·exp(−σ(√n − √k)): root-exponential convergence at corner singularities.
 _CORNER_DECAY = 4.0
 
@@ -32,26 +34,38 @@ class Poles:
             scales=np.concatenate([self.scales, other.scales]),
         )
 
+    def __getitem__(self, chosen: Bool[np.ndarray, " k"]) -> Poles:
+        """Those that are chosen."""
+        return Poles(positions=self.positions[chosen], scales=self.scales[chosen])
 
-def place_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
-    """One pole beside each boundary vertex, and a cluster on the outer bisector of each corner.
+
+def corner_poles(tolerance: float) -> int:
+    """Number of poles in a corner's cluster that a distance from Γ, in mean edges, takes."""
+    decades = np.log10(_CORNER_TOLERANCE)
+    return int(np.interp(-np.log10(tolerance), -decades, _CORNER_POLES))
+
+
+def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _CORNER_POLES[-1]) -> Poles:
+    """One pole beside each boundary vertex that is no corner, and a cluster on the outer bisector of each corner.
 
     Args:
         domain: Ω.
         offset: distance of a pole from its vertex along the outward normal, in local edge lengths of ∂Ω.
+        at_corner: number of poles in each cluster; see `corner_poles`.
 
     Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
     Numer. Anal. 57 (2019), for the clusters.
     """
-    w = domain.boundary.vertices
-    ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
-    local = (np.abs(ahead) + np.abs(back)) / 2
-    tangent = ahead / np.abs(ahead) + back / np.abs(back)
-    outward = -1j * tangent / np.maximum(np.abs(tangent), 1e-12)
+    beside = edge_poles(domain, offset=offset)
+    return beside + _corner_clusters(domain, at_corner) if domain.boundary.corners.any() else beside
+
+
+def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
+    """One pole beside each boundary vertex that is no corner, along the outward normal; see `place_poles`."""
     plain = ~domain.boundary.corners
-    position, distance = _cleared(domain, w[plain], outward[plain], offset * local[plain])
-    if domain.boundary.corners.any():
-        return Poles(positions=position, scales=distance) + _corner_clusters(domain, outward)
+    w = domain.boundary.vertices
+    local = (np.abs(np.roll(w, -1) - w) + np.abs(w - np.roll(w, 1))) / 2
+    position, distance = _cleared(domain, w[plain], _outward(w)[plain], offset * local[plain])
     return Poles(positions=position, scales=distance)
 
 
@@ -101,13 +115,20 @@ def _cleared(
     return (foot + direction * distance)[good], distance[good]
 
 
-def _corner_clusters(domain: PlaneDomain, outward: Complex[np.ndarray, " m"]) -> Poles:
+def _outward(w: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
+    """Outward bisectors at the vertices of a polygon, of length 1."""
+    ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
+    tangent = ahead / np.abs(ahead) + back / np.abs(back)
+    return np.asarray(-1j * tangent / np.maximum(np.abs(tangent), 1e-12))
+
+
+def _corner_clusters(domain: PlaneDomain, count: int) -> Poles:
     w, corners = domain.boundary.vertices, np.flatnonzero(domain.boundary.corners)
     along = np.concatenate([[0.0], np.cumsum(np.abs(np.roll(w, -1) - w))])
     side = np.diff(np.append(along[corners], along[-1] + along[corners[0]]))
     reach = np.minimum(side, np.roll(side, 1)) / 2
-    root = np.sqrt(np.arange(1, _CORNER_POLES + 1))
+    root = np.sqrt(np.arange(1, count + 1))
     distance = (reach[:, None] * np.exp(-_CORNER_DECAY * (root[-1] - root))).ravel()
-    foot, direction = np.repeat(w[corners], _CORNER_POLES), np.repeat(outward[corners], _CORNER_POLES)
+    foot, direction = np.repeat(w[corners], count), np.repeat(_outward(w)[corners], count)
     position, distance = _cleared(domain, foot, direction, distance)
     return Poles(positions=position, scales=distance)

@@ -4,7 +4,7 @@ A conformal map takes three boundary points where one wants; with n corners, n �
 corners, must be right before a surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them
 to a few digits. They are corrected with the fit: Ω is moved along fields v = conj(g), g holomorphic with g' = 0 at the
 corners. Such a field is conformal at the corners, so their angles stay, and no holomorphic change of coordinates undoes
-it, as its Beltrami coefficient conj(g') is paired with the quadratic differentials of Ω.
+it where its Beltrami coefficient conj(g') is along a quadratic differential of Ω.
 """
 
 from __future__ import annotations
@@ -12,15 +12,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from jaxtyping import Complex, Float
-from numpy.polynomial import Polynomial
 
+from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain
 
 # A node stays this far in s from the corners of its side: Γ' there is that of its own side.
 _INSIDE = 1e-13
 # One move of Ω is at most this share of its diameter.
 _LARGEST_MOVE = 0.1
+# Relative ridge of the Gram matrix of the functions that fields are made of: they are nearly dependent.
+_RIDGE = 1e-10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,35 +44,52 @@ class CornerPairs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModulusFields:
-    """Vector fields conj(g) on Ω that change its moduli and keep its corners' angles.
+    """Vector fields conj(g) on ∂Ω that change the moduli of Ω and keep its corners' angles.
 
     Attributes:
-        centre: origin of the polynomials' variable.
-        scale: its unit.
-        potentials: the polynomials g; each gives two fields, conj(g) and i·conj(g), at most 1 in size on Ω's corners.
+        nodes: (nodes, k), at the nodes of the panels they were made with, one field a column, in units of Ω.
+        vertices: (m, k), at the vertices of ∂Ω; each field is as large as Ω's diameter at most.
     """
 
-    centre: complex
-    scale: float
-    potentials: tuple[Polynomial, ...]
+    nodes: Complex[np.ndarray, "nodes k"]
+    vertices: Complex[np.ndarray, "m k"]
 
     @classmethod
-    def of(cls, domain: PlaneDomain) -> ModulusFields:
-        """Enough fields for the moduli of a domain; none where it has fewer than four corners."""
-        corner = domain.boundary.vertices[domain.boundary.corners]
-        centre, scale = complex(domain.boundary.vertices.mean()), domain.diameter
-        potentials = []
-        if len(corner) > 3:
-            still = Polynomial.fromroots((corner - centre) / scale)
-            for power in range((len(corner) - 2) // 2):
-                g = (still * Polynomial.basis(power)).integ()
-                potentials.append(g / np.abs(g((domain.boundary.vertices - centre) / scale)).max())
-        return cls(centre=centre, scale=scale, potentials=tuple(potentials))
+    def of(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "nodes n"]) -> ModulusFields:
+        """As many fields as a domain has moduli: three fewer than its corners, none where it has fewer than four.
 
-    def __call__(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n k"]:
-        """The fields at points, one a column, in units of Ω."""
-        values = [np.conj(g((z - self.centre) / self.scale)) * self.scale for g in self.potentials]
-        return np.stack([w for v in values for w in (v, 1j * v)], axis=1) if values else np.zeros((len(z), 0), complex)
+        The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
+        real along ∂Ω. Of all g' made of the features that vanish at the corners, those nearest to this are taken. On a
+        strip they stretch it along its length, however it winds.
+
+        Args:
+            domain: Ω.
+            panels: on ∂Ω, with a break at each vertex.
+            features: holomorphic functions at their nodes, smooth at the corners: the moved boundary's spline must
+                resolve what they make.
+
+        Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
+        """
+        boundary = domain.boundary
+        corner = boundary.vertices[boundary.corners]
+        count = len(corner) - 3
+        if count <= 0:
+            return cls(
+                nodes=np.zeros((len(panels.t), 0), dtype=np.complex128),
+                vertices=np.zeros((len(boundary.vertices), 0), dtype=np.complex128),
+            )
+        still = np.prod((panels.z[:, None] - corner) / domain.diameter, axis=1)
+        slopes = (still / np.abs(still).max())[:, None] * features
+        g_slopes = slopes @ _nearest_to_real(slopes, panels, count) * panels.dz[:, None]
+        by_panel = g_slopes.reshape(-1, panels.order, count)
+        totals = (panels.weights.reshape(-1, panels.order, 1) * by_panel).sum(axis=1)
+        start = np.concatenate([np.zeros((1, count)), np.cumsum(totals, axis=0)])
+        width = np.diff(panels.breaks)[:, None, None]
+        g = (start[:-1, None] + width * (panels.cumulative @ by_panel)).reshape(-1, count)
+        at_vertex = np.abs(panels.breaks - boundary.parameters[:-1, None]).argmin(axis=1)
+        middle = start[at_vertex].mean(axis=0)
+        size = np.abs(start[at_vertex] - middle).max(axis=0) / domain.diameter
+        return cls(nodes=np.conj((g - middle) / size), vertices=np.conj((start[at_vertex] - middle) / size))
 
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
         """Ω with its boundary's vertices moved.
@@ -77,7 +97,20 @@ class ModulusFields:
         Raises:
             DomainError: the moved polygon is not simple.
         """
-        vertices = domain.boundary.vertices
-        move = self(vertices) @ amounts
+        move = self.vertices @ amounts
         move *= min(1.0, _LARGEST_MOVE * domain.diameter / np.abs(move).max(initial=1e-300))
-        return PlaneDomain.from_boundary(vertices + move, domain.boundary.corners, domain.log_scale)
+        return PlaneDomain.from_boundary(domain.boundary.vertices + move, domain.boundary.corners, domain.log_scale)
+
+
+def _nearest_to_real(f: Complex[np.ndarray, "nodes n"], panels: Panels, count: int) -> Complex[np.ndarray, "n {count}"]:
+    """Coefficients of the combinations of functions f with the least ∮|Im f dz²/|dz|²|² |dz| for their ∮|f|² |dz|."""
+    root = np.sqrt(panels.arc_weights)[:, None]
+    along = root * (panels.dz / np.abs(panels.dz))[:, None] ** 2 * f
+    imaginary = np.concatenate([along.imag, along.real], axis=1)
+    real = np.concatenate([along.real, -along.imag], axis=1)
+    unreal = imaginary.T @ imaginary
+    whole = unreal + real.T @ real
+    whole[np.diag_indices_from(whole)] *= 1 + _RIDGE
+    _, best = scipy.linalg.eigh(unreal, whole, subset_by_index=[0, count - 1])
+    n = f.shape[1]
+    return np.asarray(best[:n] + 1j * best[n:])

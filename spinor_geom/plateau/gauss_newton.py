@@ -162,21 +162,22 @@ class _Linear:
 
     @classmethod
     def at(cls, problem: PlateauProblem, state: _State, root: Float[Tensor, "nodes 1"]) -> _Linear:
-        features = problem.features
-        pq = features @ state.readout
-        by_p = problem.integrate((2 * pq[:, :1] * problem.dz[:, None]) * features)
-        by_q = problem.integrate((2 * pq[:, 1:] * problem.dz[:, None]) * features)
+        p, q = (problem.features @ state.readout).unbind(-1)
+        by_p = problem.integrate((2 * p * problem.dz)[:, None] * problem.features)
+        by_q = problem.integrate((2 * q * problem.dz)[:, None] * problem.features)
+        parts = torch.stack([by_p.real, by_p.imag, by_q.real, by_q.imag], dim=1)
         moved = problem.moved(state.readout)
         held = _held_nodes(problem, state)
-        blocks = []
-        for direction, nodes in _directions(state.tangent, held):
+        directions = list(_directions(state.tangent, held))
+        counts = [len(direction) for direction, _ in directions]
+        n = 4 * parts.shape[2]
+        # written in place, by real products: copies of rows cost as much as making them
+        rows = parts.new_empty(sum(counts), n + 3 + moved.shape[2])
+        for (direction, nodes), block in zip(directions, torch.split(rows, counts), strict=True):
             e = root[nodes] * direction
-            # δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)): e · Re ∫ δφ dz is the real part of these times δp, δq
-            along = torch.complex(e[:, 0], -e[:, 1])[:, None]
-            upright, p_part, q_part = e[:, 2:], by_p[nodes], by_q[nodes]
-            row = torch.cat([along * p_part + upright * q_part, upright * p_part - along.conj() * q_part], dim=1)
-            blocks.append(torch.cat([row.real, -row.imag, e, torch.einsum("mi,mik->mk", e, moved[nodes])], dim=1))
-        rows = torch.cat(blocks)
+            block[:, :n] = (_by_spinors(e) @ parts[nodes]).flatten(1)
+            block[:, n : n + 3] = e
+            block[:, n + 3 :] = torch.einsum("mi,mik->mk", e, moved[nodes])
         return cls(rows=rows, normal_matrix=_gram(rows), held=held)
 
     def gradient(self, state: _State, root: Float[Tensor, "nodes 1"]) -> Float[Tensor, " k"]:
@@ -185,6 +186,18 @@ class _Linear:
             for direction, nodes in _directions(state.tangent, self.held)
         ]
         return self.rows.T @ torch.cat(residual)
+
+
+def _by_spinors(e: Float[Tensor, "m 3"]) -> Float[Tensor, "m 4 4"]:
+    """What makes e · Re ∫ δφ dz of the real and imaginary parts of ∫ 2p f dz and ∫ 2q f dz, for a feature f.
+
+    Rows: by the real parts of δp and δq, then by their imaginary parts, with
+    δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)).
+    """
+    x, y, z = e.unbind(1)
+    o = torch.zeros_like(x)
+    rows = ((x, y, z, o), (z, o, -x, y), (y, -x, o, -z), (o, -z, y, x))
+    return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
 
 
 def _held_nodes(problem: PlateauProblem, state: _State) -> Int[Tensor, " k"]:

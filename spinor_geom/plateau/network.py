@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.poles import Poles, place_poles, refining_poles
+from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
 from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
@@ -27,6 +28,13 @@ _SMALL_NETWORK = 200
 _SMOOTH_TURN = np.radians(12.0)
 _FEWEST_NODES_PER_PANEL = 4
 _MAX_FEATURES = 420
+# Units are dropped that change p and q, all together, by less than so many times the residual: over half an edge, which
+# is a hundredth of the loop or less, that moves the boundary by far less than the residual.
+_IDLE = 3.0
+# Relative ridge of their Gram matrix.
+_IDLE_RIDGE = 1e-13
+# Degree of the polynomials in the fields that move Ω.
+_FIELD_DEGREE = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,6 +47,7 @@ class Discretisation:
         poles: poles outside Ω.
         degree: of the polynomials.
         equations: equations per unknown.
+        at_corner: number of poles that are clustered at each corner.
         panels: nodes on ∂Ω.
         network: features orthonormal on the nodes.
         problem: the same as tensors, with Γ.
@@ -49,6 +58,7 @@ class Discretisation:
     poles: Poles
     degree: int
     equations: float
+    at_corner: int
     panels: Panels
     network: CauchyNetwork
     problem: PlateauProblem
@@ -63,6 +73,7 @@ class Discretisation:
         degree: int,
         offset: float,
         turning: float,
+        tolerance: float,
     ) -> Discretisation:
         """One pole a boundary vertex, panels between the vertices and halving towards corners.
 
@@ -73,17 +84,20 @@ class Discretisation:
             degree: highest degree of the polynomials.
             offset: of the poles, in local edges.
             turning: turning angle that nine in ten of the loop's points do not exceed: its roughness.
+            tolerance: RMS distance from Γ, in mean edges, that is asked for: corners take fewer poles for a loose one.
         """
         edges = len(domain.boundary.vertices)
+        at_corner = corner_poles(tolerance)
         smooth = turning < _SMOOTH_TURN and edges >= 64 and not domain.boundary.corners.any()
         return cls._of(
             domain,
             curve,
             pairs,
-            poles=place_poles(domain, offset=offset),
+            poles=place_poles(domain, offset=offset, at_corner=at_corner),
             breaks=domain.panel_breaks,
             degree=min(degree, max(8, 2 * edges)),
             equations=_EQUATIONS_SMOOTH if smooth else _EQUATIONS_ROUGH,
+            at_corner=at_corner,
         )
 
     @classmethod
@@ -97,6 +111,7 @@ class Discretisation:
         breaks: Float[np.ndarray, " b"],
         degree: int,
         equations: float,
+        at_corner: int,
     ) -> Discretisation:
         device = curve.breaks.device
         unknowns = 4 * (degree + 1 + len(poles.positions))
@@ -115,28 +130,33 @@ class Discretisation:
             poles=poles,
             degree=degree,
             equations=equations,
+            at_corner=at_corner,
             panels=panels,
             network=network,
             problem=PlateauProblem.on_panels(panels, network, curve, pairs),
         )
 
-    def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
-        """More poles and shorter panels where the residual is; None where nothing more may be added.
+    def refined(self, fit: Fit, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
+        """More poles and shorter panels where the residual is, fewer poles where they do nothing.
+
+        None where nothing more may be added.
 
         Args:
+            fit: the fit whose residual it is.
             energy: integral of the squared residual over each panel, as a share of the whole boundary.
             goal: panels matter until those left out have less than half of goal² together.
         """
         order = np.argsort(energy)
         matter = np.empty(len(energy), dtype=bool)
         matter[order] = np.cumsum(energy[order]) > 0.5 * goal**2
-        room = (_MAX_FEATURES - self.degree - len(self.poles.positions)) // 2
+        kept = self.poles[~self.idle_poles(fit, _IDLE * float(energy.sum()) ** 0.5)]
+        room = (_MAX_FEATURES - self.degree - len(kept.positions)) // 2
         if room <= 0 or not matter.any():
             return None
         matter[order[: max(0, len(energy) - room)]] = False
         breaks = self.panels.breaks
         chosen = np.stack([breaks[:-1][matter], breaks[1:][matter]], axis=1)
-        poles = self.poles + refining_poles(self.domain, chosen)
+        poles = kept + refining_poles(self.domain, chosen)
         small = self.degree + len(poles.positions) < _SMALL_NETWORK
         return self._of(
             self.domain,
@@ -146,17 +166,85 @@ class Discretisation:
             breaks=np.sort(np.concatenate([breaks, chosen.mean(axis=1)])),
             degree=self.degree,
             equations=_EQUATIONS_ROUGH if small else _EQUATIONS_REFINED,
+            at_corner=self.at_corner,
         )
+
+    def idle_poles(self, fit: Fit, allowed: float) -> Bool[np.ndarray, " k"]:
+        """Poles without which the others make p and q of a fit just as well.
+
+        One unit after the other is left out, the least needed first, until the rest would miss p and q on ∂Ω by more
+        than a given RMS distance. That grows with unit k by |c_k|²/(G⁻¹)_kk, with G the Gram matrix of those left.
+
+        Source: Hassibi & Stork, "Second order derivatives for network pruning: Optimal Brain Surgeon", NIPS 5 (1992).
+        """
+        mixing, readout = self.network.mixing.cpu().numpy(), fit.readout.cpu().numpy()
+        # the mixing's columns are the Gram matrix's eigenvectors over the roots of its eigenvalues
+        root = 1 / np.linalg.norm(mixing, axis=0)
+        vectors = mixing * root
+        ridge = _IDLE_RIDGE * root.max() ** 2
+        inverse = (vectors * (1 / (root**2 + ridge) - 1 / ridge)) @ vectors.conj().T
+        inverse[np.diag_indices_from(inverse)] += 1 / ridge
+        coefficients = vectors @ ((root / (root**2 + ridge))[:, None] * readout)
+        first = len(mixing) - len(self.poles.positions)
+        idle = np.zeros(len(self.poles.positions), dtype=bool)
+        missed = 0.0
+        while not idle.all():
+            needed = (np.abs(coefficients[first:]) ** 2).sum(axis=1) / inverse.diagonal()[first:].real
+            needed[idle] = np.inf
+            least = int(needed.argmin())
+            missed += needed[least]
+            if missed > allowed**2:
+                break
+            idle[least] = True
+            column = inverse[:, first + least] / inverse[first + least, first + least].real
+            coefficients -= column[:, None] * coefficients[first + least]
+            inverse -= np.outer(column, inverse[first + least])
+            inverse[first + least, first + least] = 1.0
+        return idle
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more poles may be added."""
+        return self.degree + len(self.poles.positions) + 2 > _MAX_FEATURES
+
+    def share_at_corners(self, energy: Float[np.ndarray, " panels"]) -> float:
+        """Share of a residual on the edges of ∂Ω that end at its corners.
+
+        Args:
+            energy: integral of the squared residual over each panel.
+        """
+        boundary = self.domain.boundary
+        middle = (self.panels.breaks[:-1] + self.panels.breaks[1:]) / 2
+        edge = np.searchsorted(boundary.parameters, middle, side="right") - 1
+        at_corner = (boundary.corners | np.roll(boundary.corners, -1))[edge]
+        return float(energy[at_corner].sum() / energy.sum())
 
     @property
     def has_moduli(self) -> bool:
         """Whether Ω has more corners than a conformal map can place where it wants."""
         return bool(np.count_nonzero(self.domain.boundary.corners) > 3)
 
+    @cached_property
+    def _modulus_fields(self) -> ModulusFields:
+        # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
+        poles = edge_poles(self.domain)
+        smooth = CauchyNetwork.orthonormal_on(
+            torch.as_tensor(self.panels.z),
+            torch.as_tensor(self.panels.arc_weights),
+            poles=torch.as_tensor(poles.positions),
+            scales=torch.as_tensor(poles.scales),
+            degree=_FIELD_DEGREE,
+        )
+        return ModulusFields.of(self.domain, self.panels, smooth.features(torch.as_tensor(self.panels.z)).numpy())
+
     def flexible(self) -> Discretisation:
         """The same, with an unknown for each field along which Ω may move."""
-        fields = torch.as_tensor(ModulusFields.of(self.domain)(self.panels.z), device=self.problem.dz.device)
+        fields = torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device)
         return replace(self, problem=replace(self.problem, fields=fields))
+
+    def length_of_move(self, fit: Fit) -> float:
+        """Longest way of a vertex of ∂Ω when it moves as a fit asks."""
+        return float(np.abs(self._modulus_fields.vertices @ fit.amounts.cpu().numpy()).max(initial=0.0))
 
     def moved(self, fit: Fit, *, offset: float) -> Discretisation:
         """The discretisation of Ω moved along its modulus fields as a fit asks, poles placed anew.
@@ -164,16 +252,17 @@ class Discretisation:
         Raises:
             DomainError: the moved domain is not simple.
         """
-        domain = ModulusFields.of(self.domain).moved(self.domain, fit.amounts.cpu().numpy())
+        domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
         parameters = domain.boundary.parameters
         return self._of(
             domain,
             self.problem.curve,
             CornerPairs(t=parameters[:-1][domain.boundary.corners], s=self.pairs.s),
-            poles=place_poles(domain, offset=offset),
+            poles=place_poles(domain, offset=offset, at_corner=self.at_corner),
             breaks=np.interp(self.panels.breaks, self.domain.boundary.parameters, parameters),
             degree=self.degree,
             equations=self.equations,
+            at_corner=self.at_corner,
         )
 
     def readout_of(self, spinors: Complex[Tensor, "nodes 2"]) -> Complex[Tensor, "n 2"]:

@@ -38,8 +38,12 @@ _MAX_ROUNDS = 3
 _POOR = 1e-2
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
+# A loop counts as rough where one of its points in ten turns by more.
+_ROUGH_TURN = np.radians(25.0)
 # A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
 _STALL, _STALL_LAST = 0.2, 0.05
+# A move of Ω shorter than this share of the residual changes nothing: Ω's scale is near to 1.
+_LEAST_MOVE = 0.01
 # The fit may go on to this share of the tolerance: while it converges fast, steps cost little and every digit is real.
 _BELOW_TOLERANCE = 1e-6
 
@@ -102,8 +106,6 @@ class NetworkSolver:
         with self.clock.stage("surface"):
             surface = _surface(fitted)
             area = surface.area()
-        spent = len(fitted.history) >= self.budget.max_iterations
-        features = fitted.stage.network.mixing.shape[1]
         return Found(
             surface=surface,
             matching=fitted.stage.matching(fitted.fit),
@@ -112,10 +114,35 @@ class NetworkSolver:
             area=area,
             route="network",
             history=fitted.history,
-            limit="the limit on steps was reached"
-            if spent
-            else f"a network of {features} features follows the boundary no better",
+            limit=self._limit(fitted),
         )
+
+    def _limit(self, fitted: _Fitted) -> str:
+        """What keeps a fit from coming nearer to Γ, as the end of a sentence."""
+        stage = fitted.stage
+        features = stage.network.mixing.shape[1]
+        if len(fitted.history) >= self.budget.max_iterations:
+            return "the limit on steps was reached"
+        if fitted.folds:
+            return (
+                "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "
+                f"its network of {features} features follows the boundary no better"
+            )
+        at_corners = stage.share_at_corners(fitted.residual.energy)
+        if at_corners > 0.5:
+            where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
+        elif self._turning > _ROUGH_TURN:
+            where = f"the loop is rough: one point in ten turns by more than {np.degrees(self._turning):.0f}°"
+        else:
+            where = "more units bring it no nearer"
+        if stage.is_full:
+            return f"the network has as many features as it may have, {features}, and {where}"
+        return f"a network of {features} features follows the boundary no better: {where}"
+
+    @property
+    def _turning(self) -> float:
+        """Turning angle that nine in ten of the loop's points do not exceed: its roughness."""
+        return float(np.quantile(turning_angles(self.loop.points), 0.9))
 
     def _improved(self, fitted: _Fitted, disk: Disk) -> _Fitted:
         """The better of a fit and one that starts from a finer disk; the fit itself where that disk cannot be made."""
@@ -143,7 +170,8 @@ class NetworkSolver:
                 pairs,
                 degree=self.options.degree,
                 offset=self.options.pole_offset,
-                turning=float(np.quantile(turning_angles(self.loop.points), 0.9)),
+                turning=self._turning,
+                tolerance=self.budget.allowed / self.loop.mean_edge_length,
             )
         with self.clock.stage("fit"):
             spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, device)
@@ -173,13 +201,17 @@ def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Fitted:
-    """The best round: its discretisation, its fit, its residual at unit size, its number, and the steps of all."""
+    """The best round: its discretisation, its fit, its residual at unit size, its number, and the steps of all.
+
+    `folds` says that Ω would fold if it moved to the conformal moduli that a fit asked for.
+    """
 
     stage: Discretisation
     fit: Fit
     residual: Residual
     rounds: int
     history: tuple[Iteration, ...]
+    folds: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -225,26 +257,39 @@ def _fit_and_refine(
 ) -> _Fitted:
     """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
     best: _Fitted | None = None
+    folds = False
     for remaining in reversed(range(_MAX_ROUNDS)):
         fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
         history += fit.history
         if best is None and fit.residual > budget.allowed and stage.has_moduli:
-            corrected, again, history = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
-            if again.residual < fit.residual:
-                stage, fit = corrected, again
+            corrected = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+            history, folds = corrected.history, corrected.folds
+            if corrected.fit.residual < fit.residual:
+                stage, fit = corrected.stage, corrected.fit
         residual = independent_residual(stage, fit, points=points)
         if best is not None and residual.rms >= best.residual.rms:
             return replace(best, history=history)
-        best = _Fitted(stage=stage, fit=fit, residual=residual, rounds=_MAX_ROUNDS - remaining, history=history)
+        rounds = _MAX_ROUNDS - remaining
+        best = _Fitted(stage=stage, fit=fit, residual=residual, rounds=rounds, history=history, folds=folds)
         if residual.rms <= budget.allowed or len(history) >= budget.max_iterations:
             break
-        finer = stage.refined(residual.energy, budget.allowed)
+        finer = stage.refined(fit, residual.energy, budget.allowed)
         if finer is None:
             break
         readout, slide = finer.transferred(stage, fit)
         stage = finer
     assert best is not None
     return best
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Corrected:
+    """A fit on an Ω that was moved, the steps of all, and whether the last move would have folded it."""
+
+    stage: Discretisation
+    fit: Fit
+    history: tuple[Iteration, ...]
+    folds: bool
 
 
 def _with_right_moduli(
@@ -255,23 +300,27 @@ def _with_right_moduli(
     budget: Budget,
     *,
     offset: float,
-) -> tuple[Discretisation, Fit, tuple[Iteration, ...]]:
+) -> _Corrected:
     """A fit in which Ω may move, so that its corners can meet Γ's; the moves are made, and it is fitted again."""
-    last = np.inf
+    last, folds = np.inf, False
     while True:
         fit = budget.fit(stage.flexible(), readout, slide, history, stall=_STALL)
         history += fit.history
+        readout, slide = fit.readout, fit.slide
+        if stage.length_of_move(fit) < _LEAST_MOVE * fit.residual:
+            break
+        try:
+            moved = stage.moved(fit, offset=offset)
+        except DomainError:  # what is fitted so far stands
+            folds = True
+            break
+        readout, slide = moved.transferred(stage, fit)
+        stage = moved  # whatever the fit gained by the move, it is lost without it
         if fit.residual > last / 2 or len(history) >= budget.max_iterations:
             break
         last = fit.residual
-        try:
-            moved = stage.moved(fit, offset=offset)
-        except DomainError:  # the move would fold Ω: what is fitted so far stands
-            break
-        readout, slide = moved.transferred(stage, fit)
-        stage = moved
-    fit = budget.fit(stage, fit.readout, fit.slide, history, stall=_STALL)
-    return stage, fit, history + fit.history
+    fit = budget.fit(stage, readout, slide, history, stall=_STALL)
+    return _Corrected(stage=stage, fit=fit, history=history + fit.history, folds=folds)
 
 
 def _surface(fitted: _Fitted) -> SpinorSurface:

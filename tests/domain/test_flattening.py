@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spinor_geom import gallery
+from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import (
     crossing_edges,
@@ -265,3 +267,13 @@ def test_boundary_that_stays_crossed_is_refused():
     turning = np.angle(sides / np.roll(sides, 1))
     with pytest.raises(DomainError, match="80 vertices"):
         flatten_boundary(np.abs(sides), turning, np.full((80, 80), np.nan), clearance=1.0)
+
+
+@pytest.mark.parametrize("turns", [1.2, 1.3, 2.0])
+def test_straightened_boundary_has_no_teeth(turns):
+    """The ramp's outer helix leaves ears in its first fill, whose slivers must not turn the boundary to and fro."""
+    loop = gallery.helical_ramp(turns).sample(160)
+    polygon = unfolded_loop(loop.points)
+    turning = np.abs(np.angle(np.roll(np.roll(polygon, -1) - polygon, 1).conj() * (np.roll(polygon, -1) - polygon)))
+    assert turning[~loop.corners].max() < 0.2
+    np.testing.assert_allclose(turning[loop.corners], np.pi / 2, atol=0.2)

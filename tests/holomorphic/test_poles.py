@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.holomorphic.poles import place_poles, refining_poles
+from spinor_geom.holomorphic.poles import corner_poles, edge_poles, place_poles, refining_poles
 from tests.loops import L_SHAPE, planar, ramp, slit
 from tests.strategies import rough_loops
 
@@ -104,3 +104,10 @@ def test_poles_add_up():
     disk = DOMAINS["disk"]
     both = place_poles(disk) + refining_poles(disk, np.array([[0.1, 0.2]]))
     assert len(both.positions) == len(both.scales) == 64 + 3
+
+
+def test_corners_take_more_poles_for_a_tighter_tolerance():
+    domain = DOMAINS["L"]
+    counts = [corner_poles(tolerance) for tolerance in (1.0, 1e-3, 3e-4, 1e-4, 1e-8)]
+    assert counts[0] == counts[1] < counts[2] < counts[3] == counts[4]
+    assert len(place_poles(domain, at_corner=9).positions) == len(edge_poles(domain).positions) + 9 * 6

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+import torch
 
 from spinor_geom import gallery
 from spinor_geom.domain import PlaneDomain
+from spinor_geom.domain.panels import Panels
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.poles import edge_poles
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from tests.loops import CONVEX, L_SHAPE, planar
@@ -17,37 +21,99 @@ def domain_over(corners, edges=60):
     return PlaneDomain.from_boundary(loop.points @ FLAT, loop.corners)
 
 
+def panels_on(domain):
+    return Panels.on(domain.boundary, domain.panel_breaks, 8)
+
+
+def fields_on(domain, panels):
+    """The fields made of polynomials and of a pole beside each vertex, as fits make them."""
+    poles, z = edge_poles(domain), torch.from_numpy(panels.z)
+    features = CauchyNetwork.orthonormal_on(
+        z,
+        torch.from_numpy(panels.arc_weights),
+        poles=torch.from_numpy(poles.positions),
+        scales=torch.from_numpy(poles.scales),
+        degree=8,
+    ).features(z)
+    return ModulusFields.of(domain, panels, features.numpy())
+
+
+def slopes(fields, panels):
+    """g' of the fields conj(g), at the middle of neighbouring nodes; one field a column."""
+    return np.diff(np.conj(fields.nodes), axis=0) / np.diff(panels.z)[:, None]
+
+
 @pytest.mark.parametrize("corners", [CONVEX, L_SHAPE], ids=["convex", "L"])
 def test_fields_for_the_moduli_are_conformal_at_the_corners(corners):
     domain = domain_over(corners)
-    fields = ModulusFields.of(domain)
+    panels = panels_on(domain)
+    fields = fields_on(domain, panels)
+    slope = slopes(fields, panels)
     corner = domain.boundary.vertices[domain.boundary.corners]
-    h = 1e-6
-    # v = conj(g): ∂v/∂z̄ = conj(g′), which vanishes at the corners
-    by_x = (fields(corner + h) - fields(corner - h)) / (2 * h)
-    by_y = (fields(corner + 1j * h) - fields(corner - 1j * h)) / (2 * h)
-    assert np.abs(by_x + 1j * by_y).max() < 1e-5
-    # n corners have n − 3 moduli
-    assert by_x.shape[1] >= len(corner) - 3
-    assert np.abs(fields(domain.boundary.vertices)).max() <= domain.diameter * (1 + 1e-12)
-    assert np.linalg.matrix_rank(np.concatenate([fields(corner).real, fields(corner).imag])) == by_x.shape[1]
+    distance = np.abs(panels.z[1:, None] - corner).min(axis=1)
+    near = distance < 1e-4
+    # v = conj(g): ∂v/∂z̄ = conj(g'), which vanishes at the corners
+    assert np.count_nonzero(near) >= 4 * len(corner)
+    assert np.abs(slope[near]).max() < 1e-2 * np.abs(slope).max()
+
+
+@pytest.mark.parametrize("corners", [CONVEX, L_SHAPE], ids=["convex", "L"])
+def test_there_is_a_field_for_each_modulus(corners):
+    domain = domain_over(corners)
+    panels = panels_on(domain)
+    fields = fields_on(domain, panels)
+    assert fields.vertices.shape == (len(domain.boundary.vertices), len(corners) - 3)
+    assert np.abs(fields.vertices).max() <= domain.diameter * (1 + 1e-12)
+    assert np.linalg.cond(np.concatenate([fields.vertices.real, fields.vertices.imag])) < 10
+    # nodes right beside a vertex move as it does: nodes and vertices are the same fields
+    beside = np.searchsorted(panels.t, domain.boundary.parameters[1:-1])
+    np.testing.assert_allclose(fields.nodes[beside], fields.vertices[1:], atol=0.05 * domain.diameter)
+
+
+def test_field_of_a_winding_strip_stretches_it_along_its_length():
+    angle = np.linspace(0, 1.8 * np.pi, 80)
+    strip = np.concatenate([1.1 * np.exp(1j * angle), 0.9 * np.exp(1j * angle[::-1])])
+    corners = np.isin(np.arange(160), [0, 79, 80, 159])
+    domain = PlaneDomain.from_boundary(strip, corners)
+    panels = panels_on(domain)
+    slope = slopes(fields_on(domain, panels), panels)[:, 0]
+    tangent = np.diff(panels.z) / np.abs(np.diff(panels.z))
+    # ∂v/∂s along the boundary's tangent is conj(g'τ²): the strain
+    strain = np.conj(slope * tangent**2)
+    ends = strip[corners]
+    inside = (np.abs(panels.z[1:, None] - ends).min(axis=1) > 0.3) & (np.abs(np.diff(panels.z)) > 1e-6)
+    sign = np.sign(strain[inside].real.sum())
+    assert (sign * strain[inside].real).min() > 0
+    assert np.abs(strain[inside].imag).max() < 0.1 * np.abs(strain[inside].real).max()
 
 
 def test_three_corners_have_no_moduli():
-    triangle = domain_over([(0, 0), (2, 0), (0.5, 1.5)])
-    fields = ModulusFields.of(triangle)
-    assert fields(triangle.boundary.vertices).shape == (len(triangle.boundary.vertices), 0)
-    assert ModulusFields.of(PlaneDomain.disk()).potentials == ()
+    for domain in (domain_over([(0, 0), (2, 0), (0.5, 1.5)]), PlaneDomain.disk()):
+        panels = panels_on(domain)
+        fields = ModulusFields.of(domain, panels, np.ones((len(panels.t), 1), complex))
+        assert fields.nodes.shape == (len(panels.t), 0)
+        assert fields.vertices.shape == (len(domain.boundary.vertices), 0)
 
 
 def test_moved_domain_keeps_its_corners_angles():
     square = domain_over([(0, 0), (1, 0), (1, 1), (0, 1)], 80)
-    moved = ModulusFields.of(square).moved(square, np.array([0.05, 0.02]))
+    moved = fields_on(square, panels_on(square)).moved(square, np.array([0.05]))
     t = moved.boundary.parameters[:-1][moved.boundary.corners]
     assert np.abs(moved.boundary.vertices - square.boundary.vertices).max() > 1e-3
     turn = np.angle(moved.boundary.derivative(t + 1e-9) / moved.boundary.derivative(t - 1e-9))
     # the sides become curved; the spline through 20 edges turns at the corner by the right angle to its own error
-    np.testing.assert_allclose(turn, np.pi / 2, atol=2e-3)
+    np.testing.assert_allclose(turn, np.pi / 2, atol=2e-2)
+
+
+@pytest.mark.parametrize("turns", [1.3, 3.0])
+def test_helical_ramps_meet_the_tolerance(turns):
+    """Ω winds, and of 3 turns the moduli of its flattening are too far from right to meet it."""
+    curve = gallery.helical_ramp(turns)
+    solution = solve_plateau(curve.sample(160), tolerance=1e-3)
+    assert solution.converged
+    # a strip's area is its length times its width, to which a modulus that is wrong by 1e-3 leaves about as much
+    assert abs(solution.area / curve.disks[0].area - 1) < 1e-3
+    assert solution.stability.verdict == "stable"
 
 
 def test_nodes_stay_on_their_side():

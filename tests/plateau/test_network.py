@@ -1,0 +1,134 @@
+"""Units that do nothing are dropped, and a fit that misses its tolerance says what keeps it from it."""
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom import gallery
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.errors import DomainError
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau import network, solve_plateau
+from spinor_geom.plateau.corners import CornerPairs
+from spinor_geom.plateau.gauss_newton import Fit
+from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.network_route import Cauchy
+from spinor_geom.plateau.problem import CurveTensors
+from tests.loops import noisy_ellipse
+
+POLES = 48
+
+
+@pytest.fixture(scope="module")
+def stage():
+    """A network beside Enneper's disk."""
+    curve = CurveTensors.of(BoundaryCurve.from_loop(gallery.enneper(0.8).rim(96)), torch.device("cpu"))
+    nothing = CornerPairs(t=np.empty(0), s=np.empty(0))
+    return Discretisation.first(
+        PlaneDomain.disk(0.8, POLES), curve, nothing, degree=12, offset=1.0, turning=0.1, tolerance=1e-3
+    )
+
+
+def fit_of(stage, p, q):
+    """A fit with given p and q at the nodes."""
+    return Fit(
+        readout=stage.readout_of(torch.stack([p, q], dim=-1)),
+        constant=torch.zeros(3, dtype=torch.float64),
+        slide=torch.from_numpy(stage.panels.t),
+        amounts=torch.zeros(0, dtype=torch.float64),
+        residual=1.0,
+        history=(),
+    )
+
+
+def unit(stage, k, z):
+    return stage.poles.scales[k] / (z - stage.poles.positions[k])
+
+
+def test_all_units_are_idle_where_polynomials_are_enough(stage):
+    z = torch.from_numpy(stage.panels.z)
+    assert stage.idle_poles(fit_of(stage, torch.ones_like(z), z), 1e-6).all()
+
+
+def test_units_that_make_p_and_q_are_not_idle(stage):
+    z = torch.from_numpy(stage.panels.z)
+    idle = stage.idle_poles(fit_of(stage, unit(stage, 5, z), z + 0.1 * unit(stage, 30, z)), 1e-6)
+    assert np.flatnonzero(~idle).tolist() == [5, 30]
+
+
+@pytest.mark.parametrize("allowed", [1e-4, 1e-2])
+def test_the_other_units_make_p_and_q_as_well_as_allowed(stage, allowed):
+    rng = np.random.default_rng(0)
+    size = 10.0 ** rng.uniform(-6, 0, (POLES, 2))
+    z = torch.from_numpy(stage.panels.z)
+    units = torch.stack([unit(stage, k, z) for k in range(POLES)], dim=-1)
+    spinors = units @ torch.from_numpy(size * np.exp(2j * np.pi * rng.uniform(size=size.shape)))
+    idle = stage.idle_poles(fit_of(stage, *spinors.unbind(-1)), allowed)
+    assert 0 < idle.sum() < POLES
+    kept = torch.cat([z[:, None] ** torch.arange(13), units[:, torch.from_numpy(~idle)]], dim=-1)
+    root = stage.problem.arc_weights.sqrt()[:, None]
+    missed = root * (kept @ torch.linalg.lstsq(root * kept, root * spinors, driver="gelsd").solution - spinors)
+    assert float(missed.abs().square().sum().sqrt()) < 1.01 * allowed
+
+
+def test_refinement_drops_idle_units_and_keeps_the_fit(stage):
+    z = torch.from_numpy(stage.panels.z)
+    fit = fit_of(stage, torch.ones_like(z), z + 0.1 * unit(stage, 30, z))
+    energy = np.zeros(len(stage.panels.breaks) - 1)
+    energy[7] = 1e-10
+    finer = stage.refined(fit, energy, 1e-8)
+    assert len(finer.poles.positions) <= 1 + 3
+    assert len(finer.panels.breaks) == len(stage.panels.breaks) + 1
+    readout, slide = finer.transferred(stage, fit)
+    with torch.no_grad():
+        z = torch.tensor([0.1 + 0.2j, -0.3j], dtype=torch.complex128)
+        difference = finer.network.features(z) @ readout - stage.network.features(z) @ fit.readout
+    assert float(difference.abs().max()) < 1e-5
+    np.testing.assert_allclose(slide, finer.panels.t, atol=1e-12)
+
+
+def test_share_at_corners_counts_the_edges_that_end_there():
+    corners = np.isin(np.arange(12), [0, 3, 6, 9])
+    square = [
+        complex(*p) for p in gallery.polygon([(0, 0, 0), (3, 0, 0), (3, 3, 0), (0, 3, 0)]).sample(12).points[:, :2]
+    ]
+    domain = PlaneDomain.from_boundary(np.array(square), corners)
+    curve = CurveTensors.of(BoundaryCurve.from_loop(gallery.enneper(0.8).rim(12)), torch.device("cpu"))
+    pairs = CornerPairs(t=domain.boundary.parameters[:-1][corners], s=np.arange(4) / 4)
+    stage = Discretisation.first(domain, curve, pairs, degree=4, offset=1.0, turning=0.1, tolerance=1e-3)
+    # of the three edges of each side the middle one ends at no corner; each edge has its length as its energy
+    assert stage.share_at_corners(np.diff(stage.panels.breaks)) == pytest.approx(2 / 3)
+
+
+def test_rough_loop_is_said_to_limit_a_full_network(monkeypatch):
+    monkeypatch.setattr(network, "_MAX_FEATURES", 60)
+    solution = solve_plateau(noisy_ellipse(40, amount=0.3), tolerance=1e-12, model=Cauchy(degree=4))
+    assert not solution.converged
+    assert "as many features as it may have" in solution.reason
+    assert "the loop is rough: one point in ten turns by more than" in solution.reason
+
+
+def test_corners_are_said_to_limit_a_fit_that_is_worst_there(monkeypatch):
+    monkeypatch.setattr(network, "_MAX_FEATURES", 60)
+    solution = solve_plateau(gallery.l_shape(rise=0.25).sample(64), tolerance=1e-10)
+    assert not solution.converged
+    assert "% of the squared distance lies within an edge of the loop's corners" in solution.reason
+
+
+def test_moduli_are_said_to_limit_a_fit_whose_domain_would_fold(monkeypatch):
+    def folds(*_, **__):
+        raise DomainError("the moved domain is not simple")
+
+    monkeypatch.setattr(network, "_MAX_FEATURES", 60)
+    monkeypatch.setattr(Discretisation, "moved", folds)
+    solution = solve_plateau(gallery.catenoid(0.5, turn=np.pi).rim(48), tolerance=1e-6)
+    assert not solution.converged
+    assert "the domain would fold" in solution.reason
+    assert "conformal moduli" in solution.reason
+
+
+def test_smooth_loop_is_said_to_gain_nothing_by_more_units():
+    solution = solve_plateau(gallery.twisted_circle().sample(32), tolerance=1e-13, model="cauchy")
+    assert not solution.converged
+    assert "more units bring it no nearer" in solution.reason
+    assert "rough" not in solution.reason
