@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from spinor_geom.holomorphic.series import PowerSeries as PowerSeries
     from spinor_geom.mesh.boundary_loop import BoundaryLoop as BoundaryLoop
     from spinor_geom.mesh.curve import BoundaryCurve as BoundaryCurve
+    from spinor_geom.mesh.curve import ClosedCurve as ClosedCurve
     from spinor_geom.mesh.triangle_mesh import TriangleMesh as TriangleMesh
     from spinor_geom.meshing.embed import Patch as Patch
     from spinor_geom.meshing.embed import mesh_patch as mesh_patch
@@ -37,6 +38,7 @@ _MODULES = {
     "BoundaryCurve": "spinor_geom.mesh.curve",
     "BoundaryLoop": "spinor_geom.mesh.boundary_loop",
     "CauchyNetwork": "spinor_geom.holomorphic.cauchy",
+    "ClosedCurve": "spinor_geom.mesh.curve",
     "Comparison": "spinor_geom.comparison",
     "DiscreteMinimalSurface": "spinor_geom.discrete.minimal_surface",
     "FillResult": "spinor_geom.fill.result",

@@ -88,6 +88,8 @@ _MOST_STEPS = 60
 # Gradient at which a coarse solve stops; the last one goes on to a share of the distance allowed in edges: to a small
 # one on smooth loops, where each step doubles the digits.
 _COARSE, _FINEST = 1e-3, 1e-11
+# And where nothing but rounding errors is left.
+_ROUNDING = 1e-13
 _FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
 # On rough loops it stops too where the energy falls by less than this share of that of the distance allowed.
 _NEGLIGIBLE = 1e-3
@@ -107,6 +109,7 @@ class HarmonicSolver:
         on_iteration: is called at each step.
         history: the steps so far.
         start: slide on the unit disk to start from.
+        to_rounding: whether steps go on until the gradient is rounding error.
     """
 
     loop: BoundaryLoop
@@ -118,6 +121,7 @@ class HarmonicSolver:
     on_iteration: Callable[[Iteration], None] | None = None
     history: list[Iteration] = field(default_factory=list)
     start: Float[Tensor, " n"] | None = None
+    to_rounding: bool = False
 
     @cached_property
     def _exact(self) -> CurveTensors:
@@ -174,6 +178,8 @@ class HarmonicSolver:
     @property
     def _fine_gradient(self) -> float:
         """At which a slide along Γ itself stops."""
+        if self.to_rounding:
+            return _ROUNDING
         share = _FINE_ROUGH if self._rough else _FINE_SMOOTH
         return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _FINEST, _COARSE))
 
@@ -220,8 +226,7 @@ class HarmonicSolver:
     def tries(self) -> Iterator[Found]:
         """A minimal disk on one Ω after the other, the cheapest first, for the caller to take or leave."""
         if self.suits_disk:
-            disk = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
-            yield from self._fitted(disk, self._equal_steps if self.start is None else self.start, "disk", None)
+            yield from self._on_disk()
         for shapes in self._shapes:
             for shape in shapes:
                 way = self._near(shape)
@@ -235,6 +240,24 @@ class HarmonicSolver:
             if form is not None:
                 yield from self._deformed([*far[start:], *near], form, self._coarse, "deformed")
                 return
+
+    def on_disk(self) -> Found:
+        """The minimal disk on the unit disk alone.
+
+        Raises:
+            DomainError: none was found: the loop has corners or is too long for its width, so that nodes crowd.
+        """
+        found = None if self.loop.corners.any() else next(self._on_disk(), None)
+        if found is None:
+            raise DomainError(
+                "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
+                vertices=len(self.loop),
+            )
+        return found
+
+    def _on_disk(self) -> Iterator[Found]:
+        form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
+        yield from self._fitted(form, self._equal_steps if self.start is None else self.start, "disk", None)
 
     def tries_from(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Iterator[Found]:
         """The minimal disk of less energy that a discrete disk leads to, on its flattening.

@@ -21,7 +21,7 @@ from spinor_geom.errors import (
     SpinorGeomError,
 )
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
 from spinor_geom.plateau.clock import Clock
@@ -34,7 +34,7 @@ from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable
 from spinor_geom.plateau.stability import assess_stability
 from spinor_geom.plateau.threads import one_thread
 
-Model: TypeAlias = Literal["auto", "cauchy"] | Cauchy
+Model: TypeAlias = Literal["auto", "cauchy", "series"] | Cauchy
 
 # A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the network.
 _POOR = 1e-2
@@ -46,7 +46,7 @@ _TOGETHER = 64
 
 @overload
 def solve_plateau(
-    loop: BoundaryLoop,
+    loop: BoundaryLoop | ClosedCurve,
     *,
     model: Model = "auto",
     tolerance: float = 1e-3,
@@ -60,7 +60,7 @@ def solve_plateau(
 
 @overload
 def solve_plateau(
-    loop: BoundaryLoop,
+    loop: BoundaryLoop | ClosedCurve,
     *,
     model: Model = "auto",
     tolerance: float = 1e-3,
@@ -73,7 +73,7 @@ def solve_plateau(
 
 
 def solve_plateau(
-    loop: BoundaryLoop,
+    loop: BoundaryLoop | ClosedCurve,
     *,
     model: Model = "auto",
     tolerance: float = 1e-3,
@@ -95,8 +95,11 @@ def solve_plateau(
     an eigenvector of its second variation for one of less area.
 
     Args:
-        loop: the curve, from a mesh or `BoundaryLoop.from_points`.
-        model: "auto" for what suits the loop; "cauchy" for a Cauchy network whatever the loop, or its options.
+        loop: the curve, from a mesh or `BoundaryLoop.from_points`; or a curve in formulas, which no sampling limits:
+            the loop is then of the ends of the polynomials that represent it.
+        model: "auto" for what suits the loop; "cauchy" for a Cauchy network whatever the loop, or its options; "series"
+            for power series on the unit disk, to rounding error: for smooth loops that are not too long for their
+            width.
         tolerance: RMS distance of the surface's boundary from Γ, in mean loop edges, below which the result counts as
             converged.
         max_iterations: limit on steps in all; with `all_solutions` on those from each start.
@@ -112,7 +115,8 @@ def solve_plateau(
     Raises:
         OptionError: an unknown model or a value out of range.
         FirstFillError: no discrete disk over the loop was found.
-        DomainError: no simple plane domain was found.
+        DomainError: no simple plane domain was found; with "series", the loop crowds on the disk or has corners.
+        CurveError: the formulas of a curve are not those of a smooth closed one.
         SelfCrossingLoopError: the loop crosses or touches itself.
         RepeatedPointError: two neighbouring points of the loop are equal.
         SingularMatrixError: the discrete disk over the loop is degenerate.
@@ -194,8 +198,8 @@ def require_model(model: Model) -> None:
     Raises:
         OptionError: it is none of those that `solve_plateau` takes.
     """
-    if not isinstance(model, Cauchy) and model not in ("auto", "cauchy"):
-        raise OptionError(f"unknown model {model!r}; choose 'auto', 'cauchy' or Cauchy(...)")
+    if not isinstance(model, Cauchy) and model not in ("auto", "cauchy", "series"):
+        raise OptionError(f"unknown model {model!r}; choose 'auto', 'cauchy', 'series' or Cauchy(...)")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -203,7 +207,8 @@ class _Options:
     """What every loop of a call is solved with."""
 
     cauchy: Cauchy
-    is_free: bool  # to choose another model than the Cauchy network
+    is_free: bool  # to choose the model
+    is_series: bool
     tolerance: float
     max_iterations: int
     leaves_unstable: bool
@@ -221,6 +226,7 @@ class _Options:
         return cls(
             cauchy=Cauchy() if isinstance(model, str) else model,
             is_free=model == "auto",
+            is_series=model == "series",
             tolerance=tolerance,
             max_iterations=max_iterations,
             leaves_unstable=unstable == "leave",
@@ -239,14 +245,18 @@ class _Task:
 
     @classmethod
     def of(
-        cls, loop: BoundaryLoop, options: _Options, on_iteration: Callable[[Iteration], None] | None = None
+        cls,
+        given: BoundaryLoop | ClosedCurve,
+        options: _Options,
+        on_iteration: Callable[[Iteration], None] | None = None,
     ) -> _Task:
+        loop, formula = (given, None) if isinstance(given, BoundaryLoop) else _sampled(given)
         crossings = loop_crossings(loop.points)
         if len(crossings):
             edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
             raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
         unit, clock = _at_unit_size(loop), Clock()
-        curve = BoundaryCurve.from_loop(unit)
+        curve = BoundaryCurve.from_loop(unit) if formula is None else formula.placed(unit.points, 1 / loop.diagonal)
         allowed = options.tolerance * unit.mean_edge_length
         network = NetworkSolver(
             loop=unit,
@@ -265,6 +275,7 @@ class _Task:
             device=options.device,
             clock=clock,
             on_iteration=on_iteration,
+            to_rounding=options.is_series,
         )
         return cls(loop=loop, options=options, network=network, harmonic=harmonic)
 
@@ -298,6 +309,8 @@ class _Task:
 
     def first(self) -> PlateauSolution:
         """The solution from the likeliest start that meets the tolerance; the best of all where none does."""
+        if self.options.is_series:
+            return self.solution(self.harmonic.on_disk())
         if not self.is_harmonic:
             return self.solution(self._on_network(()))
         best: Found | None = None
@@ -401,6 +414,12 @@ def _at_unit_size(loop: BoundaryLoop) -> BoundaryLoop:
     return BoundaryLoop(
         points=(loop.points - loop.centroid) / loop.diagonal, vertex_ids=loop.vertex_ids, corners=loop.corners
     )
+
+
+def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
+    """The polynomials of a curve in formulas, and the loop of their ends."""
+    curve = BoundaryCurve.from_formula(given)
+    return BoundaryLoop.from_points(curve.coefficients[-1], corners=np.flatnonzero(curve.corners)), curve
 
 
 def _nearer(best: Found | None, found: Found) -> Found:
