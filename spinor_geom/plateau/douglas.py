@@ -27,6 +27,8 @@ _REMEMBERED = 6
 _CROWDED = 40.0
 # A gradient below this that does not halve in so many steps is the discretisation's.
 _SMALL_GRADIENT, _PATIENCE = 1e-6, 4
+# A rough loop's Newton systems are solved less exactly above this gradient: many steps are to come.
+_LARGE_GRADIENT = 1e-4
 # Curvatures of the energy below this share of the metric's count as none.
 _FLAT = 1e-6
 # Share of the Hessian's scale that is added where conformal maps of Ω onto itself leave it singular.
@@ -101,13 +103,15 @@ def minimise_dirichlet_energy(
         crowded = float(state.increments.max()) * len(slide) > _CROWDED
         # what is left once it stays as it is belongs to conformal maps of Ω, to which the samples are not quite blind
         stays = size < _SMALL_GRADIENT and size > min(sizes[-_PATIENCE:]) / 2
-        still = len(lowest) > _REMEMBERED and lowest[-_REMEMBERED - 1] - lowest[-1] < negligible
+        # near a solution the energy has no more digits to tell
+        fallen = lowest[-_REMEMBERED - 1] - lowest[-1] if len(lowest) > _REMEMBERED else np.inf
+        still = size > _SMALL_GRADIENT and fallen < negligible
         if not size > tolerance or stays or still or steps >= max_steps or crowded:
             break
         if on_step is not None:
             on_step(size)
         sizes = [*sizes, size] if reflection == 0 else [np.inf]
-        forcing = min(0.1, size**0.5 if negligible else size)
+        forcing = min(0.1, size**0.5 if negligible and size > _LARGE_GRADIENT else size)
         direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=forcing)
         moved, full = problem.line_search(state, direction, highest=max(energies))
         steps += 1
