@@ -27,6 +27,8 @@ _REMEMBERED = 6
 _CROWDED = 40.0
 # A gradient below this that does not halve in so many steps is the discretisation's.
 _SMALL_GRADIENT, _PATIENCE = 1e-6, 4
+# A rough loop's Newton systems are solved less exactly above this gradient: many steps are to come.
+_LARGE_GRADIENT = 1e-4
 # Curvatures of the energy below this share of the metric's count as none.
 _FLAT = 1e-6
 # Increments shrink at most to e⁻³ of themselves in a step.
@@ -132,7 +134,8 @@ def minimise_dirichlet_energies(
         crowded = state.increments.amax(-1) * slides.shape[1] > _CROWDED
         # what is left once it stays as it is is rounding error
         stays = (size < _SMALL_GRADIENT) & (size > recent.amin(-1) / 2)
-        still = lowest[:, 0] - lowest[:, -1] < negligible
+        # near a solution the energy has no more digits to tell
+        still = (size > _SMALL_GRADIENT) & (lowest[:, 0] - lowest[:, -1] < negligible)
         finished = ~(size > limits) | stays | still | stuck | crowded
         if steps >= max_steps:
             finished[:] = True
@@ -157,7 +160,8 @@ def minimise_dirichlet_energies(
                 on_step[i](value)
         recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
         recent[reflection != 0] = torch.inf
-        forcing = (size.sqrt() if negligible else size).clamp(max=0.1)
+        inexact = (size > _LARGE_GRADIENT) & (negligible > 0)
+        forcing = torch.where(inexact, size.sqrt(), size).clamp(max=0.1)
         direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=forcing)
         state, moved, full = problem.line_search(state, direction, highest=energies.amax(-1))
         energies = torch.cat([energies[:, 1:], state.energy[:, None]], dim=1)

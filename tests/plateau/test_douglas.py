@@ -127,6 +127,14 @@ def test_slide_increases_and_energy_is_below_that_of_the_start(seed, curve):
         assert disk.energy <= first * (1 + 1e-12)
 
 
+def test_negligible_falls_of_the_energy_end_it():
+    steps = np.random.default_rng(0).exponential(size=480)
+    start = torch.tensor(np.cumsum(steps) / steps.sum())
+    whole, short = (solved(NOISY, DISK, start, tolerance=1e-10, negligible=share) for share in (0.0, np.inf))
+    assert short.steps < whole.steps
+    assert whole.energy <= short.energy
+
+
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_no_step_is_too_long_for_the_slide_to_increase(size):
     t = even(256)
