@@ -128,8 +128,8 @@ def test_slide_increases_and_energy_is_below_that_of_the_start(seed, curve):
 
 
 def test_negligible_falls_of_the_energy_end_it():
-    steps = np.random.default_rng(0).exponential(size=480)
-    start = torch.tensor(np.cumsum(steps) / steps.sum())
+    t = even(480)
+    start = t + 0.05 * torch.sin(2 * np.pi * t) + 0.01 * torch.sin(10 * np.pi * t)
     whole, short = (solved(NOISY, DISK, start, tolerance=1e-10, negligible=share) for share in (0.0, np.inf))
     assert short.steps < whole.steps
     assert whole.energy <= short.energy
