@@ -108,7 +108,7 @@ def lifted(
         points = points - placed.error[::_POINTS_PER_NODE]
     assert best is not None
     dense = _SampledBoundary.of(form, disk.slide, _POINTS_TOLD, curve, plane)
-    told = dense.placed(best.values, dense.slide)
+    told = dense.placed(best.values, resampled(best.slide, len(dense.slide)), rounds=1)
     rms, largest = dense.distance(told)
     return Lift(
         model=dense.model(told.values),
@@ -182,7 +182,9 @@ class _SampledBoundary:
             return PowerSeries(_series(values))
         return CauchyInterpolant(self.z[:: self.each], self.dz[:: self.each], values)
 
-    def placed(self, values: Complex[Tensor, "n 2"], slide: Float[Tensor, " m"]) -> _Placed:
+    def placed(
+        self, values: Complex[Tensor, "n 2"], slide: Float[Tensor, " m"], *, rounds: int = _CONSTANT_STEPS
+    ) -> _Placed:
         """The surface with given p and q at the nodes; the slide says where on Γ to look for the nearest points."""
         m = len(self.z)
         if self.form.kernel is None:
@@ -194,7 +196,7 @@ class _SampledBoundary:
         null_curve = _integral(velocity)
         weights = self.weights
         error = null_curve.real - self.curve.point_and_derivative(slide)[0]
-        for _ in range(_CONSTANT_STEPS):
+        for _ in range(rounds):
             null_curve = null_curve - weights @ error
             slide = projected(null_curve.real, slide, self.curve, limit=1 / m)
             error = null_curve.real - self.curve.point_and_derivative(slide)[0]

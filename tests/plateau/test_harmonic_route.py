@@ -196,6 +196,17 @@ def test_reported_residual_of_random_curves_is_the_measured_one():
     assert found_some >= 12
 
 
+def test_narrow_fingers_are_reached_not_passed_over():
+    """Four edges long and a tenth of an edge wide: without it the boundary would still be near to Γ everywhere."""
+    solution = solve_plateau(gallery.random_curve(16).sample(120))
+    assert solution.converged
+    assert solution.boundary_residual.max_per_edge < 1e-2
+    rms, largest = measured(solution.surface, solution.curve, 8 * len(solution.matching))
+    assert rms < 1e-3 * solution.loop.mean_edge_length
+    assert largest < 1e-2 * solution.loop.mean_edge_length
+    assert abs(solution.area_in_domain / solution.area - 1) < 1e-3
+
+
 def test_crowded_disk_is_given_up_for_a_domain_of_the_loop_s_own():
     """Just short enough for the disk to be tried."""
     solution = solve_plateau(gallery.ellipse(2.4).sample(200), tolerance=1e-8)
