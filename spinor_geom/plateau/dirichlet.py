@@ -75,6 +75,11 @@ class DirichletForm:
         form = cls(boundary=boundary, kernel=kernel, correction=(slope + slope.T) / 2, error=asymmetry)
         return replace(form, error=max(asymmetry, form._error_on_coordinates(z, dz)))
 
+    @property
+    def is_disk(self) -> bool:
+        """Whether Ω is the unit disk, its boundary by angle."""
+        return self.correction is None
+
     def __call__(self, x: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch n k"]:
         """Λ of each column, sampled at t = j/n."""
         n = x.shape[-2]

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -31,6 +32,8 @@ _SMALL_GRADIENT, _PATIENCE = 1e-6, 4
 _LARGE_GRADIENT = 1e-4
 # Curvatures of the energy below this share of the metric's count as none.
 _FLAT = 1e-6
+# Of the Hessian by arc length against conformal maps of Ω onto itself, where they are not known exactly.
+_GAUGE_STIFFNESS = 1e-3
 # Increments shrink at most to e⁻³ of themselves in a step.
 _LARGEST_SHRINKAGE = 3.0
 # Where Γ curves against the step, the second derivative of the energy is reflected by this share at first, then less.
@@ -45,8 +48,8 @@ class HarmonicDisk:
         slide: (n,), curve parameter s at each node, increasing.
         points: (n, 3), Γ(s).
         energy: Dirichlet energy: the area where the surface is conformal, more elsewhere.
-        gradient: RMS of the energy's derivative by s, less what conformal maps of Ω can give it, relative to that of
-            its two factors: 0 where conformal.
+        gradient: RMS of the energy's derivative by arc length, less what conformal maps of Ω give it, relative to that
+            of ΛX: 0 where conformal.
         steps: Newton steps taken.
         crowded: whether it was given up because the nodes crowd.
     """
@@ -97,11 +100,11 @@ def minimise_dirichlet_energies(
 ) -> tuple[HarmonicDisk, ...]:
     """Newton's method with conjugate gradients for the slides of several curves, all of it by fast Fourier transforms.
 
-    The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself leave it as it is, up to the error of the
-    samples, which would lead astray along them: steps have no part in {1, cos 2πt, sin 2πt}, which those maps change,
-    and where the gradient is in their span it is 0. A step is taken along s by factors of the increments, so that s
-    stays increasing. The curves do not know of each other; together they take little longer than the slowest of them
-    where n is small.
+    The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself leave it as it is: on the disk steps are
+    orthogonal, by arc length, to what those maps move; on other Ω a little stiffness against slow displacements keeps
+    the Hessian regular and takes nothing from the solution. A step is taken along s by factors of the increments, so
+    that s stays increasing. The curves do not know of each other; together they take little longer than the slowest
+    of them where n is small.
 
     Args:
         curves: a batch of b curves.
@@ -117,7 +120,7 @@ def minimise_dirichlet_energies(
     nonmonotone line search technique for Newton's method", SIAM J. Numer. Anal. 23 (1986).
     """
     disks: list[HarmonicDisk | None] = [None] * len(slides)
-    problem = _Problem.of(curves, form, slides)
+    problem = _Problem(curves=curves, form=form)
     state, limits = problem.state(slides), slides.new_tensor(tolerances)
     number = torch.arange(len(slides), device=slides.device)
     reflection = torch.full_like(limits, 0.0 if near else 1.0)
@@ -129,8 +132,9 @@ def minimise_dirichlet_energies(
     lowest[:, -1] = state.energy
     negligible *= slides.shape[1] / (2 * torch.pi)
     for steps in itertools.count():
-        gradient = problem.without_gauge(problem.gradient(state))
-        size = (gradient.square().mean(-1) / (state.force.square() * state.speed2).mean(-1)).sqrt()
+        gauge = problem.gauge(state)
+        gradient = gauge.left_out_of(problem.gradient(state) / state.speed)
+        size = (gradient.square().mean(-1) / state.normal_derivative.square().sum(-1).mean(-1)).sqrt()
         crowded = state.increments.amax(-1) * slides.shape[1] > _CROWDED
         # what is left once it stays as it is is rounding error
         stays = (size < _SMALL_GRADIENT) & (size > recent.amin(-1) / 2)
@@ -153,8 +157,8 @@ def minimise_dirichlet_energies(
         if finished.any():
             rest = (~finished).nonzero()[:, 0]
             problem, state, number, limits = problem.at(rest), state.at(rest), number[rest], limits[rest]
-            gradient, size, reflection, recent = gradient[rest], size[rest], reflection[rest], recent[rest]
-            energies, lowest = energies[rest], lowest[rest]
+            gradient, gauge, size = gradient[rest], gauge.at(rest), size[rest]
+            reflection, recent, energies, lowest = reflection[rest], recent[rest], energies[rest], lowest[rest]
         if on_step:
             for i, value in zip(number.tolist(), size.tolist(), strict=True):
                 on_step[i](value)
@@ -162,7 +166,7 @@ def minimise_dirichlet_energies(
         recent[reflection != 0] = torch.inf
         inexact = (size > _LARGE_GRADIENT) & (negligible > 0)
         forcing = torch.where(inexact, size.sqrt(), size).clamp(max=0.1)
-        direction, downwards = problem.newton_direction(state, gradient, reflection, forcing=forcing)
+        direction, downwards = problem.newton_direction(state, gradient, gauge, reflection, forcing=forcing)
         state, moved, full = problem.line_search(state, direction, highest=energies.amax(-1))
         energies = torch.cat([energies[:, 1:], state.energy[:, None]], dim=1)
         lowest = torch.cat([lowest[:, 1:], torch.minimum(lowest[:, -1], state.energy)[:, None]], dim=1)
@@ -187,41 +191,59 @@ class _State:
     energy: Tensor  # (b,)
 
     def at(self, which: Int[Tensor, " k"]) -> _State:
-        return _State(**{name: value[which] for name, value in vars(self).items()})
+        return _State(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
     def replaced(self, which: Int[Tensor, " k"], other: _State) -> _State:
         """With the states of some curves from another."""
-        return _State(**{name: value.index_copy(0, which, vars(other)[name]) for name, value in vars(self).items()})
+        return _State(
+            **{
+                field.name: getattr(self, field.name).index_copy(0, which, getattr(other, field.name))
+                for field in fields(self)
+            }
+        )
 
     @property
     def increments(self) -> Float[Tensor, "b n"]:
         """s_{j+1} − s_j; their sum is 1."""
         return torch.diff(self.slide, append=self.slide[:, :1] + 1)
 
-    @property
-    def speed2(self) -> Float[Tensor, "b n"]:
-        return self.tangent.square().sum(-1)
+    @cached_property
+    def speed(self) -> Float[Tensor, "b n"]:
+        return self.tangent.square().sum(-1).sqrt()
 
-    @property
-    def force(self) -> Float[Tensor, "b n"]:
-        return self.normal_derivative.square().sum(-1).sqrt()
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Gauge:
+    """Displacements that leave the energy as it is.
+
+    Where they are known exactly steps and gradients have no part in them: the error of the samples would lead astray
+    along them. Where they are not a little stiffness against them keeps the Hessian regular.
+    """
+
+    columns: Tensor  # (b, n, 3), orthonormal
+    is_exact: bool
+
+    def at(self, which: Int[Tensor, " k"]) -> _Gauge:
+        return _Gauge(columns=self.columns[which], is_exact=self.is_exact)
+
+    def left_out_of(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
+        return u - self._part(u) if self.is_exact else u
+
+    def stiffness(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"] | float:
+        return 0.0 if self.is_exact else _GAUGE_STIFFNESS * self._part(u)
+
+    def _part(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
+        part: Tensor = (self.columns @ (u[:, None] @ self.columns).mT)[..., 0]
+        return part
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Problem:
     curves: CurveTensors
     form: DirichletForm
-    gauge: Tensor  # (n, 3), orthonormal columns 1, cos, sin
-
-    @classmethod
-    def of(cls, curves: CurveTensors, form: DirichletForm, slides: Float[Tensor, "b n"]) -> _Problem:
-        n = slides.shape[1]
-        angle = 2 * torch.pi * torch.arange(n, dtype=slides.dtype, device=slides.device) / n
-        columns = torch.stack([torch.ones_like(angle), 2**0.5 * angle.cos(), 2**0.5 * angle.sin()], dim=-1) / n**0.5
-        return cls(curves=curves, form=form, gauge=columns)
 
     def at(self, which: Int[Tensor, " k"]) -> _Problem:
-        return replace(self, curves=self.curves.at(which))
+        return _Problem(curves=self.curves.at(which), form=self.form)
 
     def state(self, slides: Float[Tensor, "b n"]) -> _State:
         points, tangent, second = self.curves.point_and_derivatives(slides)
@@ -235,9 +257,17 @@ class _Problem:
             energy=0.5 * (points * normal).sum((-2, -1)),
         )
 
-    def without_gauge(self, v: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-        """Less its part that conformal maps of Ω can give it."""
-        return v - (v @ self.gauge) @ self.gauge.T
+    def gauge(self, state: _State) -> _Gauge:
+        """What conformal maps of Ω near the identity move along Γ, by arc length: exactly on the disk, else roughly."""
+        n = state.slide.shape[1]
+        angle = 2 * torch.pi * torch.arange(n, dtype=state.slide.dtype, device=state.slide.device) / n
+        fields = torch.stack([torch.ones_like(angle), angle.cos(), angle.sin()], dim=-1)
+        if not self.form.is_disk:
+            columns = torch.linalg.qr(fields)[0].expand(len(state.slide), -1, -1)
+            return _Gauge(columns=columns, is_exact=False)
+        increments = state.increments
+        velocity = state.speed * (increments + increments.roll(1, -1))
+        return _Gauge(columns=torch.linalg.qr(velocity[..., None] * fields)[0], is_exact=True)
 
     def gradient(self, state: _State) -> Float[Tensor, "b n"]:
         return (state.normal_derivative * state.tangent).sum(-1)
@@ -246,27 +276,28 @@ class _Problem:
         self,
         state: _State,
         gradient: Float[Tensor, "b n"],
+        gauge: _Gauge,
         reflection: Float[Tensor, " b"],
         *,
         forcing: Float[Tensor, " b"],
     ) -> tuple[Float[Tensor, "b n"], Bool[Tensor, " b"]]:
-        """Conjugate gradients on the Hessian; each stops where it curves downwards and says so.
+        """Conjugate gradients on the Hessian by arc length; each stops where it curves downwards and says so.
 
         Where Γ bends towards the inside the Hessian's diagonal part is negative. Far from a solution that is taken with
         the opposite sign, times `reflection`: many rough places that each want another step do not hold each other up.
         """
-        tangent, n = state.tangent, gradient.shape[1]
-        bend = state.bend + 2 * reflection[:, None] * (-state.bend).clamp(min=0)
-        speed = state.speed2.sqrt()
+        n = gradient.shape[1]
+        unit = state.tangent / state.speed[..., None]
+        bend = (state.bend + 2 * reflection[:, None] * (-state.bend).clamp(min=0)) / state.speed.square()
         symbol = 1 / (torch.arange(n // 2 + 1, dtype=gradient.dtype, device=gradient.device) + 0.5)
 
-        def hessian(v: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-            stretched = (tangent * self.form(tangent * v[..., None])).sum(-1)
-            return self.without_gauge(stretched + bend * v)
+        def hessian(u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
+            stretched = (unit * self.form(unit * u[..., None])).sum(-1)
+            return gauge.left_out_of(stretched + bend * u) + gauge.stiffness(u)
 
-        def precondition(v: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-            smooth: Tensor = torch.fft.irfft(torch.fft.rfft(v / speed) * symbol, n=n)
-            return self.without_gauge(smooth / speed)
+        def precondition(u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
+            smooth: Tensor = torch.fft.irfft(torch.fft.rfft(u) * symbol, n=n)
+            return gauge.left_out_of(smooth)
 
         x, rest = torch.zeros_like(gradient), -gradient
         z = precondition(rest)
@@ -292,7 +323,7 @@ class _Problem:
                 break
             ratio = torch.where(unfinished, size / before, 0.0)
             along, metric = z + ratio * along, rest + ratio * metric
-        return x, downwards[:, 0]
+        return x / state.speed, downwards[:, 0]
 
     def line_search(
         self, state: _State, direction: Float[Tensor, "b n"], *, highest: Float[Tensor, " b"]

@@ -34,7 +34,6 @@ from spinor_geom.plateau.douglas import (
     resampled,
 )
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.lift import Lift, lifted, surface_of
 from spinor_geom.plateau.omega import (
     NodeDensity,
@@ -81,8 +80,6 @@ _PATIENCE = 3
 _UNEVEN = 3.0
 # Quadrature nodes on each piece of a path in Ω.
 _PATH_ORDER = 16
-# Loops that leave a plane by less than this share of their diagonal lie in it.
-_PLANE = 1e-12
 # Newton steps of one solve.
 _MOST_STEPS = 60
 # Gradient at which a coarse solve stops; the last one goes on to a share of the distance allowed in edges: to a small
@@ -135,16 +132,6 @@ class HarmonicSolver:
     @property
     def _rough(self) -> bool:
         return self.curve.degree == min(DEGREES) and self._turning > _ROUGH_TURN
-
-    @cached_property
-    def _plane(self) -> Tensor | None:
-        """U − iv for orthonormal u, v in the loop's plane, if it has one to round-off; the normal follows the loop."""
-        plane = self.loop.plane
-        if plane.rms_distance > _PLANE * self.loop.diagonal:
-            return None
-        normal = torch.tensor(plane.normal, device=self.device)[None]
-        u, v = (direction[0] for direction in normals_of(normal))
-        return torch.complex(u, -v)
 
     @property
     def is_promising(self) -> bool:
@@ -378,7 +365,7 @@ class HarmonicSolver:
             slide = disk.slide
             try:
                 with self.clock.stage("lift"):
-                    lift = lifted(disk, form, self._exact, allowed=self.allowed, plane=self._plane)
+                    lift = lifted(disk, form, self._exact, allowed=self.allowed)
             except SurfaceError:  # more nodes may tell the sheets apart
                 lift = None
             if lift is not None and (best is None or lift.rms < best[0].rms):

@@ -19,7 +19,7 @@ from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, resampled
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.residual import projected
+from spinor_geom.plateau.residual import passed_over, projected
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -28,6 +28,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 _ROUND_OFF = 1e-17
 # rounds in which the constant of r and the nearest points of Γ are found from each other
 _CONSTANT_STEPS = 3
+# and the share of the distance below which a move of the constant changes nothing
+_STILL = 1e-3
 # Gauss-Newton with polynomials: their degree, its steps, points that its equations are taken at, and its damping: it is
 # singular where maps of Ω onto itself move the boundary along Γ
 _SETTLING_DEGREE, _SETTLING_STEPS, _SETTLING_ROWS, _SETTLING_DAMPING = 16, 3, 4096, 1e-10
@@ -36,8 +38,6 @@ _MOST_LIFTS, _WORTHWHILE = 8, 0.9
 # points for each node: while a surface is sought, and where its distance is told: with p and q, of up to half as many
 # frequencies as nodes, the square of the distance has twice as many as nodes
 _POINTS_PER_NODE, _POINTS_TOLD = 2, 4
-# a piece of Γ so many times longer than the step of the boundary beside it is passed over, and the points it is seen at
-_PASSED_OVER, _POINTS_PASSED = 1.5, 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,7 +68,6 @@ def lifted(
     curve: CurveTensors,
     *,
     allowed: float,
-    plane: Complex[Tensor, "3"] | None = None,
 ) -> Lift:
     """The minimal surface next to a harmonic disk, and its distance from Γ at the nodes and between them.
 
@@ -83,12 +82,11 @@ def lifted(
         form: Λ of Ω; of the unit disk where it has no kernel.
         curve: Γ.
         allowed: RMS distance from Γ that is near enough.
-        plane: u − iv for orthonormal u, v in the plane of Γ, where it has one; the surface then lies in it exactly.
 
     Raises:
         SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
     """
-    sampled = _SampledBoundary.of(form, disk.slide, _POINTS_PER_NODE, curve, plane)
+    sampled = _SampledBoundary.of(form, disk.slide, _POINTS_PER_NODE, curve)
     points = disk.points
     best: _Placed | None = None
     for _ in range(_MOST_LIFTS):
@@ -107,15 +105,15 @@ def lifted(
             break
         points = points - placed.error[::_POINTS_PER_NODE]
     assert best is not None
-    dense = _SampledBoundary.of(form, disk.slide, _POINTS_TOLD, curve, plane)
+    dense = _SampledBoundary.of(form, disk.slide, _POINTS_TOLD, curve)
     told = dense.placed(best.values, resampled(best.slide, len(dense.slide)), rounds=1)
-    rms, largest = dense.distance(told)
+    passed = passed_over(told.null_curve.real, told.slide, told.error, curve)
     return Lift(
         model=dense.model(told.values),
         null_curve=told.null_curve,
         slide=told.slide,
-        rms=rms,
-        max=largest,
+        rms=(told.rms**2 + passed.mean_square) ** 0.5,
+        max=max(float(told.error.norm(dim=-1).max()), passed.max),
         area=0.5 * float((told.null_curve.real * told.velocity.imag).sum()) / len(told.slide),
     )
 
@@ -144,30 +142,18 @@ class _SampledBoundary:
     dz: Tensor  # (m,), dz/dt
     slide: Tensor  # (m,), where the harmonic disk has its points on Γ
     weights: Tensor  # (m,), arc length of Γ around each of them, of sum 1
-    plane: Tensor | None  # (3,)
 
     @classmethod
-    def of(
-        cls,
-        form: DirichletForm,
-        nodes: Float[Tensor, " n"],
-        each: int,
-        curve: CurveTensors,
-        plane: Complex[Tensor, "3"] | None,
-    ) -> _SampledBoundary:
+    def of(cls, form: DirichletForm, nodes: Float[Tensor, " n"], each: int, curve: CurveTensors) -> _SampledBoundary:
         slide = resampled(nodes, each * len(nodes))
         z, dz, _ = (torch.tensor(row, device=slide.device) for row in form.boundary.grid(len(slide)))
         step = torch.diff(slide, append=slide[:1] + 1)
         weights = (step + step.roll(1)) * curve.point_and_derivative(slide)[1].norm(dim=-1)
-        return cls(
-            form=form, curve=curve, each=each, z=z, dz=dz, slide=slide, weights=weights / weights.sum(), plane=plane
-        )
+        return cls(form=form, curve=curve, each=each, z=z, dz=dz, slide=slide, weights=weights / weights.sum())
 
     def spinors(self, points: Float[Tensor, "n 3"]) -> Complex[Tensor, "n 2"]:
         """P and q at the nodes of the harmonic surface with given boundary values."""
         velocity = torch.complex(_derivative(points), 2 * np.pi * self.form(points))
-        if self.plane is not None:
-            velocity = (velocity @ self.plane.conj())[:, None] * self.plane / 2
         p, q = spinors_from_phi(velocity / self.dz[:: self.each, None])
         if spin_invariant(p, q) < 0:
             raise SurfaceError(
@@ -197,10 +183,13 @@ class _SampledBoundary:
         weights = self.weights
         error = null_curve.real - self.curve.point_and_derivative(slide)[0]
         for _ in range(rounds):
-            null_curve = null_curve - weights @ error
+            shift = weights @ error
+            null_curve = null_curve - shift
             slide = projected(null_curve.real, slide, self.curve, limit=1 / m)
             error = null_curve.real - self.curve.point_and_derivative(slide)[0]
-        rms = float((weights * error.square().sum(-1)).sum().sqrt())
+            rms = float((weights * error.square().sum(-1)).sum().sqrt())
+            if float(shift.norm()) < _STILL * rms:
+                break
         return _Placed(
             values=values, fine=fine, velocity=velocity, null_curve=null_curve, slide=slide, error=error, rms=rms
         )
@@ -218,29 +207,6 @@ class _SampledBoundary:
             if enough:
                 break
         return placed
-
-    def distance(self, placed: _Placed) -> tuple[float, float]:
-        """RMS and largest distance between the boundary and Γ, both ways.
-
-        The boundary's points tell how far it is from Γ. Where Γ has a finger that ∂Ω does not resolve it passes over
-        that, near to Γ everywhere: the parts of Γ that are much longer than the boundary beside them tell that.
-        """
-        r, slide = placed.null_curve.real, placed.slide
-        step, chord = torch.diff(slide, append=slide[:1] + 1), r.roll(-1, 0) - r
-        speed = self.curve.point_and_derivative(self.slide)[1].norm(dim=-1).mean()
-        over = ((step * speed) > _PASSED_OVER * chord.norm(dim=-1) + placed.error.norm(dim=-1)).nonzero()[:, 0]
-        square, total = placed.error.square().sum(-1), placed.rms**2
-        largest = square.max()
-        if len(over):
-            part = (torch.arange(_POINTS_PASSED, dtype=step.dtype, device=step.device) + 0.5) / _POINTS_PASSED
-            passed = self.curve.point_and_derivative((slide[over, None] + step[over, None] * part).flatten())[0]
-            away = passed.reshape(len(over), -1, 3) - r[over, None]
-            beside = chord[over, None]
-            along = ((away * beside).sum(-1) / beside.square().sum(-1)).clamp(0, 1)
-            missed = (away - along[..., None] * beside).square().sum(-1)
-            total += float(step[over] @ missed.mean(1))
-            largest = torch.maximum(largest, missed.max())
-        return total**0.5, float(largest.sqrt())
 
     @cached_property
     def _polynomials(self) -> Complex[Tensor, "m k"]:

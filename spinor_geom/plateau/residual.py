@@ -16,6 +16,8 @@ from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 
 # Gauss-Newton steps of a projection, and the last one's length from which on more of them change nothing.
 _PROJECTION_STEPS, _STILL = 5, 1e-10
+# A piece of Γ so many times longer than the step of the boundary beside it is passed over; points it is seen at.
+_PASSED_OVER, _POINTS_PASSED = 1.5, 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,9 +53,57 @@ def independent_residual(stage: Discretisation, fit: Fit, *, points: int) -> Res
     r = problem.positions(fit.readout) + fit.constant
     slide = torch.as_tensor(interpolate_matching(stage.matching(fit), dense.t), device=r.device)
     slide = projected(r, slide, problem.curve, limit=0.5 / len(stage.panels.t))
-    square = (r - problem.curve.point_and_derivative(slide)[0]).square().sum(1)
+    error = r - problem.curve.point_and_derivative(slide)[0]
+    square = error.square().sum(1)
     energy = (problem.arc_weights * square).reshape(count, order).sum(1)
-    return Residual(rms=float(energy.sum().sqrt()), max=float(square.max().sqrt()), energy=energy.cpu().numpy())
+    passed = passed_over(r, slide, error, problem.curve)
+    return Residual(
+        rms=(float(energy.sum()) + passed.mean_square) ** 0.5,
+        max=max(float(square.max().sqrt()), passed.max),
+        energy=energy.cpu().numpy(),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassedOver:
+    """Parts of Γ that a boundary near to it leaves out.
+
+    Attributes:
+        mean_square: integral of their squared distance from the boundary over the parameter of Γ, which is about 1.
+        max: largest distance.
+    """
+
+    mean_square: float
+    max: float
+
+
+def passed_over(
+    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], error: Float[Tensor, "n 3"], curve: CurveTensors
+) -> PassedOver:
+    """The parts of Γ that are much longer than the boundary beside them.
+
+    The boundary's points tell how far it is from Γ. Where Γ has a finger that ∂Ω does not resolve the boundary passes
+    over that, near to Γ everywhere.
+
+    Args:
+        r: closed sequence of points of the boundary.
+        slide: the parameters of their nearest points.
+        error: r − Γ(slide).
+        curve: Γ.
+    """
+    step, chord = torch.diff(slide, append=slide[:1] + 1), r.roll(-1, 0) - r
+    speed = curve.point_and_derivative(slide)[1].norm(dim=-1)
+    arc = step * torch.maximum(speed, speed.roll(-1))
+    over = (arc > _PASSED_OVER * chord.norm(dim=-1) + error.norm(dim=-1)).nonzero()[:, 0]
+    if not len(over):
+        return PassedOver(mean_square=0.0, max=0.0)
+    part = (torch.arange(_POINTS_PASSED, dtype=step.dtype, device=step.device) + 0.5) / _POINTS_PASSED
+    passed, _ = curve.point_and_derivative((slide[over, None] + step[over, None] * part).flatten())
+    away = passed.reshape(len(over), -1, 3) - r[over, None]
+    beside = chord[over, None]
+    along = ((away * beside).sum(-1) / beside.square().sum(-1)).clamp(0, 1)
+    missed = (away - along[..., None] * beside).square().sum(-1)
+    return PassedOver(mean_square=float(step[over] @ missed.mean(1)), max=float(missed.max().sqrt()))
 
 
 def projected(

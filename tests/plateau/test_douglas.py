@@ -88,7 +88,7 @@ def test_plane_ellipses_have_their_area(ratio):
 @every_form
 def test_gradient_is_the_difference_quotient_of_the_energy(form):
     t = even(512)
-    slide, problem = t + 0.02 * torch.sin(2 * np.pi * t + 1), _Problem.of(CurveTensors.batch([SEAM]), form, t[None])
+    slide, problem = t + 0.02 * torch.sin(2 * np.pi * t + 1), _Problem(curves=CurveTensors.batch([SEAM]), form=form)
     (gradient,) = problem.gradient(problem.state(slide[None]))
     random = np.random.default_rng(0)
     for _ in range(4):
@@ -138,7 +138,7 @@ def test_negligible_falls_of_the_energy_end_it():
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_no_step_is_too_long_for_the_slide_to_increase(size):
     t = even(256)
-    problem = _Problem.of(CurveTensors.batch([SEAM]), DISK, t[None])
+    problem = _Problem(curves=CurveTensors.batch([SEAM]), form=DISK)
     state = problem.state((t + 0.05 * torch.sin(2 * np.pi * t))[None])
     direction = torch.tensor(np.random.default_rng(0).normal(size=256)) - 0.5 * problem.gradient(state)
     moved, _, _ = problem.line_search(state, size * direction, highest=state.energy)
