@@ -1,0 +1,84 @@
+"""Curves in formulas as polynomials: to rounding error, corners kept, wrong formulas refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spinor_geom import gallery
+from spinor_geom.errors import CurveError
+from spinor_geom.mesh import BoundaryCurve, ClosedCurve
+
+CURVES = [
+    gallery.twisted_circle(),
+    gallery.tennis_seam(0.75),
+    gallery.ellipse(32.0),
+    gallery.scherk(2.5),
+    gallery.schwarz_d_hexagon(),
+    gallery.l_shape(0.3),
+]
+
+
+@pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
+@given(s=st.lists(st.floats(0, 1, exclude_max=True), min_size=1, max_size=20))
+def test_polynomials_are_the_formula(curve, s):
+    s = np.array(s)
+    # beside a corner rounding decides which side is meant
+    s = s[np.abs(s[:, None] - np.array([*curve.corners, 2.0])).min(axis=1) > 1e-12]
+    fitted = BoundaryCurve.from_formula(curve)
+    for own, formula, error in (
+        (fitted.point, curve.point, 1e-14),
+        (fitted.derivative, curve.derivative, 1e-13),
+        (fitted.second_derivative, curve.second_derivative, 1e-10),
+    ):
+        scale = max(np.abs(formula(np.arange(500) / 500)).max(), 1.0)
+        np.testing.assert_allclose(own(s), formula(s), rtol=0, atol=error * scale)
+
+
+@pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
+def test_corners_are_ends_of_pieces(curve):
+    fitted = BoundaryCurve.from_formula(curve)
+    np.testing.assert_array_equal(fitted.breaks[:-1][fitted.corners], curve.corners)
+    assert 64 <= len(fitted.breaks) - 1 <= 300
+
+
+def test_a_moved_curve_keeps_its_derivatives():
+    fitted = BoundaryCurve.from_formula(gallery.tennis_seam(0.8))
+    points = 3 * fitted.coefficients[-1] + [1, 2, 3]
+    moved = fitted.placed(points, 3.0)
+    s = np.linspace(0, 1, 77)
+    np.testing.assert_allclose(moved.point(s), 3 * fitted.point(s) + [1, 2, 3], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(moved.derivative(s), 3 * fitted.derivative(s), rtol=0, atol=1e-13)
+
+
+def circle(**changes) -> ClosedCurve:
+    def turned(order):
+        def value(s):
+            angle = 2 * np.pi * np.asarray(s) + order * np.pi / 2
+            return (2 * np.pi) ** order * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+
+        return value
+
+    return replace(ClosedCurve(point=turned(0), derivative=turned(1), second_derivative=turned(2)), **changes)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        (circle(derivative=circle().second_derivative), "another derivative than derivative="),
+        (circle(second_derivative=circle().derivative), "another derivative than second_derivative="),
+        (circle(point=lambda s: circle().point(s / 2)), "not closed or has a jump"),
+        (circle(point=lambda s: np.abs(circle().point(s))), "a jump or a kink that corners= does not name"),
+        (circle(point=lambda s: circle().point(s) / np.where(np.abs(s - 0.5) < 0.01, 0, 1)[..., None]), "not finite"),
+        (circle(point=lambda s: circle().point(s)[..., :2]), "gives arrays of shape"),
+    ],
+    ids=["derivative", "second", "open", "kink", "infinite", "plane"],
+)
+def test_wrong_formulas_are_refused_with_the_place(wrong, reason):
+    with np.errstate(divide="ignore", invalid="ignore"), pytest.raises(CurveError, match=reason) as error:
+        BoundaryCurve.from_formula(wrong)
+    assert 0 <= error.value.parameter <= 1
