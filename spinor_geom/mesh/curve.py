@@ -36,6 +36,7 @@ FEWEST_PIECES, MOST_PIECES = 64, 4096
 # Largest gap between the end of a piece and the start of the next, as a share of the extent.
 CLOSING_ERROR = 1e-12
 DERIVATIVE_ERROR = 1e-5
+KINK = "has a jump or a kink that corners= does not name"
 
 
 CurveFunction: TypeAlias = Callable[[Float[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
@@ -123,11 +124,15 @@ class BoundaryCurve:
             pieces *= 2
             if pieces > MOST_PIECES:
                 worst = float(between.flat[int(error.argmax())])
-                raise CurveError(reason="has a jump or a kink that corners= does not name", parameter=worst)
-        ends, _, _ = fitted._horner(np.arange(len(corners)), np.diff(breaks))
+                raise CurveError(reason=KINK, parameter=worst)
+        ends, slopes, _ = fitted._horner(np.arange(len(corners)), np.diff(breaks))
         gap = np.linalg.norm(ends - np.roll(fitted.coefficients[-1], -1, axis=0), axis=1)
         if gap.max() > CLOSING_ERROR * extent:
             raise CurveError(reason="is not closed or has a jump", parameter=float(breaks[1:][gap.argmax()]))
+        turn = np.linalg.norm(slopes - np.roll(fitted.coefficients[-2], -1, axis=0), axis=1)
+        turn[np.roll(corners, -1)] = 0
+        if turn.max() > DERIVATIVE_ERROR * np.abs(slopes).max():
+            raise CurveError(reason=KINK, parameter=float(breaks[1:][turn.argmax()]))
         _require_own_derivatives(fitted, curve, between)
         return replace(fitted, slopes=_formula_coefficients(curve.derivative, breaks))
 
