@@ -17,12 +17,16 @@ _DIAGONAL_WEIGHT = 1e-4
 _TO_EQUILATERAL = 0.05
 
 
-def unfolded_loop(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]:
+def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Complex[np.ndarray, " m"]:
     """A simple plane polygon with a vertex for each point of a closed curve, near to an isometric image of a fill.
 
     The minimum-area triangulation of the curve alone has no inner vertex, so it unfolds into the plane without
     distortion; slits and folds come out right. Where the unfolding overlaps it is straightened (see `flatten`).
     Curves of more than 200 points are thinned for this, the points left out are put on the polygon's sides.
+
+    Args:
+        points: of the curve, in order.
+        saws: as for `flatten_boundary`.
 
     Raises:
         FirstFillError: no simple polygon was found.
@@ -35,7 +39,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     try:
-        flat = flatten_boundary(edge, turning, _laplacian(angles, triangles, len(corners)), clearance=1.0)
+        flat = flatten_boundary(edge, turning, _laplacian(angles, triangles, len(corners)), clearance=1.0, saws=saws)
     except DomainError as error:
         raise FirstFillError(
             f"no first fill was found for a loop of {len(points)} points: its least-area triangulation does not unfold "

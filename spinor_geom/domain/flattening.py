@@ -102,15 +102,24 @@ def flatten_boundary(
     neumann: Float[np.ndarray, "m m"],
     *,
     clearance: float,
+    saws: bool = False,
 ) -> Flattening:
     """The boundary of `flatten` from edge lengths, turning angles at u = 0 and the matrix Λ.
+
+    Args:
+        edge: lengths.
+        turning: angles in radians, their sum 2π.
+        neumann: Λ.
+        clearance: as for `flatten`.
+        saws: leaves u·Λu out. The boundary may then turn to and fro from vertex to vertex, which rounding it off
+            undoes, and has fewer notches where it winds about itself.
 
     Raises:
         DomainError: no simple domain was found.
     """
     for draw_in_lobes in (False, True):
         found: list[Flattening] = []
-        for u in _candidates(edge, turning, neumann):
+        for u in _candidates(edge, turning, neumann, saws=saws):
             # degenerate triangles can make Λ infinite, never k₀: u = 0 must not touch Λ
             polygon = lay_out(edge, turning + neumann @ u if u.any() else turning, u)
             if polygon is not None and draw_in_lobes:
@@ -134,7 +143,7 @@ def flatten_boundary(
 
 
 def _candidates(
-    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: Float[np.ndarray, "m m"]
+    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: Float[np.ndarray, "m m"], *, saws: bool
 ) -> Iterator[Float[np.ndarray, " m"]]:
     """Boundary log scales to try, the nearest to 0 first."""
     yield np.zeros(len(edge))
@@ -146,7 +155,7 @@ def _candidates(
     distance = np.abs(s[:, None] - s)
     distance = np.minimum(distance, 1 - distance)
     # S is blind to what changes from vertex to vertex: without Λ here slivers turn the boundary to and fro
-    size = np.diag(ds) / length**2 + neumann / length
+    size = np.diag(ds) / length**2 + (0 if saws else neumann / length)
     for width in _WIDTHS:
         smooth = np.exp(-0.5 * (distance / width) ** 2)
         smooth /= (smooth @ ds)[:, None]

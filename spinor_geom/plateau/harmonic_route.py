@@ -272,7 +272,7 @@ class HarmonicSolver:
         even = np.arange(shape.points) / shape.points
         try:
             with self.clock.stage("first fill"):
-                polygon = unfolded_loop(curve.point(shape.density.slide(even)))
+                polygon = unfolded_loop(curve.point(shape.density.slide(even)), saws=True)
             with self.clock.stage("flattening"):
                 boundary = rounded_boundary(
                     polygon, even, steps=shape.steps, width=shape.rounding_width, count=self._count
@@ -354,7 +354,8 @@ class HarmonicSolver:
         nodes = max(len(slide), m * self._first_per_edge)
         fine = self._fine_gradient
         best: tuple[Lift, HarmonicDisk, DirichletForm] | None = None
-        last_gain, most = 0, max(4 * _FEWEST_NODES, (_MOST_PER_EDGE_ROUGH if self._rough else _MOST_PER_EDGE) * m)
+        per_edge = _MOST_PER_EDGE_ROUGH if self._rough else _MOST_PER_EDGE
+        last_gain, most = 0, _even(min(max(4 * _FEWEST_NODES, per_edge * m), _MOST_NODES))
         limit = "more nodes on the domain's boundary do not help"
         for attempt in itertools.count():
             n = _even(nodes)
@@ -373,10 +374,10 @@ class HarmonicSolver:
                     last_gain = attempt
                 best = lift, disk, form
             short = 1.0 if lift is None else lift.rms / self.allowed
-            nodes = int(np.clip(short, _MORE_NODES, _MOST_MORE if self._rough else _MORE_NODES) * n)
+            nodes = min(most, int(np.clip(short, _MORE_NODES, _MOST_MORE if self._rough else _MORE_NODES) * n))
             if (best is not None and best[0].rms <= self.allowed) or attempt - last_gain >= _PATIENCE:
                 break
-            if nodes > min(most, _MOST_NODES):
+            if n >= most:
                 limit = f"{n} nodes are the most that are tried"
                 break
             if len(self.history) >= self.max_steps:

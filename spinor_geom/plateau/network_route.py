@@ -38,7 +38,8 @@ _MAX_ROUNDS = 3
 _POOR = 1e-2
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
-# A loop counts as rough where one of its points in ten turns by more.
+# A loop counts as ragged or as rough where one of its points in ten turns by more.
+_RAGGED_TURN = np.radians(60.0)
 _ROUGH_TURN = np.radians(25.0)
 # A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
 _STALL, _STALL_LAST = 0.2, 0.05
@@ -101,7 +102,9 @@ class NetworkSolver:
         """
         fitted = self._fitted_from(disk, history)
         poor = fitted.residual.rms > max(self.budget.allowed, _POOR * self.loop.mean_edge_length)
-        if poor and len(fitted.history) < self.budget.max_iterations:
+        # another start does not help where the loop's roughness is too much for the network
+        hopeless = self._turning > _ROUGH_TURN if fitted.stage.is_full else self._turning > _RAGGED_TURN
+        if poor and not hopeless and len(fitted.history) < self.budget.max_iterations:
             fitted = self._improved(fitted, disk)
         with self.clock.stage("surface"):
             surface = _surface(fitted)

@@ -37,7 +37,8 @@ from spinor_geom.plateau.threads import one_thread
 Model: TypeAlias = Literal["auto", "cauchy", "series"] | Cauchy
 
 # A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the network.
-_POOR = 1e-2
+# So is a ragged loop that a network left at most so far: harmonic disks take long over it and seldom do better.
+_POOR, _POOR_RAGGED = 1e-2, 5e-2
 # Share of the steps that harmonic disks may take: the rest is the network's.
 _HARMONIC_SHARE = 0.7
 # Loops whose slides are found together.
@@ -302,7 +303,8 @@ class _Task:
     def curved(self) -> PlateauSolution:
         """The solution for a loop that is not plane."""
         solution = self.first()
-        if self.options.leaves_unstable:
+        # whether a disk far from Γ is stable says nothing of those over Γ
+        if self.options.leaves_unstable and solution.boundary_residual.rms_per_edge <= _POOR_RAGGED:
             down = self.down_from_disk if self.options.is_free else self.from_disk
             solution = leave_unstable(solution, self.rim, down, max_iterations=self.options.max_iterations)
         return solution
@@ -344,7 +346,8 @@ class _Task:
                 return
 
     def _is_near(self, found: Found) -> bool:
-        return found.rms <= max(self.network.budget.allowed, _POOR * self.network.loop.mean_edge_length)
+        poor = _POOR if self.harmonic.is_promising else _POOR_RAGGED
+        return found.rms <= max(self.network.budget.allowed, poor * self.network.loop.mean_edge_length)
 
     def from_disk(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
         """The minimal disk nearest to a discrete one in the loop's coordinates, saddles included, timed by itself."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -99,10 +100,10 @@ def test_a_missed_tolerance_gives_status_1_and_the_mesh(
 def test_a_loop_that_cannot_be_filled_is_named_with_status_1(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(*_: object, **__: object) -> None:
-        raise FirstFillError("no disk over this loop")
+    def fails(loops: Iterable[object], **_: object) -> Iterator[FirstFillError]:
+        return (FirstFillError("no disk over this loop") for _ in loops)
 
-    monkeypatch.setattr("spinor_geom.fill.one_loop.solve_plateau", fails)
+    monkeypatch.setattr("spinor_geom.fill.fill_hole.solve_plateau_batch", fails)
     assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 1
     assert "loop 0 (16 vertices) not filled: no disk over this loop" in capsys.readouterr().err
 

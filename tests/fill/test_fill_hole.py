@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pytest
@@ -167,12 +168,14 @@ def test_the_call_back_hears_of_every_requested_loop() -> None:
 
 
 def test_a_loop_that_fails_is_named_and_stops_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails_on_the_first(loop: BoundaryLoop, **options: object) -> object:
-        if 0 in loop.vertex_ids:
-            raise FirstFillError("no disk was found over this loop")
-        return solve_plateau(loop, **options)  # type: ignore[arg-type]
+    def fails_on_the_first(loops: Iterable[BoundaryLoop], **options: object) -> Iterator[object]:
+        for loop in loops:
+            if 0 in loop.vertex_ids:
+                yield FirstFillError("no disk was found over this loop")
+            else:
+                yield solve_plateau(loop, **options)  # type: ignore[call-overload]
 
-    monkeypatch.setattr(one_loop, "solve_plateau", fails_on_the_first)
+    monkeypatch.setattr("spinor_geom.fill.fill_hole.solve_plateau_batch", fails_on_the_first)
     filled, report = fill_hole(tube(), return_report=True)
     failed, done = report.loops
     assert (failed.filled, failed.requested, failed.reason) == (False, True, "no disk was found over this loop")
@@ -183,10 +186,10 @@ def test_a_loop_that_fails_is_named_and_stops_no_other(monkeypatch: pytest.Monke
 
 
 def test_an_error_that_is_not_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(loop: BoundaryLoop, **options: object) -> object:
+    def broken(*_: object) -> object:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(one_loop, "solve_plateau", broken)
+    monkeypatch.setattr(one_loop, "mesh_patch", broken)
     with pytest.raises(ZeroDivisionError):
         fill_hole(tube())
 
