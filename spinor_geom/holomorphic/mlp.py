@@ -19,10 +19,12 @@ ActivationName = Literal["exp", "sin", "sinh"]
 
 # points of the circle around Ω on which the initialisation measures: the units of ten layers have hundreds of waves
 _INITIAL_POINTS = 1024
-# the largest modulus of a unit's argument at the start is 1 + _BEND/depth: few layers have to bend more each. Fits of
-# the paper's curves reach 1e-8 from there with 2 to 10 layers, at half of it 1e-4. The least modulus is a share of it:
-# units of one size are alike.
+# the gain is 1 + _BEND/depth where none is given: few layers have to bend more each. Fits by Levenberg-Marquardt reach
+# 1e-8 on the paper's curves from there with 2 to 10 layers, from half of it 1e-4. The least modulus of a unit's
+# argument is a share of the gain: units of one size are alike.
 _BEND, _LEAST = 5.0, 0.5
+# of p and q at the start: largest deviation from the mean, and the root mean square of that
+_VARIATION, _MEAN = 0.5, 0.6
 # layers and width of the paper
 _PAPER_DEPTH, _PAPER_WIDTH = 10, 20
 
@@ -56,10 +58,9 @@ class ComplexMLP(torch.nn.Module):
 
     A network without care overflows: exp of exp of a number that is a little too large is infinite in three layers. At
     the start every unit's argument a = W h + b is therefore scaled, layer by layer, so that on the circle |u| = 1 its
-    mean is 0 and its largest modulus at most M = 1 + 5/depth. By the maximum principle |a| ≤ M in the whole disk, and
-    so on Ω, at every layer: |σ(a)| ≤ e^M for exp, sinh M for sin and sinh. A smaller scale of the weights alone would
-    bound exp∘exp too, but the networks would hardly depend on z: each layer would damp what varies and keep what is
-    constant.
+    mean is 0 and its largest modulus at most a gain M. By the maximum principle |a| ≤ M in the whole disk, and so on Ω,
+    at every layer: |σ(a)| ≤ e^M for exp, sinh M for sin and sinh. A smaller scale of the weights alone would bound
+    exp∘exp too, but the networks would hardly depend on z: each layer would damp what varies and keep what is constant.
 
     Shape:
         weights: one (2, out, in) a layer, complex; first index 0 for p, 1 for q. The last is the read-out, out = 1.
@@ -78,6 +79,7 @@ class ComplexMLP(torch.nn.Module):
         activation: ActivationName = "exp",
         center: complex = 0.0,
         radius: float = 1.0,
+        gain: float | None = None,
         generator: torch.Generator | None = None,
         dtype: torch.dtype = torch.complex128,
         device: torch.device | str = "cpu",
@@ -90,20 +92,23 @@ class ComplexMLP(torch.nn.Module):
             activation: σ, an entire function.
             center: of a disk that holds Ω.
             radius: of that disk.
+            gain: M, the largest modulus of a unit's argument at the start; 1 + 5/depth where none is given, for
+                second-order methods; first-order ones want calmer networks, of about 0.5.
             generator: of the random parameters, on the CPU; the same seed gives the same network on every device.
             dtype: of the parameters, complex128 or complex64.
             device: of the parameters.
 
         Raises:
-            OptionError: no layers or units, a radius that is not positive, or an activation that is not entire.
+            OptionError: no layers or units, a radius or gain that is not positive, or an activation that is not entire.
             DtypeError: the dtype is not complex.
         """
         super().__init__()
-        _check(depth, width, activation, radius, dtype)
+        largest = 1 + _BEND / max(depth, 1) if gain is None else float(gain)
+        _check(depth, width, activation, radius, largest, dtype)
         self.activation: ActivationName = activation
         self.center = complex(center)
         self.radius = float(radius)
-        parameters = _initial(depth, width, _ACTIVATIONS[activation].function, generator)
+        parameters = _initial(depth, width, _ACTIVATIONS[activation].function, largest, generator)
         self.weights = torch.nn.ParameterList([weight.to(device, dtype) for weight, _ in parameters])
         self.biases = torch.nn.ParameterList([bias.to(device, dtype) for _, bias in parameters])
 
@@ -278,11 +283,13 @@ class Linearisation:
         return changes
 
 
-def _check(depth: int, width: int, activation: str, radius: float, dtype: torch.dtype) -> None:
+def _check(depth: int, width: int, activation: str, radius: float, gain: float, dtype: torch.dtype) -> None:
     if depth < 1 or width < 1:
         raise OptionError(f"a network needs at least one hidden layer of one unit, got {depth} of {width}")
-    if not 0 < radius < math.inf:
-        raise OptionError(f"the radius of the disk around Ω must be positive and finite, got {radius}")
+    if not 0 < radius < math.inf or not 0 < gain < math.inf:
+        raise OptionError(
+            f"the radius of the disk around Ω and the gain must be positive and finite, got {radius} and {gain}"
+        )
     if not dtype.is_complex:
         raise DtypeError(f"the parameters must be complex, got {dtype}; use torch.complex128 or torch.complex64")
     if activation in _ACTIVATIONS:
@@ -294,7 +301,11 @@ def _check(depth: int, width: int, activation: str, radius: float, dtype: torch.
 
 
 def _initial(
-    depth: int, width: int, function: Callable[[Tensor], Tensor], generator: torch.Generator | None
+    depth: int,
+    width: int,
+    function: Callable[[Tensor], Tensor],
+    gain: float,
+    generator: torch.Generator | None,
 ) -> list[tuple[Complex[Tensor, "2 _ _"], Complex[Tensor, "2 _"]]]:
     """Weight and bias of each layer, its arguments bounded on the unit circle: see `ComplexMLP`."""
 
@@ -303,15 +314,15 @@ def _initial(
 
     turn = 2 * math.pi * torch.arange(_INITIAL_POINTS, dtype=torch.float64) / _INITIAL_POINTS
     h = torch.polar(torch.ones_like(turn), turn).expand(2, -1)[..., None]
-    largest = 1 + _BEND / depth
     layers = []
     for _ in range(depth):
-        weight, bias, a = _bounded(h, normal(2, width, h.shape[-1]), largest, generator)
+        weight, bias, a = _bounded(h, normal(2, width, h.shape[-1]), gain, generator)
         layers.append((weight, bias))
         h = function(a)
-    weight, bias, _ = _bounded(h, normal(2, 1, width), 1.0, generator)
-    # p and q vary about numbers of size 1, so that the start is no surface with its branch point in the middle
-    return [*layers, (weight, bias + normal(2, 1))]
+    weight, bias, _ = _bounded(h, normal(2, 1, width), _VARIATION, generator)
+    # p and q vary about other numbers than 0, so that the start has no branch point in the middle; |p|² + |q|² is
+    # about 1: the surface is about as large as Ω
+    return [*layers, (weight, bias + _MEAN * normal(2, 1))]
 
 
 def _bounded(

@@ -3,5 +3,14 @@
 from spinor_geom.plateau.training.curve import ClosedCurve
 from spinor_geom.plateau.training.levenberg_marquardt import LevenbergMarquardt, train_by_levenberg_marquardt
 from spinor_geom.plateau.training.result import Trained, TrainingStep
+from spinor_geom.plateau.training.rmsprop import RMSprop, train_by_rmsprop
 
-__all__ = ["ClosedCurve", "LevenbergMarquardt", "Trained", "TrainingStep", "train_by_levenberg_marquardt"]
+__all__ = [
+    "ClosedCurve",
+    "LevenbergMarquardt",
+    "RMSprop",
+    "Trained",
+    "TrainingStep",
+    "train_by_levenberg_marquardt",
+    "train_by_rmsprop",
+]

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.weierstrass import WeierstrassSurface
 
 Status = Literal["converged", "finished", "stopped", "diverged"]
 
@@ -38,7 +39,8 @@ class Trained:
     """A surface from training.
 
     Attributes:
-        surface: the surface; after a divergence the last one with finite parameters.
+        surface: the surface; a `WeierstrassSurface` only where that was asked for. After a divergence it is that of the
+            last good epoch.
         matching: (n, 2), increasing pairs (t, s): parameters of ∂Ω and of Γ.
         rms: root of the mean squared distance of its boundary from Γ, on points that were not trained on.
         max: largest distance.
@@ -50,7 +52,7 @@ class Trained:
         seconds: wall time in all.
     """
 
-    surface: SpinorSurface
+    surface: SpinorSurface | WeierstrassSurface
     matching: Float[np.ndarray, "n 2"]
     rms: float
     max: float
