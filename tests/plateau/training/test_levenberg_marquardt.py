@@ -13,7 +13,8 @@ from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.training import LevenbergMarquardt, train_by_levenberg_marquardt
 from spinor_geom.plateau.training.boundary import BoundaryNodes, placed
 from spinor_geom.plateau.training.curve import CurveAsTensors
-from spinor_geom.plateau.training.levenberg_marquardt import distil, polish
+from spinor_geom.plateau.training.distillation import distil
+from spinor_geom.plateau.training.polishing import _NormalSystem, polish
 from spinor_geom.surface import SpinorSurface
 
 CPU = torch.device("cpu")
@@ -129,6 +130,16 @@ def test_polishing_brings_a_rough_fit_nearer(solutions):
     before = placed(nodes, network.value(nodes.z).detach(), slide, curve)
     after = polish(network, nodes, slide, curve, tolerance=1e-9, max_steps=5)
     assert after.rms < before.rms / 20
+
+
+def test_polishing_takes_steps_back_that_overflow(monkeypatch):
+    nodes = BoundaryNodes.on(PlaneDomain.disk(), 32, CPU)
+    curve = CurveAsTensors.of(CURVES["twisted circle"])
+    network = ComplexMLP(generator=torch.Generator().manual_seed(0))
+    before = network.value(nodes.z).detach()
+    monkeypatch.setattr(_NormalSystem, "step", lambda self, damping: torch.full((32, 2), 1e200, dtype=torch.complex128))
+    polish(network, nodes, nodes.t, curve, tolerance=1e-9, max_steps=3)
+    assert torch.equal(network.value(nodes.z), before)
 
 
 @pytest.mark.parametrize("activation", ["sin", "sinh"])
