@@ -103,13 +103,16 @@ def test_adapted_domains_are_met_too():
     assert distance(result.surface, solution.curve) < 1.1e-4 * result.diagonal
 
 
-def test_random_parameters_come_near_without_a_start(solutions):
-    # not from every seed: see the next test for what is told then
-    result = train_by_levenberg_marquardt(
-        CURVES["twisted circle"], options=LevenbergMarquardt(nodes=64, tolerance=1e-4)
-    )
+@pytest.mark.parametrize("name", CURVES)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_random_parameters_reach_the_curve_without_a_start(name, seed, solutions):
+    options = LevenbergMarquardt(tolerance=1e-4, seed=seed)
+    result = train_by_levenberg_marquardt(CURVES[name], options=options)
     assert result.status == "converged"
-    assert distance(result.surface, solutions["twisted circle"].curve) < 1.1e-4 * result.diagonal
+    assert {step.method for step in result.history} == {"polishing"}
+    assert distance(result.surface, solutions[name].curve) < 1.1e-4 * result.diagonal
+    # the same disk as the solver's
+    assert abs(result.surface.area() / solutions[name].area - 1) < 1e-3
 
 
 def test_networks_that_are_too_small_stop_with_the_reason(solutions):
