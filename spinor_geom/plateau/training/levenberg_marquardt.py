@@ -28,6 +28,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # points between the nodes at which the distance is told, and how many times larger than at the nodes it may be
 _POINTS_PER_NODE, _BETWEEN = 4, 3.0
 _MOST_NODES = 512
+# deeper networks that start from random parameters are calmer at first: their gain is this over the depth
+_DEEP, _GAIN_ALONE = 3, 8.0
 # shares of the tolerance at which distillation (r is quadratic in p and q, so errors double) and polishing stop
 _DISTILLED, _POLISHED = 0.1, 0.2
 
@@ -125,6 +127,7 @@ class _Training:
             depth=options.depth,
             width=options.width,
             activation=options.activation,
+            gain=_GAIN_ALONE / options.depth if start is None and options.depth > _DEEP else None,
             generator=torch.Generator().manual_seed(options.seed),
             device=device,
         )

@@ -115,6 +115,12 @@ def test_random_parameters_reach_the_curve_without_a_start(name, seed, solutions
     assert abs(result.surface.area() / solutions[name].area - 1) < 1e-3
 
 
+def test_the_paper_network_reaches_the_seam_from_random_parameters(solutions):
+    result = train_by_levenberg_marquardt(CURVES["tennis seam"], options=LevenbergMarquardt(depth=10, tolerance=1e-4))
+    assert result.status == "converged"
+    assert distance(result.surface, solutions["tennis seam"].curve) < 1.1e-4 * result.diagonal
+
+
 def test_networks_that_are_too_small_stop_with_the_reason(solutions):
     result = trained(solutions["tennis seam"], depth=1, width=1, distillation_steps=5, polishing_steps=5)
     assert result.status == "stopped"
