@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from spinor_geom.fill.result import FillResult as FillResult
     from spinor_geom.fill.result import LoopOutcome as LoopOutcome
     from spinor_geom.holomorphic.cauchy import CauchyNetwork as CauchyNetwork
+    from spinor_geom.holomorphic.mlp import ComplexMLP as ComplexMLP
     from spinor_geom.holomorphic.series import PowerSeries as PowerSeries
     from spinor_geom.mesh.boundary_loop import BoundaryLoop as BoundaryLoop
     from spinor_geom.mesh.curve import BoundaryCurve as BoundaryCurve
@@ -40,6 +41,7 @@ _MODULES = {
     "CauchyNetwork": "spinor_geom.holomorphic.cauchy",
     "ClosedCurve": "spinor_geom.mesh.curve",
     "Comparison": "spinor_geom.comparison",
+    "ComplexMLP": "spinor_geom.holomorphic.mlp",
     "DiscreteMinimalSurface": "spinor_geom.discrete.minimal_surface",
     "FillResult": "spinor_geom.fill.result",
     "LoopOutcome": "spinor_geom.fill.result",

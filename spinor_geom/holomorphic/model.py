@@ -9,9 +9,10 @@ import torch
 from jaxtyping import Complex
 from torch import Tensor
 
-from spinor_geom.errors import StorageError
+from spinor_geom.errors import OptionError, StorageError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 
 
@@ -50,9 +51,10 @@ class IntegrableModel(HolomorphicModel, Protocol):
         ...
 
 
-MODELS: dict[str, type[CauchyInterpolant] | type[CauchyNetwork] | type[PowerSeries]] = {
+MODELS: dict[str, type[CauchyInterpolant] | type[CauchyNetwork] | type[ComplexMLP] | type[PowerSeries]] = {
     CauchyInterpolant.kind: CauchyInterpolant,
     CauchyNetwork.kind: CauchyNetwork,
+    ComplexMLP.kind: ComplexMLP,
     PowerSeries.kind: PowerSeries,
 }
 
@@ -68,6 +70,6 @@ def rebuild(kind: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -
     try:
         model = MODELS[kind].from_config(config)
         model.load_state_dict(dict(state))
-    except (KeyError, TypeError, RuntimeError) as error:
+    except (KeyError, TypeError, RuntimeError, OptionError) as error:
         raise StorageError(f"the saved {kind!r} model does not fit its description: {error}") from error
     return model

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -16,6 +17,14 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.surface.formulas import phi
+
+
+class TensorCurve(Protocol):
+    """A closed curve in space with period 1, on tensors."""
+
+    def point_and_derivative(self, s: Float[Tensor, " n"], /) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+        """Γ(s) and Γ'(s)."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

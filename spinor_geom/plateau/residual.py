@@ -12,7 +12,7 @@ from torch import Tensor
 from spinor_geom.domain.panels import Panels
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.network import Discretisation, interpolate_matching
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
+from spinor_geom.plateau.problem import PlateauProblem, TensorCurve
 
 # Gauss-Newton steps of a projection, and the last one's length from which on more of them change nothing.
 _PROJECTION_STEPS, _STILL = 5, 1e-10
@@ -107,7 +107,7 @@ def passed_over(
 
 
 def projected(
-    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: CurveTensors, *, limit: float
+    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: TensorCurve, *, limit: float
 ) -> Float[Tensor, " n"]:
     """Parameters of the points of Γ nearest to given points, by Gauss-Newton steps of at most `limit` from a start."""
     for _ in range(_PROJECTION_STEPS):

@@ -13,7 +13,19 @@ from spinor_geom.holomorphic.model import IntegrableModel
 from tests.strategies import SEEDS
 
 # of every kind of model
-SIZES = {"terms": 3, "center": (0, 0), "radius": 1, "nodes": 3, "degree": 2, "poles": 1, "features": 4}
+SIZES = {
+    "terms": 3,
+    "center": (0, 0),
+    "radius": 1,
+    "nodes": 3,
+    "degree": 2,
+    "poles": 1,
+    "features": 4,
+    "depth": 1,
+    "width": 2,
+    "activation": "exp",
+    "bits": 64,
+}
 
 
 def random_series(terms, seed=0, **place):

@@ -11,7 +11,7 @@ from safetensors.torch import save as to_bytes
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import StorageError
 from spinor_geom.gallery import catenoid, enneper
-from spinor_geom.holomorphic import MODELS, CauchyNetwork
+from spinor_geom.holomorphic import MODELS, CauchyNetwork, ComplexMLP
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.storage import VERSION
@@ -52,6 +52,7 @@ SURFACES = {
     "series, spline domain": lambda: catenoid(0.5).surface,
     "cauchy": cauchy_surface,
     "cauchy-interpolant, Fourier domain": interpolant_surface,
+    "mlp": lambda: SpinorSurface(ComplexMLP(generator=torch.Generator().manual_seed(0)), PlaneDomain.disk()),
 }
 
 

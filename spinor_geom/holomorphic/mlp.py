@@ -1,0 +1,338 @@
+"""The paper's complex-valued network: p and q as multilayer perceptrons with a holomorphic activation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple, cast
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.errors import DtypeError, OptionError
+from spinor_geom.holomorphic.blocks import in_blocks
+
+ActivationName = Literal["exp", "sin", "sinh"]
+
+# points of the circle around Ω on which the initialisation measures: the units of ten layers have hundreds of waves
+_INITIAL_POINTS = 1024
+# the gain is 1 + _BEND/depth where none is given: few layers have to bend more each. Fits by Levenberg-Marquardt reach
+# 1e-8 on the paper's curves from there with 2 to 10 layers, from half of it 1e-4. The least modulus of a unit's
+# argument is a share of the gain: units of one size are alike.
+_BEND, _LEAST = 5.0, 0.5
+# of p and q at the start: largest deviation from the mean, and the root mean square of that
+_VARIATION, _MEAN = 0.5, 0.6
+# layers and width of the paper
+_PAPER_DEPTH, _PAPER_WIDTH = 10, 20
+
+
+class _Activation(NamedTuple):
+    function: Callable[[Tensor], Tensor]
+    # the derivative at a, from a and σ(a)
+    slope: Callable[[Tensor, Tensor], Tensor]
+
+
+_ACTIVATIONS: Mapping[str, _Activation] = {
+    "exp": _Activation(torch.exp, lambda _, value: value),
+    "sin": _Activation(torch.sin, lambda a, _: torch.cos(a)),
+    "sinh": _Activation(torch.sinh, lambda a, _: torch.cosh(a)),
+}
+_BY_PARTS = "it acts on the real and the imaginary part apart, so its derivative depends on the direction"
+_BY_MODULUS = "it depends on |z|, which has no complex derivative"
+_POLES = "it has poles, so p and q would be holomorphic only where no unit meets one"
+_REFUSED: Mapping[str, str] = {
+    **dict.fromkeys(("relu", "crelu", "zrelu", "gelu", "silu", "softplus", "leakyrelu"), _BY_PARTS),
+    **dict.fromkeys(("conj", "abs", "modrelu", "cardioid", "amplitude-phase"), _BY_MODULUS),
+    **dict.fromkeys(("tanh", "tan", "sigmoid", "reciprocal"), _POLES),
+}
+
+
+class ComplexMLP(torch.nn.Module):
+    """p and q as two complex-valued networks of one shape: input, weights, biases and activations in ℂ.
+
+    z ↦ u = (z − center)/radius, then `depth` hidden layers h ↦ σ(W h + b) of `width` units and a linear read-out. An
+    entire σ makes both entire. They are computed in the precision of the parameters and answered in that of the points.
+
+    A network without care overflows: exp of exp of a number that is a little too large is infinite in three layers. At
+    the start every unit's argument a = W h + b is therefore scaled, layer by layer, so that on the circle |u| = 1 its
+    mean is 0 and its largest modulus at most a gain M. By the maximum principle |a| ≤ M in the whole disk, and so on Ω,
+    at every layer: |σ(a)| ≤ e^M for exp, sinh M for sin and sinh. A smaller scale of the weights alone would bound
+    exp∘exp too, but the networks would hardly depend on z: each layer would damp what varies and keep what is constant.
+
+    Shape:
+        weights: one (2, out, in) a layer, complex; first index 0 for p, 1 for q. The last is the read-out, out = 1.
+        biases: one (2, out) a layer.
+
+    Source: Sun & Chern (2026), neural representation of minimal surfaces.
+    """
+
+    kind: ClassVar[str] = "mlp"
+
+    def __init__(
+        self,
+        *,
+        depth: int = 3,
+        width: int = 20,
+        activation: ActivationName = "exp",
+        center: complex = 0.0,
+        radius: float = 1.0,
+        gain: float | None = None,
+        generator: torch.Generator | None = None,
+        dtype: torch.dtype = torch.complex128,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        """A network with random parameters.
+
+        Args:
+            depth: number of hidden layers.
+            width: units in each.
+            activation: σ, an entire function.
+            center: of a disk that holds Ω.
+            radius: of that disk.
+            gain: M, the largest modulus of a unit's argument at the start; 1 + 5/depth where none is given, for
+                second-order methods; first-order ones want calmer networks, of about 0.5.
+            generator: of the random parameters, on the CPU; the same seed gives the same network on every device.
+            dtype: of the parameters, complex128 or complex64.
+            device: of the parameters.
+
+        Raises:
+            OptionError: no layers or units, a radius or gain that is not positive, or an activation that is not entire.
+            DtypeError: the dtype is not complex.
+        """
+        super().__init__()
+        largest = 1 + _BEND / max(depth, 1) if gain is None else float(gain)
+        _check(depth, width, activation, radius, largest, dtype)
+        self.activation: ActivationName = activation
+        self.center = complex(center)
+        self.radius = float(radius)
+        parameters = _initial(depth, width, _ACTIVATIONS[activation].function, largest, generator)
+        self.weights = torch.nn.ParameterList([weight.to(device, dtype) for weight, _ in parameters])
+        self.biases = torch.nn.ParameterList([bias.to(device, dtype) for _, bias in parameters])
+
+    @classmethod
+    def paper(
+        cls,
+        *,
+        generator: torch.Generator | None = None,
+        dtype: torch.dtype = torch.complex128,
+        device: torch.device | str = "cpu",
+    ) -> ComplexMLP:
+        """The network of the paper's experiments: 10 hidden layers of 20 units, σ = exp, on the unit disk."""
+        return cls(depth=_PAPER_DEPTH, width=_PAPER_WIDTH, generator=generator, dtype=dtype, device=device)
+
+    @classmethod
+    def on(
+        cls,
+        domain: PlaneDomain,
+        *,
+        depth: int = 3,
+        width: int = 20,
+        activation: ActivationName = "exp",
+        gain: float | None = None,
+        generator: torch.Generator | None = None,
+        dtype: torch.dtype = torch.complex128,
+        device: torch.device | str = "cpu",
+    ) -> ComplexMLP:
+        """A network whose disk is the smallest about the middle of Ω's bounding box that holds Ω; the rest as above."""
+        rim = domain.boundary.vertices
+        center = complex(rim.real.min() + rim.real.max(), rim.imag.min() + rim.imag.max()) / 2
+        return cls(
+            depth=depth,
+            width=width,
+            activation=activation,
+            center=center,
+            radius=float(abs(rim - center).max()),
+            gain=gain,
+            generator=generator,
+            dtype=dtype,
+            device=device,
+        )
+
+    @property
+    def depth(self) -> int:
+        """Number of hidden layers."""
+        return len(self.weights) - 1
+
+    @property
+    def width(self) -> int:
+        """Units in each hidden layer."""
+        return int(self.weights[0].shape[1])
+
+    def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
+        """The last hidden layers of p and of q, and 1: p and q are linear in them."""
+
+        def last(u: Complex[Tensor, " n"]) -> Complex[Tensor, "n c"]:
+            h = self._layers(u)[0][-1]
+            return torch.cat([*h, torch.ones_like(h[0, :, :1])], dim=-1)
+
+        return self._at(last, z)
+
+    def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        """(p(z), q(z))."""
+        return self._at(lambda u: self._read(self._layers(u)[0][-1]), z)
+
+    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        """(p'(z), q'(z)), by the chain rule."""
+
+        def slopes(u: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
+            change = torch.full_like(u, 1 / self.radius).expand(2, -1)[..., None]
+            for weight, slope in zip(self.weights, self._layers(u)[1], strict=False):
+                change = slope * (change @ weight.mT)
+            both: Tensor = change @ self.weights[-1].mT
+            return both[..., 0].mT
+
+        return self._at(slopes, z)
+
+    def linearised(self, z: Complex[Tensor, " n"]) -> Linearisation:
+        """The values at some points as linear functions of small changes of the parameters."""
+        with torch.no_grad():
+            inputs, slopes = self._layers(self._scaled(z))
+            sensitivity = torch.ones_like(inputs[-1][..., :1])
+            sensitivities = [sensitivity]
+            for weight, slope in zip(reversed(list(self.weights)), reversed(slopes), strict=False):
+                sensitivity = (sensitivity @ weight) * slope
+                sensitivities.append(sensitivity)
+            return Linearisation(
+                inputs=tuple(inputs),
+                sensitivities=tuple(reversed(sensitivities)),
+                value=self._read(inputs[-1]),
+            )
+
+    def config(self) -> dict[str, Any]:
+        """Sizes, activation, disk and precision."""
+        return {
+            "depth": self.depth,
+            "width": self.width,
+            "activation": self.activation,
+            "center": [self.center.real, self.center.imag],
+            "radius": self.radius,
+            "bits": 64 if self.weights[0].dtype == torch.complex128 else 32,
+        }
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any]) -> ComplexMLP:
+        """A network of the given sizes, with parameters that mean nothing."""
+        return cls(
+            depth=int(config["depth"]),
+            width=int(config["width"]),
+            activation=config["activation"],
+            center=complex(*config["center"]),
+            radius=float(config["radius"]),
+            generator=torch.Generator().manual_seed(0),
+            dtype={64: torch.complex128, 32: torch.complex64}[config["bits"]],
+        )
+
+    def _scaled(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
+        return ((z - self.center) / self.radius).to(self.weights[0].dtype)
+
+    def _at(
+        self, function: Callable[[Complex[Tensor, " n"]], Complex[Tensor, "n c"]], z: Complex[Tensor, "*pts"]
+    ) -> Complex[Tensor, "*pts c"]:
+        return in_blocks(function, self._scaled(z), 2 * self.width).to(z.dtype)
+
+    def _layers(
+        self, u: Complex[Tensor, " n"]
+    ) -> tuple[list[Complex[Tensor, "2 n _"]], list[Complex[Tensor, "2 n w"]]]:
+        """The input of every layer, the read-out's last, and σ′ of every hidden one."""
+        activation = _ACTIVATIONS[self.activation]
+        inputs, slopes = [u.expand(2, -1)[..., None]], []
+        for weight, bias in zip(list(self.weights)[:-1], self.biases, strict=False):
+            a = inputs[-1] @ weight.mT + bias[:, None]
+            h = activation.function(a)
+            inputs.append(h)
+            slopes.append(activation.slope(a, h))
+        return inputs, slopes
+
+    def _read(self, last: Complex[Tensor, "2 n w"]) -> Complex[Tensor, "n 2"]:
+        both: Tensor = last @ self.weights[-1].mT + self.biases[-1][:, None]
+        return both[..., 0].mT
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Linearisation:
+    """p and q at n points of a `ComplexMLP` as linear functions of its parameters.
+
+    They are holomorphic in the parameters, so their Jacobian J is complex. It is never formed: a layer's part of J Jᴴ
+    is a product, entry by entry, of two Gram matrices.
+
+    Attributes:
+        inputs: of each layer, (2, n, in).
+        sensitivities: derivative of the output by each layer's W h + b, (2, n, out).
+        value: (n, 2), p and q themselves.
+    """
+
+    inputs: tuple[Complex[Tensor, "2 n _"], ...]
+    sensitivities: tuple[Complex[Tensor, "2 n _"], ...]
+    value: Complex[Tensor, "n 2"]
+
+    def kernel(self) -> Complex[Tensor, "2 n n"]:
+        """J Jᴴ of p and of q, each by its own parameters."""
+        parts = (
+            (sensitivity @ sensitivity.mH) * (1 + h @ h.mH)
+            for h, sensitivity in zip(self.inputs, self.sensitivities, strict=True)
+        )
+        return cast(Tensor, sum(parts))
+
+    def pulled_back(self, v: Complex[Tensor, "n 2"]) -> list[tuple[Complex[Tensor, "2 _ _"], Complex[Tensor, "2 _"]]]:
+        """Jᴴ v: for each layer a change of its weight and of its bias."""
+        changes = []
+        for h, sensitivity in zip(self.inputs, self.sensitivities, strict=True):
+            weighted = sensitivity.conj() * v.mT[..., None]
+            changes.append((weighted.mT @ h.conj(), weighted.sum(1)))
+        return changes
+
+
+def _check(depth: int, width: int, activation: str, radius: float, gain: float, dtype: torch.dtype) -> None:
+    if depth < 1 or width < 1:
+        raise OptionError(f"a network needs at least one hidden layer of one unit, got {depth} of {width}")
+    if not 0 < radius < math.inf or not 0 < gain < math.inf:
+        raise OptionError(
+            f"the radius of the disk around Ω and the gain must be positive and finite, got {radius} and {gain}"
+        )
+    if not dtype.is_complex:
+        raise DtypeError(f"the parameters must be complex, got {dtype}; use torch.complex128 or torch.complex64")
+    if activation in _ACTIVATIONS:
+        return
+    choice = f"choose one of: {', '.join(_ACTIVATIONS)}"
+    if str(activation).lower() in _REFUSED:
+        raise OptionError(f"activation {activation!r} is not entire: {_REFUSED[str(activation).lower()]}; {choice}")
+    raise OptionError(f"unknown activation {activation!r}, and p and q are holomorphic only if it is entire; {choice}")
+
+
+def _initial(
+    depth: int,
+    width: int,
+    function: Callable[[Tensor], Tensor],
+    gain: float,
+    generator: torch.Generator | None,
+) -> list[tuple[Complex[Tensor, "2 _ _"], Complex[Tensor, "2 _"]]]:
+    """Weight and bias of each layer, its arguments bounded on the unit circle: see `ComplexMLP`."""
+
+    def normal(*shape: int) -> Complex[Tensor, "..."]:
+        return torch.randn(*shape, dtype=torch.complex128, generator=generator)
+
+    turn = 2 * math.pi * torch.arange(_INITIAL_POINTS, dtype=torch.float64) / _INITIAL_POINTS
+    h = torch.polar(torch.ones_like(turn), turn).expand(2, -1)[..., None]
+    layers = []
+    for _ in range(depth):
+        weight, bias, a = _bounded(h, normal(2, width, h.shape[-1]), gain, generator)
+        layers.append((weight, bias))
+        h = function(a)
+    weight, bias, _ = _bounded(h, normal(2, 1, width), _VARIATION, generator)
+    # p and q vary about other numbers than 0, so that the start has no branch point in the middle; |p|² + |q|² is
+    # about 1: the surface is about as large as Ω
+    return [*layers, (weight, bias + _MEAN * normal(2, 1))]
+
+
+def _bounded(
+    h: Complex[Tensor, "2 n i"], weight: Complex[Tensor, "2 o i"], largest: float, generator: torch.Generator | None
+) -> tuple[Complex[Tensor, "2 o i"], Complex[Tensor, "2 o"], Complex[Tensor, "2 n o"]]:
+    """A weight scaled and a bias chosen so that W h + b has mean 0 and a modulus of at most `largest`; W h + b."""
+    a = h @ weight.mT
+    mean = a.mean(1)
+    share: Float[Tensor, "2 o"] = torch.rand(mean.shape, dtype=torch.float64, generator=generator)
+    scale = largest * (_LEAST + (1 - _LEAST) * share) / (a - mean[:, None]).abs().amax(1)
+    return weight * scale[..., None], -mean * scale, (a - mean[:, None]) * scale[:, None]

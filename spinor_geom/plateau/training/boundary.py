@@ -1,0 +1,144 @@
+"""Nodes on ∂Ω with an integral along it, and the distance of a surface's boundary from Γ there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from scipy.linalg import circulant
+from torch import Tensor
+
+from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
+from spinor_geom.plateau.residual import projected
+from spinor_geom.plateau.training.curve import CurveAsTensors
+from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# Gauss-Legendre nodes on a panel of a boundary that is not analytic
+_PANEL_ORDER = 8
+# rounds in which the constant of r and the nearest points of Γ are found from each other
+_CONSTANT_STEPS = 5
+# points of ∂Ω that the constant of a surface is taken from
+_CONSTANT_POINTS = 16
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoundaryNodes:
+    """Nodes on ∂Ω.
+
+    Attributes:
+        domain: Ω.
+        t: their parameters, increasing.
+        z: the nodes.
+        dz: dz/dt.
+        weights: of the mean over t; their sum is 1.
+        integral: (n, n), values at the nodes to ∫ f dt, up to a constant.
+    """
+
+    domain: PlaneDomain
+    t: Float[Tensor, " n"]
+    z: Complex[Tensor, " n"]
+    dz: Complex[Tensor, " n"]
+    weights: Float[Tensor, " n"]
+    integral: Float[Tensor, "n n"]
+
+    @classmethod
+    def on(cls, domain: PlaneDomain, count: int, device: torch.device) -> BoundaryNodes:
+        """About `count` nodes: at equal steps of t on an analytic ∂Ω, else on panels between its vertices."""
+        boundary = domain.boundary
+        if isinstance(boundary, FourierBoundary):
+            count = max(count, len(boundary.coefficients) + 1)
+            z, dz, _ = boundary.grid(count)
+            t, weights = np.arange(count) / count, np.full(count, 1 / count)
+            frequency = np.fft.fftfreq(count, 1 / count)
+            counted = (frequency != 0) & (np.abs(frequency) < count / 2)
+            inverse = np.zeros(count, dtype=np.complex128)
+            inverse[counted] = 1 / (2j * np.pi * frequency[counted])
+            integral = circulant(np.fft.ifft(inverse).real)
+        else:
+            breaks = domain.panel_breaks
+            panels = Panels.on(boundary, breaks, max(_PANEL_ORDER, count // (len(breaks) - 1)))
+            t, z, dz, weights = panels.t, panels.z, panels.dz, panels.weights
+            integral = np.kron(np.diag(np.diff(breaks)), panels.cumulative)
+            panel = np.repeat(np.arange(len(breaks) - 1), panels.order)
+            integral += (panel[:, None] > panel) * weights
+        return cls(
+            domain=domain,
+            t=torch.tensor(t, device=device),
+            z=torch.tensor(z, device=device),
+            dz=torch.tensor(dz, device=device),
+            weights=torch.tensor(weights, device=device),
+            integral=torch.tensor(integral, device=device),
+        )
+
+    def positions(self, spinors: Complex[Tensor, "n 2"]) -> Float[Tensor, "n 3"]:
+        """Positions of the nodes, up to a constant, from p and q there."""
+        velocity = (phi(spinors[:, 0], spinors[:, 1]) * self.dz[:, None]).real
+        # the real part of the integral of a real kernel is that of the real part
+        return self.integral @ velocity
+
+    @cached_property
+    def step(self) -> float:
+        """Mean distance of the nodes in t."""
+        return 1 / len(self.t)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Placed:
+    """The boundary of a surface next to Γ.
+
+    Attributes:
+        position: (n, 3), r at the nodes.
+        slide: (n,), parameter of the point of Γ near each node.
+        error: (n, 3), r − Γ(slide).
+        rms: root of the mean of |error|² over t.
+    """
+
+    position: Float[Tensor, "n 3"]
+    slide: Float[Tensor, " n"]
+    error: Float[Tensor, "n 3"]
+    rms: float
+
+    @property
+    def max(self) -> float:
+        """Largest |error|."""
+        return float(self.error.norm(dim=1).max())
+
+
+def placed(
+    nodes: BoundaryNodes,
+    spinors: Complex[Tensor, "n 2"],
+    slide: Float[Tensor, " n"],
+    curve: CurveAsTensors,
+    *,
+    held: bool = False,
+) -> Placed:
+    """The boundary of the surface of p and q, its constant such that it is as near to Γ as it can be.
+
+    Args:
+        nodes: on ∂Ω.
+        spinors: p and q at the nodes.
+        slide: where on Γ to look for the nearest points.
+        curve: Γ.
+        held: keep the slide as it is.
+    """
+    position = nodes.positions(spinors)
+    position = position - nodes.weights @ (position - curve.point(slide))
+    for _ in range(0 if held else _CONSTANT_STEPS):
+        slide = projected(position, slide, curve, limit=nodes.step)
+        position = position - nodes.weights @ (position - curve.point(slide))
+    error = position - curve.point(slide)
+    rms = float((nodes.weights @ error.square().sum(1)).sqrt())
+    return Placed(position=position, slide=slide, error=error, rms=rms)
+
+
+def with_constant(surface: SpinorSurface, nodes: BoundaryNodes, position: Float[Tensor, "n 3"]) -> None:
+    """Sets a surface's constant so that its boundary has given positions at the nodes."""
+    some = torch.arange(0, len(nodes.t), max(1, len(nodes.t) // _CONSTANT_POINTS), device=nodes.z.device)
+    found = surface.position(nodes.z[some].cpu().numpy())
+    with torch.no_grad():
+        surface.constant.add_((position[some] - torch.as_tensor(found).to(position)).mean(0))

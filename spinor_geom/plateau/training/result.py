@@ -1,0 +1,73 @@
+"""What training returns: a surface, how near its boundary came, and every step on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.weierstrass import WeierstrassSurface
+
+Status = Literal["converged", "finished", "stopped", "diverged"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingStep:
+    """One epoch of RMSprop, or one step of Levenberg-Marquardt.
+
+    Attributes:
+        index: from 1.
+        method: "rmsprop"; "distillation" of given p and q; "polishing" of the distance from Γ.
+        loss: the mean of an epoch's losses; RMS error of p and q, or RMS distance from Γ, at the nodes after the step.
+        boundary_error: largest distance of the boundary from Γ, measured on many more points than are trained on, in
+            units of space; None where it was not measured.
+        seconds: since the start of the training.
+    """
+
+    index: int
+    method: Literal["rmsprop", "distillation", "polishing"]
+    loss: float
+    boundary_error: float | None
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trained:
+    """A surface from training.
+
+    Attributes:
+        surface: the surface; a `WeierstrassSurface` only where that was asked for. After a divergence it is that of the
+            last good epoch.
+        matching: (n, 2), increasing pairs (t, s): parameters of ∂Ω and of Γ.
+        rms: root of the mean squared distance of its boundary from Γ, on points that were not trained on.
+        max: largest distance.
+        diagonal: of the bounding box of Γ.
+        history: the steps.
+        status: "converged": the tolerance was met; "finished": all steps were done; "stopped": steps helped no more;
+            "diverged": losses became infinite, NaN or far larger than at the start.
+        reason: the same in one sentence, with figures.
+        seconds: wall time in all.
+    """
+
+    surface: SpinorSurface | WeierstrassSurface
+    matching: Float[np.ndarray, "n 2"]
+    rms: float
+    max: float
+    diagonal: float
+    history: tuple[TrainingStep, ...]
+    status: Status
+    reason: str
+    seconds: float
+
+    @property
+    def max_per_diagonal(self) -> float:
+        """`max` in diagonals of Γ."""
+        return self.max / self.diagonal
+
+    @property
+    def rms_per_diagonal(self) -> float:
+        """`rms` in diagonals of Γ."""
+        return self.rms / self.diagonal

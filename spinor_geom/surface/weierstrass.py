@@ -1,0 +1,106 @@
+"""The Weierstrass-Enneper form, r = c + Re ∫ (½f(1 − g²), ½i f(1 + g²), f g) dζ: the paper's baseline.
+
+For any holomorphic f and g, r is minimal. But g is the normal projected from e₃ and would need a pole where the normal
+is e₃; and where f has a zero of odd order r has a branch point that no small change of f and g removes.
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.quadrature import RuleName, rule
+from spinor_geom.holomorphic.model import HolomorphicModel
+from spinor_geom.holomorphic.zeros import Zero, find_zeros
+
+# evaluations of f and g at once
+_BLOCK = 1 << 16
+
+
+def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+    """The null curve's derivative φ = (½f(1 − g²), ½i f(1 + g²), f g)."""
+    return torch.stack([f * (1 - g * g) / 2, 0.5j * f * (1 + g * g), f * g], dim=-1)
+
+
+class WeierstrassSurface(torch.nn.Module):
+    """A minimal surface over a disk from f and g, the two outputs of a holomorphic model.
+
+    Attributes:
+        model: z ↦ (f, g).
+        domain: Ω, which 0 sees whole: positions are integrated along rays from there, where r = c.
+        constant: c, shape (3,).
+        quadrature: name of the rule on each ray.
+        order: its nodes ("gauss") or intervals ("trapezoid", "simpson").
+
+    Source: Sun & Chern (2026), comparison with the Weierstrass-Enneper parametrisation.
+    """
+
+    constant: Tensor
+
+    def __init__(
+        self,
+        model: torch.nn.Module,
+        domain: PlaneDomain,
+        constant: Float[Tensor, "3"],
+        *,
+        quadrature: RuleName = "gauss",
+        order: int = 32,
+    ) -> None:
+        """Raises OptionError for an unknown rule or an order that it does not have."""
+        super().__init__()
+        rule(quadrature, order)
+        self.model = model
+        self.domain = domain
+        self.constant = torch.nn.Parameter(constant.detach().clone())
+        self.quadrature: RuleName = quadrature
+        self.order = order
+
+    def weierstrass_data(
+        self, z: Complex[np.ndarray, "*pts"]
+    ) -> tuple[Complex[np.ndarray, "*pts"], Complex[np.ndarray, "*pts"]]:
+        """The values of f and g."""
+        data = self._data(self._tensor(z)).cpu().resolve_conj().numpy()
+        return data[..., 0], data[..., 1]
+
+    def position(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        """Positions r(z), shape (*pts, 3)."""
+        chosen = rule(self.quadrature, self.order)
+        nodes, weights = (torch.from_numpy(a).to(self.constant.device) for a in chosen)
+        flat = self._tensor(z).reshape(-1)
+        parts = []
+        for some in torch.split(flat, max(1, _BLOCK // len(nodes))):
+            phi = weierstrass_phi(*self._data(some[:, None] * nodes).unbind(-1))
+            parts.append(((phi * weights[:, None]).sum(1) * some[:, None]).real)
+        r = self.constant.detach() + torch.cat(parts)
+        return np.asarray(r.cpu().numpy()).reshape(*np.shape(z), 3)
+
+    def normal(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        """Unit normals (2 Re g, 2 Im g, |g|² − 1)/(|g|² + 1), shape (*pts, 3)."""
+        _, g = self.weierstrass_data(z)
+        square = np.abs(g) ** 2
+        return np.asarray(np.stack([2 * g.real, 2 * g.imag, square - 1], axis=-1) / (square + 1)[..., None])
+
+    def conformal_factor(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """λ = ½|f|(1 + |g|²): length in space per length in Ω, shape (*pts)."""
+        f, g = self.weierstrass_data(z)
+        return np.asarray(np.abs(f) * (1 + np.abs(g) ** 2) / 2)
+
+    def branch_points(self) -> tuple[Zero, ...]:
+        """Zeros of f in Ω with their orders, where the surface is not an immersion; odd ones are not removable.
+
+        Raises:
+            ZeroOnContourError: a zero lies on ∂Ω or too near to it.
+        """
+        return tuple(find_zeros(lambda z: self._data(z.to(self.constant.device)).cpu()[..., 0], self.domain))
+
+    def _tensor(self, z: Complex[np.ndarray, "*pts"]) -> Complex[Tensor, "*pts"]:
+        return torch.from_numpy(np.array(z, dtype=np.complex128)).to(self.constant.device)
+
+    def _data(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        with torch.no_grad():
+            return cast(HolomorphicModel, self.model).value(z)

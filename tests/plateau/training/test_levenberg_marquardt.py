@@ -1,0 +1,187 @@
+"""Levenberg-Marquardt: networks take given p and q, and their surfaces the curve."""
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.errors import OptionError
+from spinor_geom.gallery import curves
+from spinor_geom.holomorphic import ComplexMLP, PowerSeries
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.training import LevenbergMarquardt, train_by_levenberg_marquardt
+from spinor_geom.plateau.training.boundary import BoundaryNodes, placed
+from spinor_geom.plateau.training.curve import CurveAsTensors
+from spinor_geom.plateau.training.distillation import distil
+from spinor_geom.plateau.training.polishing import _NormalSystem, polish
+from spinor_geom.surface import SpinorSurface
+
+CPU = torch.device("cpu")
+CURVES = {"twisted circle": curves.twisted_circle(), "tennis seam": curves.tennis_seam(0.8)}
+
+
+def solved(curve, points=128):
+    return solve_plateau(curve.sample(points), tolerance=1e-6)
+
+
+@pytest.fixture(scope="module")
+def solutions():
+    return {name: solved(curve) for name, curve in CURVES.items()}
+
+
+def trained(solution, **options):
+    return train_by_levenberg_marquardt(
+        solution.curve,
+        start=solution.surface,
+        matching=solution.matching,
+        options=LevenbergMarquardt(**options),
+    )
+
+
+def distance(surface, curve, count=500):
+    """Largest distance of the boundary from the curve, by the surface's own positions and the curve's own search."""
+    r = surface.position(surface.domain.boundary.point(np.arange(count) / count))
+    return np.linalg.norm(r - curve.point(curve.nearest(r)), axis=1).max()
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_small_networks_reach_the_paper_curves(name, solutions):
+    result = trained(solutions[name])
+    assert result.status == "converged"
+    assert result.max_per_diagonal < 1e-6
+    assert distance(result.surface, solutions[name].curve) < 1.1e-6 * result.diagonal
+    assert abs(result.surface.area() / solutions[name].area - 1) < 1e-6
+
+
+def test_the_paper_network_reaches_the_twisted_circle(solutions):
+    result = trained(solutions["twisted circle"], depth=10, tolerance=1e-5)
+    assert result.status == "converged"
+    assert result.surface.model.depth == 10
+    assert distance(result.surface, solutions["twisted circle"].curve) < 1.1e-5 * result.diagonal
+
+
+def test_the_result_tells_its_steps_and_its_distance(solutions):
+    heard = []
+    solution = solutions["tennis seam"]
+    result = train_by_levenberg_marquardt(
+        solution.curve, start=solution.surface, matching=solution.matching, on_step=heard.append
+    )
+    assert heard == list(result.history)
+    assert [step.index for step in heard] == list(range(1, len(heard) + 1))
+    losses = [step.loss for step in heard if step.method == "distillation"]
+    assert (np.diff(losses) <= 0).all()
+    assert losses[-1] < 1e-5 * losses[0]
+    assert (np.diff([step.seconds for step in heard]) >= 0).all()
+    assert result.rms < result.max < 1.1 * distance(result.surface, solution.curve, 2048)
+    assert (np.diff(result.matching, axis=0) > 0).all()
+
+
+def test_the_same_seed_gives_the_same_bits(solutions):
+    one, same, other = (trained(solutions["twisted circle"], seed=seed) for seed in (3, 3, 4))
+    z = np.array([0.3 + 0.2j, -0.7j])
+    np.testing.assert_array_equal(one.surface.position(z), same.surface.position(z))
+    assert np.abs(one.surface.position(z) - other.surface.position(z)).max() > 0
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e4])
+def test_the_size_of_the_curve_does_not_matter(scale):
+    loop = CURVES["twisted circle"].sample(64)
+    solution = solve_plateau(BoundaryLoop.from_points(scale * loop.points, corners=()), tolerance=1e-4)
+    result = trained(solution, tolerance=1e-5)
+    assert result.status == "converged"
+    assert abs(result.diagonal / (scale * loop.diagonal) - 1) < 1e-2
+    assert distance(result.surface, solution.curve) < 1.1e-5 * result.diagonal
+
+
+def test_adapted_domains_are_met_too():
+    solution = solved(curves.ellipse(4.0, height=0.3))
+    assert abs(solution.domain.diameter - np.sqrt(8)) > 0.1  # not the unit disk
+    # entire functions are slow to follow singularities just outside a long domain
+    result = trained(solution, tolerance=1e-4)
+    assert result.status == "converged"
+    assert distance(result.surface, solution.curve) < 1.1e-4 * result.diagonal
+
+
+@pytest.mark.parametrize("name", CURVES)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_random_parameters_reach_the_curve_without_a_start(name, seed, solutions):
+    options = LevenbergMarquardt(tolerance=1e-4, seed=seed)
+    result = train_by_levenberg_marquardt(CURVES[name], options=options)
+    assert result.status == "converged"
+    assert {step.method for step in result.history} == {"polishing"}
+    assert distance(result.surface, solutions[name].curve) < 1.1e-4 * result.diagonal
+    # the same disk as the solver's
+    assert abs(result.surface.area() / solutions[name].area - 1) < 1e-3
+
+
+def test_the_paper_network_reaches_the_seam_from_random_parameters(solutions):
+    result = train_by_levenberg_marquardt(CURVES["tennis seam"], options=LevenbergMarquardt(depth=10, tolerance=1e-4))
+    assert result.status == "converged"
+    assert distance(result.surface, solutions["tennis seam"].curve) < 1.1e-4 * result.diagonal
+
+
+def test_networks_that_are_too_small_stop_with_the_reason(solutions):
+    result = trained(solutions["tennis seam"], depth=1, width=1, distillation_steps=5, polishing_steps=5)
+    assert result.status == "stopped"
+    assert "wider network" in result.reason
+    assert np.isfinite(result.max)
+
+
+def test_polishing_brings_a_rough_fit_nearer(solutions):
+    solution = solutions["twisted circle"]
+    nodes = BoundaryNodes.on(solution.domain, 128, CPU)
+    curve = CurveAsTensors.of(solution.curve)
+    network = ComplexMLP(generator=torch.Generator().manual_seed(0))
+    slide = torch.from_numpy(np.interp(nodes.t, *solution.matching.T, period=1))
+    values = torch.from_numpy(solution.surface.spinors(nodes.z.numpy()))
+    distil(network, nodes.z, values, tolerance=1e-3, max_steps=40)
+    before = placed(nodes, network.value(nodes.z).detach(), slide, curve)
+    after = polish(network, nodes, slide, curve, tolerance=1e-9, max_steps=5)
+    assert after.rms < before.rms / 20
+
+
+def test_polishing_takes_steps_back_that_overflow(monkeypatch):
+    nodes = BoundaryNodes.on(PlaneDomain.disk(), 32, CPU)
+    curve = CurveAsTensors.of(CURVES["twisted circle"])
+    network = ComplexMLP(generator=torch.Generator().manual_seed(0))
+    before = network.value(nodes.z).detach()
+    monkeypatch.setattr(_NormalSystem, "step", lambda self, damping: torch.full((32, 2), 1e200, dtype=torch.complex128))
+    polish(network, nodes, nodes.t, curve, tolerance=1e-9, max_steps=3)
+    assert torch.equal(network.value(nodes.z), before)
+
+
+@pytest.mark.parametrize("activation", ["sin", "sinh"])
+def test_other_activations_are_distilled(activation):
+    network = ComplexMLP(activation=activation, generator=torch.Generator().manual_seed(0))
+    z = torch.from_numpy(np.exp(2j * np.pi * np.arange(64) / 64))
+    values = torch.stack([1 / (z - 2), torch.exp(z)], dim=-1)
+    assert distil(network, z, values, tolerance=1e-6, max_steps=100) < 1e-6
+    inside = 0.5 * z
+    expected = torch.stack([1 / (inside - 2), torch.exp(inside)], dim=-1)
+    # by the maximum principle, up to what happens between the points
+    assert float((network.value(inside).detach() - expected).abs().max()) < 1e-5
+
+
+def square():
+    side = np.arange(10) / 10
+    vertices = np.concatenate([side, 1 + 1j * side, 1 + 1j - side, 1j - 1j * side])
+    return PlaneDomain.from_boundary(vertices, np.arange(40) % 10 == 0)
+
+
+@pytest.mark.parametrize("domain", [PlaneDomain.disk(), square()], ids=["disk", "square"])
+def test_positions_at_nodes_are_those_of_the_surface(domain):
+    series = PowerSeries(torch.tensor([[1, 0.5j], [0.2, 1], [0.3j, 0]], dtype=torch.complex128))
+    surface = SpinorSurface(series, domain)
+    nodes = BoundaryNodes.on(domain, 64, CPU)
+    with torch.no_grad():
+        found = nodes.positions(series.value(nodes.z)).numpy()
+    exact = surface.position(nodes.z.numpy())
+    np.testing.assert_allclose(found - found[0], exact - exact[0], atol=1e-9)
+    assert abs(float(nodes.weights.sum()) - 1) < 1e-14
+
+
+@pytest.mark.parametrize("options", [{"nodes": 2}, {"tolerance": 0.0}, {"polishing_steps": -1}])
+def test_bad_options_are_refused(options):
+    with pytest.raises(OptionError, match="nodes"):
+        LevenbergMarquardt(**options)

@@ -1,0 +1,162 @@
+"""The paper's Algorithm 1: it falls, goes on bit for bit from its checkpoints, and says when it diverges."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom.errors import OptionError, StorageError
+from spinor_geom.gallery import curves
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.training import RMSprop, train_by_rmsprop
+from spinor_geom.plateau.training.rays import FORMS
+from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.weierstrass import WeierstrassSurface
+
+CURVE = curves.twisted_circle()
+# a small network with large steps: the paper's takes an hour
+SMALL = RMSprop(depth=2, width=8, learning_rate=2e-3, batch=64, points=256, order=16, epochs=12)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return train_by_rmsprop(CURVE, options=SMALL)
+
+
+def test_the_defaults_are_the_paper_settings():
+    paper = RMSprop()
+    assert (paper.depth, paper.width, paper.activation) == (10, 20, "exp")
+    assert (paper.learning_rate, paper.batch, paper.points, paper.epochs) == (1e-5, 128, 1024, 800)
+    assert (paper.tangent_weight, paper.quadrature, paper.order) == (0.5, "trapezoid", 100)
+    assert (paper.representation, paper.homeomorphism) == ("spinor", "inverse")
+
+
+@pytest.mark.parametrize("homeomorphism", ["inverse", "direct"])
+def test_the_boundary_comes_near_to_the_curve(homeomorphism, whole):
+    options = replace(SMALL, homeomorphism=homeomorphism)
+    result = whole if homeomorphism == "inverse" else train_by_rmsprop(CURVE, options=options)
+    assert result.status == "finished"
+    assert len(result.history) == SMALL.epochs
+    losses = [step.loss for step in result.history]
+    assert losses[-1] < 0.05 * losses[0]
+    assert result.max == result.history[-1].boundary_error < 0.25 * result.history[0].boundary_error
+    assert isinstance(result.surface, SpinorSurface)
+    assert (np.diff(result.matching, axis=0) > 0).all()
+
+
+def test_the_told_distance_is_that_of_the_surface(whole):
+    t = np.arange(512) / 512
+    r = whole.surface.position(np.exp(2j * np.pi * t))
+    gamma = CURVE.point(np.arange(4096) / 4096)
+    away = np.linalg.norm(r[:, None] - gamma, axis=-1).min(axis=1)
+    # the trapezoidal rule in training, and the exact surface here
+    assert away.max() <= whole.max + 0.01 * whole.diagonal
+    assert abs(np.sqrt(np.mean(away**2)) - whole.rms) < 0.01 * whole.diagonal
+
+
+def test_splines_are_curves_too():
+    spline = BoundaryCurve.from_loop(CURVE.sample(64))
+    result = train_by_rmsprop(spline, options=replace(SMALL, epochs=3))
+    assert result.history[-1].loss < result.history[0].loss
+
+
+def test_the_same_seed_gives_the_same_bits(whole):
+    again = train_by_rmsprop(CURVE, options=replace(SMALL, epochs=4))
+    assert [step.loss for step in again.history] == [step.loss for step in whole.history[:4]]
+    other = train_by_rmsprop(CURVE, options=replace(SMALL, epochs=1, seed=1))
+    assert other.history[0].loss != whole.history[0].loss
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_checkpoint_goes_on_bit_for_bit(tmp_path, precision):
+    options = replace(SMALL, precision=precision, epochs=6)
+    straight = train_by_rmsprop(CURVE, options=options)
+    path = tmp_path / "training.safetensors"
+    train_by_rmsprop(CURVE, options=replace(options, epochs=4), checkpoint=path, checkpoint_every=3)
+    heard = []
+    resumed = train_by_rmsprop(CURVE, options=options, checkpoint=path, on_epoch=heard.append)
+    assert [step.index for step in heard] == [5, 6]
+    assert [step.loss for step in resumed.history] == [step.loss for step in straight.history]
+    assert [step.boundary_error for step in resumed.history] == [step.boundary_error for step in straight.history]
+    for one, other in zip(straight.surface.parameters(), resumed.surface.parameters(), strict=True):
+        assert torch.equal(one, other)
+    assert (np.diff([step.seconds for step in resumed.history]) > 0).all()
+
+
+def test_a_checkpoint_of_other_options_is_refused(tmp_path):
+    path = tmp_path / "training.safetensors"
+    train_by_rmsprop(CURVE, options=replace(SMALL, epochs=1), checkpoint=path)
+    with pytest.raises(StorageError, match=r"other options \(learning_rate, seed\)"):
+        train_by_rmsprop(CURVE, options=replace(SMALL, learning_rate=1e-3, seed=9), checkpoint=path)
+
+
+@pytest.mark.parametrize("content", [b"", b"nonsense" * 9])
+def test_a_damaged_checkpoint_is_refused(tmp_path, content):
+    path = tmp_path / "training.safetensors"
+    path.write_bytes(content)
+    with pytest.raises(StorageError, match="cannot be read"):
+        train_by_rmsprop(CURVE, options=SMALL, checkpoint=path)
+
+
+def test_a_file_of_something_else_is_refused(tmp_path, whole):
+    path = tmp_path / "surface.safetensors"
+    whole.surface.save(path)
+    with pytest.raises(StorageError, match="not a checkpoint"):
+        train_by_rmsprop(CURVE, options=SMALL, checkpoint=path)
+
+
+@pytest.mark.parametrize("learning_rate", [0.5, 1e3])
+def test_divergence_is_a_status_and_the_surface_is_finite(learning_rate):
+    result = train_by_rmsprop(CURVE, options=replace(SMALL, learning_rate=learning_rate, epochs=50))
+    assert result.status == "diverged"
+    assert "smaller learning rate" in result.reason
+    assert len(result.history) < 50
+    assert all(np.isfinite(step.loss) for step in result.history)
+    assert np.isfinite(result.surface.position(np.array([0.5j, 1.0]))).all()
+    assert np.isfinite(result.max)
+
+
+def test_it_stops_early_where_nothing_helps():
+    result = train_by_rmsprop(CURVE, options=replace(SMALL, learning_rate=1e-12, patience=3, epochs=50))
+    assert result.status == "stopped"
+    assert len(result.history) < 15
+
+
+def test_weierstrass_enneper_is_trained_the_same_way():
+    result = train_by_rmsprop(CURVE, options=replace(SMALL, representation="weierstrass-enneper", epochs=4))
+    assert isinstance(result.surface, WeierstrassSurface)
+    assert result.status in ("finished", "diverged")
+    t = np.arange(512) / 512
+    r = result.surface.position(np.exp(2j * np.pi * t))
+    gamma = CURVE.point(np.arange(4096) / 4096)
+    assert np.linalg.norm(r[:, None] - gamma, axis=-1).min(axis=1).max() <= result.max + 0.01 * result.diagonal
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_forms_are_null_and_have_the_right_derivative(name):
+    form, step = FORMS[name], 1e-6
+    a, b, da, db = torch.randn(4, 9, dtype=torch.complex128, generator=torch.Generator().manual_seed(0))
+    null = form.phi(a, b)
+    assert float((null * null).sum(-1).abs().max()) < 1e-12 * float(null.abs().max()) ** 2
+    difference = (form.phi(a + step * da, b + step * db) - form.phi(a - step * da, b - step * db)) / (2 * step)
+    torch.testing.assert_close(form.derivative(a, b, da, db), difference, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"epochs": 0},
+        {"points": 10},
+        {"learning_rate": 0.0},
+        {"tangent_weight": -1.0},
+        {"homeomorphism": "both"},
+        {"representation": "weierstrass"},
+        {"precision": "half"},
+        {"quadrature": "simpson", "order": 3},
+        {"patience": 0},
+    ],
+)
+def test_bad_options_are_refused(options):
+    with pytest.raises(OptionError):
+        RMSprop(**options)

@@ -1,0 +1,79 @@
+"""The paper's quadrature along rays: its orders, and the mean curvature it leaves."""
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.gallery import enneper
+from spinor_geom.holomorphic import ComplexMLP, PowerSeries
+from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.radial import radial_mean_curvature, radial_position
+
+DISK = PlaneDomain.disk()
+# (p, q) = (e^{z/2}, e^{−z/2})-like series, far from polynomials of low degree
+SERIES = PowerSeries(torch.tensor([[0.6**k, (-0.5) ** k * 1j**k] for k in range(12)], dtype=torch.complex128))
+MODELS = {"series": SERIES, "network": ComplexMLP(depth=2, width=6, generator=torch.Generator().manual_seed(4))}
+every_model = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
+ORDERS = pytest.mark.parametrize(("quadrature", "slope", "tolerance"), [("trapezoid", -2, 0.1), ("simpson", -4, 0.2)])
+
+
+def points(count=60):
+    rng = np.random.default_rng(0)
+    return np.sqrt(rng.uniform(size=count)) * np.exp(2j * np.pi * rng.uniform(size=count))
+
+
+def fitted_slope(counts, errors):
+    return np.polyfit(np.log(counts), np.log(errors), 1)[0]
+
+
+@every_model
+@ORDERS
+def test_error_falls_at_the_order_of_the_rule(model, quadrature, slope, tolerance):
+    z, counts = points(), [40, 80, 160, 320]
+    exact = SpinorSurface(model, DISK, order=24).position(z)
+    errors = [
+        np.abs(radial_position(SpinorSurface(model, DISK, quadrature=quadrature, order=n), z) - exact).max()
+        for n in counts
+    ]
+    assert abs(fitted_slope(counts, errors) - slope) < tolerance
+
+
+@every_model
+def test_gauss_converges_faster_than_any_power(model):
+    z = points()
+    exact = SpinorSurface(model, DISK, order=24).position(z)
+    few, more, many = (
+        np.abs(radial_position(SpinorSurface(model, DISK, order=n), z) - exact).max() for n in (8, 16, 64)
+    )
+    assert more < few / 30
+    assert many < 1e-11 * np.abs(exact).max()
+
+
+@every_model
+@ORDERS
+def test_mean_curvature_falls_at_the_order_of_the_rule(model, quadrature, slope, tolerance):
+    z, counts = points(25), [25, 50, 100, 200] if quadrature == "trapezoid" else [24, 48, 96]
+    h = [
+        np.abs(radial_mean_curvature(SpinorSurface(model, DISK, quadrature=quadrature, order=n), z)).max()
+        for n in counts
+    ]
+    assert abs(fitted_slope(counts, h) - slope) < tolerance
+
+
+def test_simpson_is_exact_for_cubic_null_curves():
+    # Enneper's φ is of degree 2
+    surface = enneper(0.8).surface
+    simpson = SpinorSurface(surface.model, surface.domain, surface.constant, quadrature="simpson", order=2)
+    z = 0.8 * points()
+    # the surface's constant is where its own root is
+    np.testing.assert_allclose(radial_position(simpson, z), surface.position(z), atol=1e-14)
+    assert np.abs(radial_mean_curvature(simpson, z)).max() < 1e-13
+
+
+def test_shapes_and_other_centres():
+    surface = SpinorSurface(SERIES, DISK, (1.0, 2.0, 3.0))
+    z = points(6).reshape(2, 3)
+    np.testing.assert_allclose(radial_position(surface, z, center=0.2j), surface.position(z), atol=1e-8)
+    assert radial_mean_curvature(surface, z).shape == (2, 3)
+    assert radial_position(surface, np.array(0.5)).shape == (3,)

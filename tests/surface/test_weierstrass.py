@@ -1,0 +1,52 @@
+"""The Weierstrass-Enneper form: the same surfaces as the spinors', and its branch points."""
+
+import numpy as np
+import torch
+
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.holomorphic import PowerSeries
+from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.weierstrass import WeierstrassSurface
+
+DISK = PlaneDomain.disk()
+
+
+def surface(f, g, constant=(0.0, 0.0, 0.0)):
+    size = max(len(f), len(g))
+    terms = torch.zeros(size, 2, dtype=torch.complex128)
+    terms[: len(f), 0], terms[: len(g), 1] = (torch.tensor(data, dtype=torch.complex128) for data in (f, g))
+    return WeierstrassSurface(PowerSeries(terms), DISK, torch.tensor(constant, dtype=torch.float64))
+
+
+def points(count=50):
+    rng = np.random.default_rng(0)
+    return 0.9 * np.sqrt(rng.uniform(size=count)) * np.exp(2j * np.pi * rng.uniform(size=count))
+
+
+def test_it_agrees_with_the_spinor_form():
+    # p = z and q = i/√2 give f = −2q² = 1 and g = −p/q = i√2 z
+    terms = torch.tensor([[0, 1j / np.sqrt(2)], [1, 0]], dtype=torch.complex128)
+    spinors = SpinorSurface(PowerSeries(terms), DISK)
+    other = surface([1.0], [0.0, 1j * np.sqrt(2)])
+    z = points()
+    difference = spinors.position(z) - other.position(z)
+    np.testing.assert_allclose(difference, np.broadcast_to(difference[0], difference.shape), atol=1e-13)
+    np.testing.assert_allclose(spinors.normal(z), other.normal(z), atol=1e-13)
+    np.testing.assert_allclose(spinors.conformal_factor(z), other.conformal_factor(z), atol=1e-13)
+    for one, same in zip(spinors.weierstrass_data(z), other.weierstrass_data(z), strict=True):
+        np.testing.assert_allclose(one, same, atol=1e-13)
+
+
+def test_zeros_of_f_are_branch_points_with_their_orders():
+    (simple,) = surface([-0.3, 1.0], [1.0]).branch_points()
+    assert abs(simple.z - 0.3) < 1e-10
+    assert simple.order == 1
+    (double,) = surface([0.0, 0.0, 1.0], [1.0, 0.5]).branch_points()
+    assert double.order == 2
+    assert surface([2.0, 1.0], [0.0, 1.0]).branch_points() == ()
+
+
+def test_positions_keep_the_shape_of_the_points():
+    some = surface([1.0], [0.0, 1.0], (1.0, 2.0, 3.0))
+    assert some.position(np.zeros((2, 3))).shape == (2, 3, 3)
+    np.testing.assert_array_equal(some.position(np.array(0j)), [1.0, 2.0, 3.0])
