@@ -48,6 +48,8 @@ from spinor_geom.plateau.solution import Iteration, Route
 # so many points are left to the network first.
 _ROUGH_TURN, _RAGGED_TURN = np.radians(12.0), np.radians(50.0)
 _LONG = 240
+# Steps after which a ragged loop is left to the network.
+_RAGGED_STEPS = 80
 # A loop longer than so many times its width crowds on the disk.
 _DISK_ELONGATION = 2.5
 # Points that Ω is made from, and most vertices of it.
@@ -137,6 +139,10 @@ class HarmonicSolver:
     def is_promising(self) -> bool:
         """Whether the loop is likelier to be met here than by a Cauchy network."""
         return self._turning < _RAGGED_TURN or len(self.loop) > _LONG
+
+    @property
+    def _last_step(self) -> int:
+        return min(self.max_steps, _RAGGED_STEPS) if self._turning > _RAGGED_TURN else self.max_steps
 
     @property
     def suits_disk(self) -> bool:
@@ -380,7 +386,7 @@ class HarmonicSolver:
             if n >= most:
                 limit = f"{n} nodes are the most that are tried"
                 break
-            if len(self.history) >= self.max_steps:
+            if len(self.history) >= self._last_step:
                 limit = "the limit on steps was reached"
                 break
             if shape is not None and shape.unevenness(slide) > _UNEVEN:
@@ -412,7 +418,7 @@ class HarmonicSolver:
         *,
         near: bool = False,
     ) -> HarmonicDisk:
-        left = max(0, min(_MOST_STEPS, self.max_steps - len(self.history)))
+        left = max(0, min(_MOST_STEPS, self._last_step - len(self.history)))
         with self.clock.stage("slide"):
             return minimise_dirichlet_energy(
                 curve,

@@ -103,8 +103,7 @@ class NetworkSolver:
         fitted = self._fitted_from(disk, history)
         poor = fitted.residual.rms > max(self.budget.allowed, _POOR * self.loop.mean_edge_length)
         # another start does not help where the loop's roughness is too much for the network
-        hopeless = self._turning > _ROUGH_TURN if fitted.stage.is_full else self._turning > _RAGGED_TURN
-        if poor and not hopeless and len(fitted.history) < self.budget.max_iterations:
+        if poor and self._turning <= _RAGGED_TURN and len(fitted.history) < self.budget.max_iterations:
             fitted = self._improved(fitted, disk)
         with self.clock.stage("surface"):
             surface = _surface(fitted)
