@@ -33,6 +33,8 @@ _STILL = 1e-3
 # Gauss-Newton with polynomials: their degree, its steps, points that its equations are taken at, and its damping: it is
 # singular where maps of Ω onto itself move the boundary along Γ
 _SETTLING_DEGREE, _SETTLING_STEPS, _SETTLING_ROWS, _SETTLING_DAMPING = 16, 3, 4096, 1e-10
+# largest turn of ∂Ω from one of its vertices to the next
+_TURN_OF_AN_EDGE = np.radians(25.0)
 # lifts in all, and the share of the last one's distance that a new one must come below
 _MOST_LIFTS, _WORTHWHILE = 8, 0.9
 # points for each node: while a surface is sought, and where its distance is told: with p and q, of up to half as many
@@ -240,12 +242,26 @@ def surface_of(lift: Lift, boundary: FourierBoundary, *, order: int) -> SpinorSu
     Raises:
         DomainError: the polygon of the boundary's vertices is not simple.
     """
-    surface = SpinorSurface(lift.model, PlaneDomain.inside(boundary), order=order).to(lift.null_curve.device)
+    domain = PlaneDomain.inside(_with_vertices(boundary, len(lift.null_curve)))
+    surface = SpinorSurface(lift.model, domain, order=order).to(lift.null_curve.device)
     z, dz, _ = (torch.tensor(row, device=lift.null_curve.device) for row in boundary.grid(len(lift.null_curve)))
     unit = dz / (z - surface.root)
     with torch.no_grad():
         surface.constant.copy_(((unit @ lift.null_curve) / unit.sum()).real)
     return surface
+
+
+def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
+    """∂Ω with so many vertices that their polygon follows all of its bends: outside Ω the model means nothing."""
+    tangent = boundary.grid(most)[1]
+    turn = np.append(0.0, np.cumsum(np.abs(np.angle(np.roll(tangent, -1) / tangent))))
+    count = len(boundary.vertices)
+    while 2 * count <= most:
+        at_vertices = np.interp(np.arange(count + 1) / count, np.arange(most + 1) / most, turn)
+        if np.diff(at_vertices).max() <= _TURN_OF_AN_EDGE:
+            break
+        count *= 2
+    return boundary if count == len(boundary.vertices) else FourierBoundary(boundary.coefficients, count)
 
 
 def _derivative(x: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:

@@ -207,6 +207,18 @@ def test_narrow_fingers_are_reached_not_passed_over():
     assert abs(solution.area_in_domain / solution.area - 1) < 1e-3
 
 
+@pytest.mark.parametrize("seed", [22, 80])
+def test_vertices_follow_every_bend_of_the_domain(seed):
+    """Edges that cut across its notches led integrals out of Ω, to positions far from the surface."""
+    solution = solve_plateau(gallery.random_curve(seed).sample(120))
+    assert solution.converged
+    t = np.arange(960) / 960
+    on_boundary = solution.surface.position(solution.domain.boundary.point(t))
+    distance = np.linalg.norm(on_boundary - solution.curve.point(solution.curve.nearest(on_boundary)), axis=1)
+    assert distance.max() < 1e-2 * solution.loop.mean_edge_length
+    assert abs(solution.area_in_domain / solution.area - 1) < 1e-6
+
+
 def test_crowded_disk_is_given_up_for_a_domain_of_the_loop_s_own():
     """Just short enough for the disk to be tried."""
     solution = solve_plateau(gallery.ellipse(2.4).sample(200), tolerance=1e-8)
