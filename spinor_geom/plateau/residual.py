@@ -78,7 +78,7 @@ class PassedOver:
 
 
 def passed_over(
-    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], error: Float[Tensor, "n 3"], curve: CurveTensors
+    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], error: Float[Tensor, "n 3"], curve: TensorCurve
 ) -> PassedOver:
     """The parts of Γ that are much longer than the boundary beside them.
 
