@@ -52,7 +52,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
-    """Writes a nested value as JSON, so that the file is either whole or not there; numbers JSON has not become null."""
+    """Writes a nested value as JSON, the file whole or not at all; numbers that JSON cannot hold become null."""
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(finite(value), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
