@@ -6,6 +6,8 @@ Each name is a module of this package, its dashes underscores, with an `EXPERIME
 NAMES = (
     "twisted-circle",
     "tennis-seam",
+    "prescribed",
+    "heat-maps",
     "mean-curvature",
     "catenoid",
     "tangents",

@@ -43,7 +43,7 @@ class Trainings:
 
 
 FULL = Trainings(rmsprop=RMSprop(), network=LevenbergMarquardt(depth=10, tolerance=1e-5))
-QUICK = Trainings(rmsprop=RMSprop(epochs=20, order=25), network=LevenbergMarquardt(tolerance=1e-5))
+QUICK = Trainings(rmsprop=RMSprop(epochs=12, order=25), network=LevenbergMarquardt(tolerance=1e-5))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

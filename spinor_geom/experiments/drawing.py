@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.mesh.curve import CurveFunction
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
@@ -72,13 +73,14 @@ class Drawn:
     value: Float[np.ndarray, " n"] | None = None
 
     @classmethod
-    def of(cls, surface: SpinorSurface | WeierstrassSurface) -> Drawn:
-        """A surface over its domain's own triangulation."""
-        mesh = surface.domain.triangulation
+    def of(cls, surface: SpinorSurface | WeierstrassSurface, domain: PlaneDomain | None = None) -> Drawn:
+        """A surface over a triangulation of its domain: its own, or that of the same domain elsewhere."""
+        domain = domain or surface.domain
+        mesh = domain.triangulation
         return cls(
             position=surface.position(mesh.points),
             faces=mesh.faces,
-            rim=surface.position(surface.domain.boundary.point(np.arange(_RIM) / _RIM)),
+            rim=surface.position(domain.boundary.point(np.arange(_RIM) / _RIM)),
         )
 
 

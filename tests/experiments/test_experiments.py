@@ -7,17 +7,22 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from spinor_geom import gallery
 from spinor_geom.cli.main import main
+from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import (
     NAMES,
     baselines,
     catenoid,
+    heat_maps,
     mean_curvature,
+    moebius,
     paper_surfaces,
+    prescribed,
     tangents,
     tennis_seam,
     timing,
@@ -25,7 +30,9 @@ from spinor_geom.experiments import (
 )
 from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope
 from spinor_geom.experiments.report import Done, report, reproduce
+from spinor_geom.holomorphic import PowerSeries
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
+from spinor_geom.surface import SpinorSurface
 
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
 TINY_RMSPROP = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)
@@ -132,6 +139,47 @@ def test_both_weights_start_alike_and_epochs_go_on_from_each_other():
         whole = train_by_rmsprop(gallery.twisted_circle(), options=replace(TINY_RMSPROP, tangent_weight=weight))
         assert rows[weight, 3]["distance/diagonal"] == whole.max_per_diagonal
     assert outcome.holds == (rows[0.5, 3]["distance/diagonal"] < rows[0.0, 3]["distance/diagonal"])
+
+
+@pytest.mark.parametrize(("steps", "holds"), [(100, True), (2, False)])
+def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps, holds):
+    surface = paper_surfaces.random_networks(2)
+    monkeypatch.setattr(heat_maps, "reconstructed", lambda _: {"random networks": surface})
+    outcome = heat_maps.measure(heat_maps.HeatMapSettings(rim=8, steps=steps, network=TINY_NETWORK))
+    assert outcome.holds == holds
+    assert len(outcome.arrays["random networks/H"]) == len(outcome.arrays["z"])
+    assert ("at most" in outcome.verdict, list(outcome.pictures)) == (True, ["heat-maps"])
+
+
+def test_prescribed_surfaces_are_recovered():
+    settings = replace(prescribed.EXPERIMENT.quick, depth=2, random=TINY_RMSPROP, perturbed=TINY_RMSPROP)
+    outcome = prescribed.measure(settings)
+    assert outcome.holds
+    assert [row["method"] for row in outcome.rows] == [prescribed.PAPER, prescribed.OURS] * 2
+    assert all(row["p, q"] > 0.01 for row in outcome.rows if row["method"] == prescribed.PAPER)
+    assert len(outcome.pictures) == 2
+
+
+@pytest.mark.parametrize(("a", "turn", "sign"), [(0.0, 0.3, 1), (0.3 - 0.4j, -2.0, -1), (-0.5, 3.0, 1)])
+def test_the_moebius_map_of_a_reparametrised_surface_is_found(a, turn, sign):
+    truth = gallery.polynomial([1, 0.2j, 0.1], [0.3, 0.5]).surface
+    z = np.exp(2j * np.pi * np.arange(256) / 256)
+    root = np.exp(0.5j * turn) * np.sqrt(1 - abs(a) ** 2) / (1 - np.conj(a) * z)
+    spinors = sign * truth.spinors(np.exp(1j * turn) * (z - a) / (1 - np.conj(a) * z)) * root[:, None]
+    coefficients = torch.tensor(np.fft.fft(spinors, axis=0)[:100] / 256)
+    found = SpinorSurface(PowerSeries(coefficients), PlaneDomain.disk())
+    fit = moebius.fit_moebius(found, truth)
+    assert abs(fit.center - a) < 1e-10
+    assert abs(np.exp(1j * fit.turn) - np.exp(1j * turn)) < 1e-10
+    assert fit.sign == sign
+    assert max(fit.spinor_residual, fit.weierstrass_residual, fit.gauss_residual) < 1e-10
+
+
+def test_a_different_surface_leaves_a_residual():
+    first, second = (gallery.polynomial([1, 0.2j, 0.1], [0.3, b]).surface for b in (0.5, 0.6))
+    residuals = [moebius.fit_moebius(found, first).spinor_residual for found in (first, second)]
+    assert residuals[0] < 1e-12
+    assert residuals[1] > 1e-2
 
 
 def test_a_run_leaves_report_data_and_pictures(tmp_path):
