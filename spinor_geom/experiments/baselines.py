@@ -134,15 +134,12 @@ def compare(curve: KnownCurve, trainings: Trainings, *, name: str) -> Comparison
 
 
 def poles_of_g(surface: SpinorSurface) -> str:
-    """How often the normal of a surface is e₃, where g has a pole, as a sentence."""
+    """How many poles g has in Ω, counted by their orders, where the normal is e₃, as a sentence."""
     zeros = find_zeros(lambda z: surface.spinors(z.to(torch.complex128))[..., 1].detach(), surface.domain)
     count = sum(zero.order for zero in zeros)
-    return (
-        f"the normal of the disk that is sought is e₃ at {count} {'point' if count == 1 else 'points'}, where g has a "
-        "pole."
-        if count
-        else "the normal of the disk that is sought is nowhere e₃, so g has no pole."
-    )
+    if not count:
+        return "the normal of the disk that is sought is nowhere e₃, so g has no pole."
+    return f"the normal of the disk that is sought is e₃ where g has {count} {'pole' if count == 1 else 'poles'}."
 
 
 def _timed(solve: Callable[[], Any]) -> tuple[Any, float]:

@@ -18,6 +18,7 @@ from spinor_geom.surface.weierstrass import WeierstrassSurface
 
 _SIZE = 4.0  # inches, of one surface
 _ACROSS = 4  # surfaces in a row
+_ZOOM = 1.4  # of a surface in its square, whose margins are wide
 _RIM = 400  # points of a boundary
 
 
@@ -105,6 +106,7 @@ def surfaces(drawn: Mapping[str, Drawn], *, curves: Mapping[str, CurveFunction] 
         if curves is not None:
             axes.plot(*curves[title](np.linspace(0, 1, _RIM)).T, color="red", linewidth=1)
         axes.set_title(title, fontsize="medium")
-        axes.set_aspect("equal")
+        spans = [high - low for low, high in (axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d())]
+        axes.set_box_aspect(spans, zoom=_ZOOM)
         axes.set_axis_off()
     return figure

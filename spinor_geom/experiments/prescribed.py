@@ -96,7 +96,8 @@ EXPERIMENT = Experiment(
     "perturbed coefficients, 4,000 epochs; p, q, f, g are recovered up to a Möbius map, nearly a rotation.",
     here="Surfaces of the same kinds; the paper's training, and a network of ours by Levenberg-Marquardt from a "
     "solution by power series, which knows the boundary only. The Möbius map and the common sign of p and q are "
-    f"fitted; the table has what remains. Seen means that ours recovers positions to {_NEAR:g} and p and q to {_ALIKE:g}.",
+    f"fitted; the table has what remains. Seen means that ours recovers positions to {_NEAR:g} and p and q "
+    f"to {_ALIKE:g}.",
     measure=measure,
     full=PrescribedSettings(
         depth=10,
