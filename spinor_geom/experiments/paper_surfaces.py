@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
@@ -20,6 +20,8 @@ from spinor_geom.surface.formulas import null_vector, phi
 # order of the Taylor expansions and relative size of the perturbation of their coefficients
 _ORDER, _PERTURBATION = 10, 0.1
 _SEED = 5
+# of the parameter of a prescribed surface's boundary: how uneven it is, β, and where it starts, b
+_UNEVEN, _SHIFT = 0.4, 0.1
 # points of the circle that Taylor coefficients are taken from
 _TAYLOR_POINTS = 256
 
@@ -43,29 +45,38 @@ def perturbed_series(depth: int = 10) -> SpinorSurface:
 
 
 def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
-    """The boundary r(e^{2πit}) of a surface over the unit disk, with its derivatives, as a closed curve."""
+    """The boundary of a surface over the unit disk as a closed curve with its derivatives.
 
-    def circle(t: Float[np.ndarray, "*pts"]) -> tuple[torch.Tensor, torch.Tensor]:
-        z = torch.from_numpy(np.exp(2j * np.pi * np.asarray(t, dtype=np.float64)))
-        with torch.no_grad():
-            return z, phi(*surface.spinors(z).unbind(-1))
+    Its parameter t runs unevenly: the point is r(e^{2πiw}), w = t + β sin(2πt)/2π + b. So the curve does not tell a
+    solver which of its points belong to which of the circle.
+    """
 
-    def derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        z, null = circle(t)
-        return np.asarray((2j * math.pi * z[..., None] * null).real.numpy())
+    def circle(t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        w = np.asarray(t) + _UNEVEN * np.sin(2 * np.pi * np.asarray(t)) / (2 * np.pi) + _SHIFT
+        return np.asarray(np.exp(2j * np.pi * w))
 
-    def second_derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        z, null = circle(t)
+    def by_circle(t: Float[np.ndarray, "*pts"]) -> tuple[Float[np.ndarray, "*pts 3"], Float[np.ndarray, "*pts 3"]]:
+        """First and second derivative of r(e^{2πiw}) by w."""
+        z = torch.from_numpy(circle(t))
         with torch.no_grad():
             (p, q), (dp, dq) = surface.spinors(z).unbind(-1), surface.spinor_derivatives(z).unbind(-1)
-        turned = 2j * math.pi * z[..., None]
-        slope = null_vector(2 * p * dp, 2 * q * dq, dp * q + p * dq)
-        return np.asarray((turned**2 * slope + 2j * math.pi * turned * null).real.numpy())
+            turned, null = 2j * math.pi * z[..., None], phi(p, q)
+            slope = null_vector(2 * p * dp, 2 * q * dq, dp * q + p * dq)
+            first, second = (turned * null).real, (turned**2 * slope + 2j * math.pi * turned * null).real
+        return np.asarray(first.numpy()), np.asarray(second.numpy())
+
+    def speed(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 1"]:
+        return np.asarray(1 + _UNEVEN * np.cos(2 * np.pi * np.asarray(t)))[..., None]
+
+    def second_derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        first, second = by_circle(t)
+        change = -2 * np.pi * _UNEVEN * np.sin(2 * np.pi * np.asarray(t))[..., None]
+        return np.asarray(second * speed(t) ** 2 + first * change)
 
     return KnownCurve(
         name=name,
-        point=lambda t: surface.position(np.exp(2j * np.pi * np.asarray(t, dtype=np.float64))),
-        derivative=derivative,
+        point=lambda t: surface.position(circle(t)),
+        derivative=lambda t: np.asarray(by_circle(t)[0] * speed(t)),
         second_derivative=second_derivative,
         source="prescribed p and q",
     )

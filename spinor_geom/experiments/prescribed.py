@@ -94,10 +94,10 @@ EXPERIMENT = Experiment(
     title="prescribed surfaces are recovered from their boundaries",
     paper="The boundary of the surface of random networks, 2,000 epochs; of their Taylor polynomials of order 10 with "
     "perturbed coefficients, 4,000 epochs; p, q, f, g are recovered up to a Möbius map, nearly a rotation.",
-    here="Surfaces of the same kinds; the paper's training, and a network of ours by Levenberg-Marquardt from a "
-    "solution by power series, which knows the boundary only. The Möbius map and the common sign of p and q are "
-    f"fitted; the table has what remains. Seen means that ours recovers positions to {_NEAR:g} and p and q "
-    f"to {_ALIKE:g}.",
+    here="Surfaces of the same kinds, their boundaries unevenly parametrised; the paper's training, and a network of "
+    "ours by Levenberg-Marquardt from a solution by power series, both from the curve alone. The Möbius map and the "
+    "common sign of p and q are fitted; the table has what remains. Seen means that ours recovers positions to "
+    f"{_NEAR:g} and p and q to {_ALIKE:g}.",
     measure=measure,
     full=PrescribedSettings(
         depth=10,
