@@ -95,7 +95,8 @@ def paper_curves(depth: int = 10) -> dict[str, KnownCurve]:
 def solved_by_network(curve: KnownCurve, options: LevenbergMarquardt) -> Trained:
     """A network over the unit disk by Levenberg-Marquardt, from the solution by power series."""
     start = solve_plateau(curve, model="series")
-    return train_by_levenberg_marquardt(curve, start=start.surface, matching=start.matching, options=options)
+    # the solution's polynomials are the curve to rounding error, and quick where its formula is a quadrature
+    return train_by_levenberg_marquardt(start.curve, start=start.surface, matching=start.matching, options=options)
 
 
 def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:

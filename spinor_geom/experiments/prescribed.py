@@ -13,6 +13,7 @@ from spinor_geom.experiments.drawing import Drawn, surfaces
 from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.experiments.moebius import fit_moebius
 from spinor_geom.experiments.paper_surfaces import boundary_of, perturbed_series, random_networks, solved_by_network
+from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
 
@@ -50,7 +51,7 @@ def measure(settings: PrescribedSettings) -> Outcome:
     for name, (truth, paper) in cases.items():
         curve = boundary_of(truth, name)
         trained = {
-            PAPER: train_by_rmsprop(curve, options=paper),
+            PAPER: train_by_rmsprop(BoundaryCurve.from_formula(curve), options=paper),
             OURS: solved_by_network(curve, settings.network),
         }
         found = {method: t.surface for method, t in trained.items() if isinstance(t.surface, SpinorSurface)}
