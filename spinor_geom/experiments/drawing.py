@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
+from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
@@ -20,6 +21,10 @@ _SIZE = 4.0  # inches, of one surface
 _ACROSS = 4  # surfaces in a row
 _ZOOM = 1.4  # of a surface in its square, whose margins are wide
 _RIM = 400  # points of a boundary
+_PHASE, _PIXELS = 2.2, 160  # inches and points of a side of a function's picture
+_SATURATION, _HALF = 0.8, 0.5  # of its colours, and the modulus of middle brightness
+
+HolomorphicFunction = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, " n"]]
 
 
 def log_log(
@@ -109,4 +114,29 @@ def surfaces(drawn: Mapping[str, Drawn], *, curves: Mapping[str, CurveFunction] 
         spans = [high - low for low, high in (axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d())]
         axes.set_box_aspect(spans, zoom=_ZOOM)
         axes.set_axis_off()
+    return figure
+
+
+def phases(rows: Mapping[str, Mapping[str, HolomorphicFunction]]) -> Figure:
+    """Functions on the unit disk: the hue is the argument, the brightness grows with the modulus, 0 is black.
+
+    Args:
+        rows: functions by name, by title of their row.
+    """
+    across = max(len(row) for row in rows.values())
+    figure = Figure(figsize=(_PHASE * across, _PHASE * len(rows)), layout="constrained")
+    axes = figure.subplots(len(rows), across, squeeze=False)
+    side = np.linspace(-1, 1, _PIXELS)
+    z = side + 1j * side[:, None]
+    inside = np.abs(z) <= 1
+    for (title, row), line in zip(rows.items(), axes, strict=True):
+        for (name, function), one in zip(row.items(), line, strict=True):
+            value = function(z[inside])
+            picture = np.ones((*z.shape, 3))
+            modulus = np.abs(value)
+            hsv = [np.angle(value) / (2 * np.pi) % 1, np.full_like(modulus, _SATURATION), modulus / (_HALF + modulus)]
+            picture[inside] = hsv_to_rgb(np.stack(hsv, axis=-1))
+            one.imshow(picture, origin="lower", extent=(-1, 1, -1, 1))
+            one.set_title(f"{name}, {title}", fontsize="small")
+            one.set_axis_off()
     return figure

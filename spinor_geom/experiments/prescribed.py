@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from spinor_geom.experiments.drawing import Drawn, surfaces
+from spinor_geom.experiments.drawing import Drawn, HolomorphicFunction, phases, surfaces
 from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.experiments.moebius import fit_moebius
 from spinor_geom.experiments.paper_surfaces import boundary_of, perturbed_series, random_networks, solved_by_network
@@ -76,7 +76,9 @@ def measure(settings: PrescribedSettings) -> Outcome:
         z = np.exp(2j * np.pi * np.arange(256) / 256)
         arrays |= {f"{name}/{method}": surface.spinors(z) for method, surface in {"truth": truth, **found}.items()}
         drawn = {method: Drawn.of(surface) for method, surface in {"prescribed": truth, **found}.items()}
-        pictures[f"prescribed-{name.replace(' ', '-')}"] = surfaces(drawn, curves=dict.fromkeys(drawn, curve.point))
+        file = f"prescribed-{name.replace(' ', '-')}"
+        pictures[file] = surfaces(drawn, curves=dict.fromkeys(drawn, curve.point))
+        pictures[f"{file}-functions"] = phases({"prescribed": functions(truth), "found": functions(found[OURS])})
     ours = [row for row in rows if row["method"] == OURS]
     return Outcome(
         rows=rows,
@@ -89,6 +91,16 @@ def measure(settings: PrescribedSettings) -> Outcome:
         arrays=arrays,
         pictures=pictures,
     )
+
+
+def functions(surface: SpinorSurface) -> dict[str, HolomorphicFunction]:
+    """p, q, and f and g of the Weierstrass-Enneper form."""
+    return {
+        "p": lambda z: surface.spinors(z)[..., 0],
+        "q": lambda z: surface.spinors(z)[..., 1],
+        "f": lambda z: surface.weierstrass_data(z)[0],
+        "g": lambda z: surface.weierstrass_data(z)[1],
+    }
 
 
 EXPERIMENT = Experiment(

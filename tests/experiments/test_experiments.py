@@ -18,6 +18,7 @@ from spinor_geom.experiments import (
     NAMES,
     baselines,
     catenoid,
+    drawing,
     heat_maps,
     mean_curvature,
     moebius,
@@ -157,7 +158,7 @@ def test_prescribed_surfaces_are_recovered():
     assert outcome.holds
     assert [row["method"] for row in outcome.rows] == [prescribed.PAPER, prescribed.OURS] * 2
     assert all(row["p, q"] > 0.01 for row in outcome.rows if row["method"] == prescribed.PAPER)
-    assert len(outcome.pictures) == 2
+    assert len(outcome.pictures) == 4
 
 
 @pytest.mark.parametrize(("a", "turn", "sign"), [(0.0, 0.3, 1), (0.3 - 0.4j, -2.0, -1), (-0.5, 3.0, 1)])
@@ -224,6 +225,30 @@ def test_an_unknown_name_is_refused_before_anything_runs(tmp_path, capsys):
     assert main(["reproduce", "catenary", "-o", str(tmp_path / "out")]) == 2
     assert "choose from: " in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_without_the_package_that_draws_nothing_runs(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    assert main(["reproduce", "catenoid", "-o", str(tmp_path / "out")]) == 2
+    assert "pip install 'spinor-geom[experiments]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_the_paper_says_and_was_not_seen_is_an_exit_status(tmp_path, capsys, monkeypatch):
+    not_seen = replace(catenoid.EXPERIMENT, measure=lambda _: Outcome(rows=[{"a": 1}], holds=False, verdict="Slope 0."))
+    monkeypatch.setattr(catenoid, "EXPERIMENT", not_seen)
+    assert main(["reproduce", "catenoid", "-o", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == "spinor-geom: catenoid: Slope 0.\n"
+
+
+def test_functions_are_drawn_black_where_they_vanish_and_white_outside_the_disk():
+    figure = drawing.phases({"row": {"z": lambda z: z}})
+    (image,) = figure.axes[0].images
+    pixels = image.get_array()
+    middle = len(pixels) // 2
+    assert pixels[0, 0].tolist() == [1, 1, 1]
+    assert pixels[middle, middle].max() < 0.05
+    assert pixels[middle, -3].argmax() == 0  # argument 0 is red
 
 
 def test_the_command_runs_an_experiment(tmp_path, capsys):

@@ -9,7 +9,7 @@ from spinor_geom import gallery
 from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic import ComplexMLP
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau import solve_plateau, solve_plateau_batch
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
 
@@ -36,6 +36,18 @@ def test_levenberg_marquardt_is_the_default_and_meets_the_curve(optimizer):
     assert [step.index for step in heard] == list(range(1, len(heard) + 1))
     # the curve is so smooth that the distilled network needs no polish
     assert [*dict.fromkeys(step.method for step in heard)][:2] == ["Douglas-Newton", "distillation"]
+
+
+def test_a_batch_trains_a_network_for_each_loop():
+    (solution,) = solve_plateau_batch([CURVE.sample(60)], model="mlp")
+    assert (solution.route, solution.converged) == ("trained", True)
+    assert farthest(solution) < 1.1e-6 * solution.loop.diagonal
+
+
+def test_a_plane_loop_keeps_its_region():
+    solution = solve_plateau(gallery.l_shape().sample(24), model="mlp")
+    assert solution.converged
+    assert abs(solution.area - 3) < 1e-6
 
 
 def test_without_a_warm_start_it_begins_at_random_on_the_disk():
