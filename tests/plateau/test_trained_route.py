@@ -45,9 +45,10 @@ def test_a_batch_trains_a_network_for_each_loop():
 
 
 def test_a_plane_loop_keeps_its_region():
-    solution = solve_plateau(gallery.l_shape().sample(24), model="mlp")
+    solution = solve_plateau(gallery.l_shape().sample(24), model="mlp", optimizer=LevenbergMarquardt(tolerance=1e-4))
     assert solution.converged
-    assert abs(solution.area - 3) < 1e-6
+    assert len(solution.domain.boundary.vertices) == 24
+    assert abs(solution.area - 3) < 1e-3
 
 
 def test_without_a_warm_start_it_begins_at_random_on_the_disk():
