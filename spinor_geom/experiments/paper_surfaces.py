@@ -13,7 +13,7 @@ from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.training import LevenbergMarquardt, Trained, train_by_levenberg_marquardt
+from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.formulas import null_vector, phi
 
@@ -27,8 +27,8 @@ _TAYLOR_POINTS = 256
 
 
 def random_networks(depth: int = 10) -> SpinorSurface:
-    """The surface of two networks with random parameters."""
-    network = ComplexMLP(depth=depth, gain=1.0, generator=torch.Generator().manual_seed(_SEED))
+    """The surface of two networks with random parameters, as the paper's training starts from them."""
+    network = ComplexMLP(depth=depth, gain=RMSprop().gain, generator=torch.Generator().manual_seed(_SEED))
     return SpinorSurface(network, PlaneDomain.disk())
 
 

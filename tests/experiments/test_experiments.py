@@ -156,7 +156,7 @@ def test_prescribed_surfaces_are_recovered():
     settings = replace(prescribed.EXPERIMENT.quick, depth=2, random=TINY_RMSPROP, perturbed=TINY_RMSPROP)
     outcome = prescribed.measure(settings)
     assert outcome.holds
-    assert [row["method"] for row in outcome.rows] == [prescribed.PAPER, prescribed.OURS] * 2
+    assert [row["method"] for row in outcome.rows] == [prescribed.PAPER, prescribed.OURS, prescribed.SERIES] * 2
     assert all(row["p, q"] > 0.01 for row in outcome.rows if row["method"] == prescribed.PAPER)
     assert len(outcome.pictures) == 4
 
