@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import os
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +11,7 @@ from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
 from spinor_geom.cli.source import read_surface
 from spinor_geom.errors import MeshFileError, SpinorGeomError
-from spinor_geom.files import atomic_path
+from spinor_geom.files import write_json
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.optional import require
@@ -101,21 +99,6 @@ def add_comparisons(report: dict[str, Any], result: FillResult, edge_length: flo
             continue
         entry["comparison"] = comparison.to_dict()
         show_lines(f"loop {outcome.index}\n{comparison}", piped=True)
-
-
-def write_json(path: Path, report: dict[str, Any]) -> None:
-    """Writes a report so that the file is either whole or not there."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(finite(report), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def finite(value: Any) -> Any:
-    """The same nested value with None for every number that JSON cannot hold."""
-    if isinstance(value, dict):
-        return {key: finite(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def show_result(result: FillResult) -> None:

@@ -9,6 +9,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from spinor_geom.experiments import NAMES as EXPERIMENTS
+
 EPILOG = """exit status: 0 every requested loop was filled within the tolerance and no patch crosses itself, the mesh or
 another patch, 1 some were not or do (they are named on standard error), 2 the arguments or the input cannot be used"""
 
@@ -51,6 +53,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     _add_fill(commands)
     _add_loops(commands)
+    _add_reproduce(commands)
     return parser
 
 
@@ -105,6 +108,24 @@ def _add_loops(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--merge", action="store_true", help="first merge vertices of equal position (STL files need it)"
     )
     loops.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _add_reproduce(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    reproduce = commands.add_parser(
+        "reproduce",
+        help="run the experiments of the paper",
+        epilog="exit status: 0 what the paper says was seen, 1 in some experiment it was not (the report says why), "
+        "2 the arguments cannot be used",
+    )
+    reproduce.add_argument(
+        "names", metavar="NAME", nargs="*", help=f"experiments: {', '.join(EXPERIMENTS)} (default: all)"
+    )
+    reproduce.add_argument(
+        "--quick", action="store_true", help="with fewer epochs and coarser grids; the report says what is shortened"
+    )
+    reproduce.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, required=True, help="folder of report, data and pictures"
+    )
 
 
 def _places(text: str) -> list[int]:

@@ -14,7 +14,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-Route = Literal["plane", "disk", "unfolded", "deformed", "flattened", "network"]
+Route = Literal["plane", "disk", "unfolded", "deformed", "flattened", "network", "trained"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,11 +25,13 @@ class Iteration:
         index: from 1.
         method: of the step.
         residual: what the steps bring towards 0: Gauss-Newton's RMS distance from Γ at the nodes after it, in units of
-            the loop's diagonal; Douglas-Newton's RMS gradient of the energy before it, relative to its two factors.
+            the loop's diagonal; Douglas-Newton's RMS gradient of the energy before it, relative to its two factors. In
+            the training of a network: the RMS error of p and q ("distillation"), the RMS distance from Γ in diagonals
+            ("polishing"), an epoch's mean loss ("RMSprop").
     """
 
     index: int
-    method: Literal["Gauss-Newton", "Douglas-Newton"]
+    method: Literal["Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
     residual: float
 
 
@@ -109,7 +111,8 @@ class PlateauSolution:
         route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "disk",
             "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the unfolded least-area
             triangulation, on a domain that grew with the loop from an average of it, or on a flattened discrete disk; p
-            and q are a power series or Cauchy's formula. "network": Gauss-Newton for a Cauchy network.
+            and q are a power series or Cauchy's formula. "network": Gauss-Newton for a Cauchy network. "trained":
+            training of a complex-valued network.
         history: the steps.
         timings: wall time of each stage, in seconds.
         tolerance: RMS residual per mean edge that was asked for.

@@ -33,8 +33,10 @@ from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSol
 from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable
 from spinor_geom.plateau.stability import assess_stability
 from spinor_geom.plateau.threads import one_thread
+from spinor_geom.plateau.trained_route import Optimizer, optimizer_options, trained_disk
+from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop
 
-Model: TypeAlias = Literal["auto", "cauchy", "series"] | Cauchy
+Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy
 
 # A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the network.
 # So is a ragged loop that a network left at most so far: harmonic disks take long over it and seldom do better.
@@ -50,6 +52,8 @@ def solve_plateau(
     loop: BoundaryLoop | ClosedCurve,
     *,
     model: Model = "auto",
+    optimizer: Optimizer | None = None,
+    warm_start: bool = True,
     tolerance: float = 1e-3,
     max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
@@ -64,6 +68,8 @@ def solve_plateau(
     loop: BoundaryLoop | ClosedCurve,
     *,
     model: Model = "auto",
+    optimizer: Optimizer | None = None,
+    warm_start: bool = True,
     tolerance: float = 1e-3,
     max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
@@ -77,6 +83,8 @@ def solve_plateau(
     loop: BoundaryLoop | ClosedCurve,
     *,
     model: Model = "auto",
+    optimizer: Optimizer | None = None,
+    warm_start: bool = True,
     tolerance: float = 1e-3,
     max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
@@ -100,10 +108,16 @@ def solve_plateau(
             the loop is then of the ends of the polynomials that represent it.
         model: "auto" for what suits the loop; "cauchy" for a Cauchy network whatever the loop, or its options; "series"
             for power series on the unit disk, to rounding error: for smooth loops that are not too long for their
-            width.
+            width; "mlp" for the paper's complex-valued network, trained.
+        optimizer: of "mlp": "levenberg-marquardt", which it takes by default, or "rmsprop" for the paper's Algorithm 1
+            with the paper's settings, both on networks of any size by `LevenbergMarquardt` and `RMSprop` of
+            `spinor_geom.plateau.training`. RMSprop starts from random parameters on the unit disk.
+        warm_start: whether Levenberg-Marquardt hands the network the p and q of the solution that "auto" finds, with
+            its Ω, before it polishes; else it starts from random parameters on the unit disk.
         tolerance: RMS distance of the surface's boundary from Γ, in mean loop edges, below which the result counts as
             converged.
-        max_iterations: limit on steps in all; with `all_solutions` on those from each start.
+        max_iterations: limit on steps in all; with `all_solutions` on those from each start. Training has limits of its
+            own among the optimizer's options.
         unstable: "keep" returns an unstable disk, which is only a critical point of the area, as it was found.
         all_solutions: look for several disks over the loop, unstable ones too; see `find_disks`. It takes several times
             as long, and more disks may exist than are found.
@@ -114,7 +128,7 @@ def solve_plateau(
         The solution; with `all_solutions` all that were found, sorted by area, each with its Morse index.
 
     Raises:
-        OptionError: an unknown model or a value out of range.
+        OptionError: an unknown model or optimizer, a value out of range, or options that exclude each other.
         FirstFillError: no discrete disk over the loop was found.
         DomainError: no simple plane domain was found; with "series", the loop crowds on the disk or has corners.
         CurveError: the formulas of a curve are not those of a smooth closed one.
@@ -124,7 +138,11 @@ def solve_plateau(
 
     Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).
     """
-    options = _Options.checked(model, tolerance, max_iterations, unstable, device)
+    options = _Options.checked(
+        model, tolerance, max_iterations, unstable, device, optimizer=optimizer, warm_start=warm_start
+    )
+    if all_solutions and options.optimizer is not None:
+        raise OptionError("a network is trained for one disk only; use all_solutions with model='auto'")
     with one_thread():
         task = _Task.of(loop, options, on_iteration)
         if not all_solutions:
@@ -199,8 +217,8 @@ def require_model(model: Model) -> None:
     Raises:
         OptionError: it is none of those that `solve_plateau` takes.
     """
-    if not isinstance(model, Cauchy) and model not in ("auto", "cauchy", "series"):
-        raise OptionError(f"unknown model {model!r}; choose 'auto', 'cauchy', 'series' or Cauchy(...)")
+    if not isinstance(model, Cauchy) and model not in ("auto", "cauchy", "series", "mlp"):
+        raise OptionError(f"unknown model {model!r}; choose 'auto', 'cauchy', 'series', 'mlp' or Cauchy(...)")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -210,6 +228,8 @@ class _Options:
     cauchy: Cauchy
     is_free: bool  # to choose the model
     is_series: bool
+    optimizer: LevenbergMarquardt | RMSprop | None  # of a network that is trained
+    warm_start: bool
     tolerance: float
     max_iterations: int
     leaves_unstable: bool
@@ -217,9 +237,19 @@ class _Options:
 
     @classmethod
     def checked(
-        cls, model: Model, tolerance: float, max_iterations: int, unstable: str, device: str | torch.device
+        cls,
+        model: Model,
+        tolerance: float,
+        max_iterations: int,
+        unstable: str,
+        device: str | torch.device,
+        *,
+        optimizer: Optimizer | None = None,
+        warm_start: bool = True,
     ) -> _Options:
         require_model(model)
+        if model != "mlp" and (optimizer is not None or not warm_start):
+            raise OptionError(f"optimizer and warm_start are options of model='mlp', got model={model!r}")
         if not tolerance > 0 or max_iterations < 1:
             raise OptionError(f"tolerance and max_iterations must be positive, got {tolerance} and {max_iterations}")
         if unstable not in ("leave", "keep"):
@@ -228,6 +258,8 @@ class _Options:
             cauchy=Cauchy() if isinstance(model, str) else model,
             is_free=model == "auto",
             is_series=model == "series",
+            optimizer=optimizer_options(optimizer or "levenberg-marquardt") if model == "mlp" else None,
+            warm_start=warm_start,
             tolerance=tolerance,
             max_iterations=max_iterations,
             leaves_unstable=unstable == "leave",
@@ -302,12 +334,29 @@ class _Task:
 
     def curved(self) -> PlateauSolution:
         """The solution for a loop that is not plane."""
+        if self.options.optimizer is not None:
+            return self._trained(self.options.optimizer)
         solution = self.first()
         # whether a disk far from Γ is stable says nothing of those over Γ
         if self.options.leaves_unstable and solution.boundary_residual.rms_per_edge <= _POOR_RAGGED:
             down = self.down_from_disk if self.options.is_free else self.from_disk
             solution = leave_unstable(solution, self.rim, down, max_iterations=self.options.max_iterations)
         return solution
+
+    def _trained(self, optimizer: LevenbergMarquardt | RMSprop) -> PlateauSolution:
+        """The solution of a trained network."""
+        start: PlateauSolution | None = None
+        if self.options.warm_start and isinstance(optimizer, LevenbergMarquardt):
+            start = replace(self, options=replace(self.options, optimizer=None, is_free=True)).solved()
+        with self.network.clock.stage("training"):
+            found = trained_disk(
+                self.network.curve,
+                optimizer,
+                start=start,
+                device=self.options.device,
+                on_iteration=self.network.budget.on_iteration,
+            )
+        return self.solution(found)
 
     def first(self) -> PlateauSolution:
         """The solution from the likeliest start that meets the tolerance; the best of all where none does."""

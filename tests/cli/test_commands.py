@@ -225,7 +225,7 @@ def test_a_report_that_was_there_survives_a_failure(
 ) -> None:
     report = tmp_path / "report.json"
     report.write_text("old")
-    monkeypatch.setattr("spinor_geom.cli.fill.json.dumps", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("spinor_geom.files.json.dumps", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--report", str(report)])
     assert report.read_text() == "old"

@@ -12,10 +12,12 @@ import pytest
 import spinor_geom
 
 ROOT = Path(__file__).parents[2]
-HEAVY = ("torch", "trimesh", "scipy", "igl", "numpy", "pymeshlab", "pyvista", "rich", "jaxtyping")
+HEAVY = ("torch", "trimesh", "scipy", "igl", "numpy", "pymeshlab", "pyvista", "rich", "jaxtyping", "matplotlib")
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["fill", "--help"], ["loops", "--help"], ["fill"]])
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["fill", "--help"], ["loops", "--help"], ["reproduce", "--help"], ["fill"]]
+)
 def test_help_and_usage_errors_import_nothing_heavy(arguments: list[str]) -> None:
     program = (
         "import sys\n"

@@ -18,8 +18,8 @@ from spinor_geom.plateau.training.curve import CurveAsTensors
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Gauss-Legendre nodes on a panel of a boundary that is not analytic
-_PANEL_ORDER = 8
+# fewest Gauss-Legendre nodes on a panel of a boundary that is not analytic: its panels are many, and short at corners
+_PANEL_ORDER = 4
 # rounds in which the constant of r and the nearest points of Γ are found from each other
 _CONSTANT_STEPS = 5
 # points of ∂Ω that the constant of a surface is taken from

@@ -179,7 +179,7 @@ class _Training:
                 on_step=partial(self._hear, "polishing"),
             )
             matching = np.column_stack([nodes.t.cpu().numpy(), near.slide.cpu().numpy()])
-            told = self._told(matching, count)
+            told = self._told(matching, len(nodes.t))
             swings = told.max > _BETWEEN * near.max
             if told.max <= allowed or not swings or 2 * count > _MOST_NODES:
                 return self._trained(nodes, near, told, matching)

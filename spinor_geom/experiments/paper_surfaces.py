@@ -1,0 +1,105 @@
+"""The paper's four surfaces: a twisted circle, a tennis seam, random networks, and perturbed power series."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
+from spinor_geom.holomorphic.mlp import ComplexMLP
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
+from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.formulas import null_vector, phi
+
+# order of the Taylor expansions and relative size of the perturbation of their coefficients
+_ORDER, _PERTURBATION = 10, 0.1
+_SEED = 5
+# of the parameter of a prescribed surface's boundary: how uneven it is, β, and where it starts, b
+_UNEVEN, _SHIFT = 0.4, 0.1
+# points of the circle that Taylor coefficients are taken from
+_TAYLOR_POINTS = 256
+
+
+def random_networks(depth: int = 10) -> SpinorSurface:
+    """The surface of two networks with random parameters, as the paper's training starts from them."""
+    network = ComplexMLP(depth=depth, gain=RMSprop().gain, generator=torch.Generator().manual_seed(_SEED))
+    return SpinorSurface(network, PlaneDomain.disk())
+
+
+def perturbed_series(depth: int = 10) -> SpinorSurface:
+    """The Taylor polynomials of order 10 of the random networks' p and q, their coefficients perturbed at random."""
+    z = np.exp(2j * np.pi * np.arange(_TAYLOR_POINTS) / _TAYLOR_POINTS)
+    coefficients = np.fft.fft(random_networks(depth).spinors(z), axis=0)[: _ORDER + 1] / _TAYLOR_POINTS
+    random = np.random.default_rng(_SEED)
+    noise = random.normal(size=coefficients.shape) + 1j * random.normal(size=coefficients.shape)
+    size = np.abs(coefficients).max() * _PERTURBATION / math.sqrt(_ORDER + 1)
+    # a perturbation that fades with the order: the boundary stays smooth
+    fading = 1 / (1 + np.arange(_ORDER + 1))[:, None]
+    return SpinorSurface(PowerSeries(torch.tensor(coefficients + size * fading * noise)), PlaneDomain.disk())
+
+
+def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
+    """The boundary of a surface over the unit disk as a closed curve with its derivatives.
+
+    Its parameter t runs unevenly: the point is r(e^{2πiw}), w = t + β sin(2πt)/2π + b. So the curve does not tell a
+    solver which of its points belong to which of the circle.
+    """
+
+    def circle(t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        w = np.asarray(t) + _UNEVEN * np.sin(2 * np.pi * np.asarray(t)) / (2 * np.pi) + _SHIFT
+        return np.asarray(np.exp(2j * np.pi * w))
+
+    def by_circle(t: Float[np.ndarray, "*pts"]) -> tuple[Float[np.ndarray, "*pts 3"], Float[np.ndarray, "*pts 3"]]:
+        """First and second derivative of r(e^{2πiw}) by w."""
+        z = torch.from_numpy(circle(t))
+        with torch.no_grad():
+            (p, q), (dp, dq) = surface.spinors(z).unbind(-1), surface.spinor_derivatives(z).unbind(-1)
+            turned, null = 2j * math.pi * z[..., None], phi(p, q)
+            slope = null_vector(2 * p * dp, 2 * q * dq, dp * q + p * dq)
+            first, second = (turned * null).real, (turned**2 * slope + 2j * math.pi * turned * null).real
+        return np.asarray(first.numpy()), np.asarray(second.numpy())
+
+    def speed(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 1"]:
+        return np.asarray(1 + _UNEVEN * np.cos(2 * np.pi * np.asarray(t)))[..., None]
+
+    def second_derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        first, second = by_circle(t)
+        change = -2 * np.pi * _UNEVEN * np.sin(2 * np.pi * np.asarray(t))[..., None]
+        return np.asarray(second * speed(t) ** 2 + first * change)
+
+    return KnownCurve(
+        name=name,
+        point=lambda t: surface.position(circle(t)),
+        derivative=lambda t: np.asarray(by_circle(t)[0] * speed(t)),
+        second_derivative=second_derivative,
+        source="prescribed p and q",
+    )
+
+
+def paper_curves(depth: int = 10) -> dict[str, KnownCurve]:
+    """The boundaries of the four surfaces; the last two are those of prescribed ones."""
+    return {
+        "twisted circle": twisted_circle(),
+        "tennis seam": tennis_seam(0.8),
+        "random networks": boundary_of(random_networks(depth), "random networks"),
+        "perturbed series": boundary_of(perturbed_series(depth), "perturbed series"),
+    }
+
+
+def solved_by_network(curve: KnownCurve, options: LevenbergMarquardt) -> Trained:
+    """A network over the unit disk by Levenberg-Marquardt, from the solution by power series."""
+    start = solve_plateau(curve, model="series")
+    # the solution's polynomials are the curve to rounding error, and quick where its formula is a quadrature
+    return train_by_levenberg_marquardt(start.curve, start=start.surface, matching=start.matching, options=options)
+
+
+def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:
+    """The four surfaces from their boundaries alone, as networks."""
+    found = {name: solved_by_network(curve, options).surface for name, curve in paper_curves(options.depth).items()}
+    return {name: surface for name, surface in found.items() if isinstance(surface, SpinorSurface)}

@@ -1,0 +1,138 @@
+"""Runs experiments and writes what they leave: data, pictures, and one report of the run."""
+
+from __future__ import annotations
+
+import io
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spinor_geom.experiments.experiment import Experiment, Outcome, as_json, experiment
+from spinor_geom.files import atomic_path, write_json
+
+REPORT = "report.md"
+# pixels per inch of the PNGs
+_RESOLUTION = 160
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Done:
+    """An experiment that was run.
+
+    Attributes:
+        name: of the experiment, and of the folder with its data and pictures.
+        experiment: what was run.
+        outcome: what came out.
+        seconds: wall time.
+    """
+
+    name: str
+    experiment: Experiment[Any]
+    outcome: Outcome
+    seconds: float
+
+
+def reproduce(
+    names: Sequence[str],
+    folder: str | os.PathLike[str],
+    *,
+    quick: bool = False,
+    on_done: Callable[[Done], None] | None = None,
+) -> tuple[Done, ...]:
+    """Runs experiments one after the other; each leaves its files, and its part of the report, as soon as it is done.
+
+    In the folder lie `report.md` and, for each experiment, a folder with `data.json`, `data.npz`, and its pictures as
+    PNG and PDF. Files of an earlier run are replaced, each whole or not at all.
+
+    Args:
+        names: of `experiments.NAMES`.
+        folder: where to write; made if it is not there.
+        quick: with the shorter settings; the report says what they shorten.
+        on_done: called after each experiment.
+
+    Raises:
+        OptionError: there is no experiment of a name; none is run then.
+    """
+    chosen = {name: experiment(name) for name in names}
+    done: list[Done] = []
+    for name, one in chosen.items():
+        begin = time.perf_counter()
+        outcome = one.measure(one.settings(quick=quick))
+        done.append(Done(name=name, experiment=one, outcome=outcome, seconds=time.perf_counter() - begin))
+        _write(done[-1], Path(folder) / name, quick)
+        with atomic_path(Path(folder) / REPORT) as temporary:
+            temporary.write_text(report(done, quick=quick), encoding="utf-8")
+        if on_done is not None:
+            on_done(done[-1])
+    return tuple(done)
+
+
+def report(done: Sequence[Done], *, quick: bool) -> str:
+    """The report of a run, in Markdown."""
+    held = sum(one.outcome.holds for one in done)
+    start = [
+        "# The paper's experiments, measured anew",
+        f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
+        f"{sum(one.seconds for one in done):.0f} s; what the paper says was seen in {held}.",
+    ]
+    return "\n\n".join([*start, *(_section(one, quick) for one in done)]) + "\n"
+
+
+def _section(done: Done, quick: bool) -> str:
+    one, outcome = done.experiment, done.outcome
+    shortened = [f"{name} {short} instead of {long}" for name, (long, short) in one.shortened().items()]
+    parts = [
+        f"## {done.name}: {one.title}",
+        f"**The paper.** {one.paper}",
+        f"**Here.** {one.here} {done.seconds:.0f} s.",
+        *([f"**Shortened.** {'; '.join(shortened)}."] if quick and shortened else []),
+        _table(outcome.rows),
+        *(f"![{picture}]({done.name}/{picture}.png)" for picture in outcome.pictures),
+        f"**{'Seen' if outcome.holds else 'Not seen'}.** {outcome.verdict}",
+    ]
+    return "\n\n".join(parts)
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    lines = [
+        [_cell(name) for name in columns],
+        ["---"] * len(columns),
+        *([_cell(row.get(name)) for name in columns] for row in rows),
+    ]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value).replace("|", "\\|")
+
+
+def _write(done: Done, folder: Path, quick: bool) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    outcome = done.outcome
+    description = {
+        "name": done.name,
+        "quick": quick,
+        "settings": as_json(done.experiment.settings(quick=quick)),
+        "rows": [dict(row) for row in outcome.rows],
+        "holds": outcome.holds,
+        "verdict": outcome.verdict,
+        "seconds": done.seconds,
+    }
+    write_json(folder / "data.json", description)
+    buffer = io.BytesIO()
+    arrays: dict[str, Any] = dict(outcome.arrays)
+    np.savez_compressed(buffer, **arrays)
+    with atomic_path(folder / "data.npz") as temporary:
+        temporary.write_bytes(buffer.getvalue())
+    for name, picture in outcome.pictures.items():
+        for suffix in (".png", ".pdf"):
+            with atomic_path(folder / f"{name}{suffix}") as temporary:
+                picture.savefig(temporary, dpi=_RESOLUTION)

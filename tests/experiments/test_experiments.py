@@ -1,0 +1,257 @@
+"""The paper's experiments at tiny settings: figures, verdicts, and what they leave in files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from spinor_geom import gallery
+from spinor_geom.cli.main import main
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.errors import OptionError
+from spinor_geom.experiments import (
+    NAMES,
+    baselines,
+    catenoid,
+    drawing,
+    heat_maps,
+    mean_curvature,
+    moebius,
+    paper_surfaces,
+    prescribed,
+    tangents,
+    tennis_seam,
+    timing,
+    twisted_circle,
+)
+from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope
+from spinor_geom.experiments.report import Done, report, reproduce
+from spinor_geom.holomorphic import PowerSeries
+from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
+from spinor_geom.surface import SpinorSurface
+
+TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
+TINY_RMSPROP = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_is_an_experiment_that_quick_shortens(name):
+    one = experiment(name)
+    shortened = one.shortened()
+    assert shortened
+    assert all(long != short for long, short in shortened.values())
+    assert {name.split(".")[0] for name in shortened} <= {entry.name for entry in fields(one.full)}
+
+
+def test_slopes_are_fitted_above_the_floor_only():
+    assert abs(fitted_slope((10, 20, 40), (1.0, 0.25, 1e-9), 1e-6) + 2) < 1e-12
+    assert np.isnan(fitted_slope((10, 20), (1e-12, 1e-13), 1e-6))
+
+
+def test_catenoid_errors_fall_at_the_rules_orders():
+    outcome = catenoid.measure(replace(catenoid.EXPERIMENT.quick, grid=(12, 5), steps=(20, 40, 80)))
+    assert outcome.holds
+    assert [round(row["max error"]) for row in outcome.rows if row["N"] == "slope"] == [-2, -4]
+    # second order: |Δz|³ max|φ″|/(12 N²) bounds the trapezoid's error
+    first = outcome.rows[0]
+    assert first["max error"] < abs(1 + 2j * np.pi) ** 3 * np.sqrt(2) * np.cosh(1) / (12 * 20**2)
+
+
+def test_mean_curvature_falls_at_the_rules_orders_on_all_four_surfaces():
+    outcome = mean_curvature.measure(
+        mean_curvature.MeanCurvatureSettings(grid=5, steps=(16, 32, 64), network=TINY_NETWORK)
+    )
+    assert len(outcome.rows) == 8
+    assert outcome.holds
+    assert "-2.0" in outcome.verdict
+
+
+def test_prescribed_boundaries_have_their_own_derivatives():
+    for surface in (paper_surfaces.random_networks(2), paper_surfaces.perturbed_series(2)):
+        curve = paper_surfaces.boundary_of(surface, "prescribed")
+        t, h = np.linspace(0, 1, 7), 1e-5
+        for f, df in ((curve.point, curve.derivative), (curve.derivative, curve.second_derivative)):
+            slope = (f(t + h) - f(t - h)) / (2 * h)
+            assert np.allclose(slope, df(t), atol=1e-6 * np.abs(slope).max())
+
+
+def test_ours_are_nearer_and_faster_than_the_paper_s_training():
+    settings = timing.TimingSettings(curves=("twisted circle",), rmsprop=TINY_RMSPROP, tolerances=(1e-3,), depth=2)
+    outcome = timing.measure(settings)
+    assert {row["method"] for row in outcome.rows} == {timing.PAPER, timing.OURS, timing.CAUCHY, timing.DOUGLAS}
+    distances = {row["method"]: row["distance/diagonal"] for row in outcome.rows}
+    assert distances[timing.DOUGLAS] < 1e-13
+    assert distances[timing.OURS] < 1.1e-3
+    assert distances[timing.PAPER] > 1e-2
+    assert "after 3 epochs" in outcome.verdict
+
+
+def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
+    outcome = twisted_circle.measure(baselines.Trainings(rmsprop=TINY_RMSPROP, network=TINY_NETWORK))
+    rows = {row["method"]: row for row in outcome.rows}
+    assert rows[baselines.SPINOR]["steps"] == rows[baselines.ENNEPER]["steps"] == 3
+    ratio = rows[baselines.ENNEPER]["distance/diagonal"] / rows[baselines.SPINOR]["distance/diagonal"]
+    assert outcome.holds == (ratio >= 2)
+    assert rows[baselines.NETWORK]["distance/diagonal"] < 1e-3
+    assert rows[baselines.SERIES]["distance/diagonal"] < 1e-13
+    assert abs(rows[baselines.SERIES]["area"] / 3.32087142904707 - 1) < 1e-12
+    # the surface is nearly flat, with its normal e₃ in the middle
+    assert "g has 2 poles" in outcome.verdict
+    assert set(outcome.pictures) == {"twisted-circle-surfaces", "twisted-circle-errors"}
+
+
+def test_the_disks_of_a_seam_are_told_apart():
+    settings = tennis_seam.SeamSettings(
+        parameters=(0.75,), trainings=baselines.Trainings(rmsprop=TINY_RMSPROP, network=TINY_NETWORK)
+    )
+    outcome = tennis_seam.measure(settings)
+    disks = {row["method"]: row["disk"] for row in outcome.rows}
+    assert disks[baselines.SERIES] == "unstable"
+    assert disks[tennis_seam.LEFT] == "stable"
+    assert disks[baselines.SPINOR] == "none"
+    assert disks[baselines.ENNEPER] is None
+    assert "an unstable one of area 4.669757" in outcome.verdict
+
+
+@pytest.mark.parametrize(
+    ("a", "area", "disk"),
+    [
+        (0.8, 4.365, "stable"),
+        (0.8, 4.38, "none"),
+        (0.75, 4.6650, "stable"),
+        (0.75, 4.6697, "unstable"),
+        (0.75, 4.667, "none"),
+    ],
+)
+def test_areas_name_disks(a, area, disk):
+    assert tennis_seam.which_disk(area, gallery.tennis_seam(a).disks) == disk
+
+
+def test_both_weights_start_alike_and_epochs_go_on_from_each_other():
+    outcome = tangents.measure(tangents.TangentSettings(weights=(0.0, 0.5), epochs=(0, 1, 3), rmsprop=TINY_RMSPROP))
+    rows = {(row["λ"], row["epoch"]): row for row in outcome.rows}
+    assert rows[0.0, 0]["distance/diagonal"] == rows[0.5, 0]["distance/diagonal"]
+    for weight in (0.0, 0.5):
+        whole = train_by_rmsprop(gallery.twisted_circle(), options=replace(TINY_RMSPROP, tangent_weight=weight))
+        assert rows[weight, 3]["distance/diagonal"] == whole.max_per_diagonal
+    assert outcome.holds == (rows[0.5, 3]["distance/diagonal"] < rows[0.0, 3]["distance/diagonal"])
+
+
+@pytest.mark.parametrize(("steps", "holds"), [(100, True), (2, False)])
+def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps, holds):
+    surface = paper_surfaces.random_networks(2)
+    monkeypatch.setattr(heat_maps, "reconstructed", lambda _: {"random networks": surface})
+    outcome = heat_maps.measure(heat_maps.HeatMapSettings(rim=8, steps=steps, network=TINY_NETWORK))
+    assert outcome.holds == holds
+    assert len(outcome.arrays["random networks/H"]) == len(outcome.arrays["z"])
+    assert ("at most" in outcome.verdict, list(outcome.pictures)) == (True, ["heat-maps"])
+
+
+def test_prescribed_surfaces_are_recovered():
+    settings = replace(prescribed.EXPERIMENT.quick, depth=2, random=TINY_RMSPROP, perturbed=TINY_RMSPROP)
+    outcome = prescribed.measure(settings)
+    assert outcome.holds
+    assert [row["method"] for row in outcome.rows] == [prescribed.PAPER, prescribed.OURS, prescribed.SERIES] * 2
+    assert all(row["p, q"] > 0.01 for row in outcome.rows if row["method"] == prescribed.PAPER)
+    assert len(outcome.pictures) == 4
+
+
+@pytest.mark.parametrize(("a", "turn", "sign"), [(0.0, 0.3, 1), (0.3 - 0.4j, -2.0, -1), (-0.5, 3.0, 1)])
+def test_the_moebius_map_of_a_reparametrised_surface_is_found(a, turn, sign):
+    truth = gallery.polynomial([1, 0.2j, 0.1], [0.3, 0.5]).surface
+    z = np.exp(2j * np.pi * np.arange(256) / 256)
+    root = np.exp(0.5j * turn) * np.sqrt(1 - abs(a) ** 2) / (1 - np.conj(a) * z)
+    spinors = sign * truth.spinors(np.exp(1j * turn) * (z - a) / (1 - np.conj(a) * z)) * root[:, None]
+    coefficients = torch.tensor(np.fft.fft(spinors, axis=0)[:100] / 256)
+    found = SpinorSurface(PowerSeries(coefficients), PlaneDomain.disk())
+    fit = moebius.fit_moebius(found, truth)
+    assert abs(fit.center - a) < 1e-10
+    assert abs(np.exp(1j * fit.turn) - np.exp(1j * turn)) < 1e-10
+    assert fit.sign == sign
+    assert max(fit.spinor_residual, fit.weierstrass_residual, fit.gauss_residual) < 1e-10
+
+
+def test_a_different_surface_leaves_a_residual():
+    first, second = (gallery.polynomial([1, 0.2j, 0.1], [0.3, b]).surface for b in (0.5, 0.6))
+    residuals = [moebius.fit_moebius(found, first).spinor_residual for found in (first, second)]
+    assert residuals[0] < 1e-12
+    assert residuals[1] > 1e-2
+
+
+def test_a_run_leaves_report_data_and_pictures(tmp_path):
+    heard = []
+    (done,) = reproduce(["catenoid"], tmp_path / "new", quick=True, on_done=heard.append)
+    assert heard == [done]
+    assert sorted(path.name for path in (tmp_path / "new").rglob("*") if path.is_file()) == [
+        "catenoid.pdf",
+        "catenoid.png",
+        "data.json",
+        "data.npz",
+        "report.md",
+    ]
+    folder = tmp_path / "new" / "catenoid"
+    data = json.loads((folder / "data.json").read_text())
+    assert (data["quick"], data["holds"], data["settings"]["grid"]) == (True, True, [120, 30])
+    with np.load(folder / "data.npz") as arrays:
+        assert arrays["trapezoid error"].shape == (5, 30, 120)
+    with Image.open(folder / "catenoid.png") as picture:
+        assert picture.size[0] > 500
+    assert (folder / "catenoid.pdf").read_bytes().startswith(b"%PDF")
+    text = (tmp_path / "new" / "report.md").read_text()
+    assert "**Shortened.** steps (10, 20, 40, 80, 160) instead of (10, 20, 40, 80, 160, 320, 640)." in text
+    assert "![catenoid](catenoid/catenoid.png)" in text
+    assert "**Seen.** The fitted slopes" in text
+
+
+def test_what_is_not_seen_is_said_and_gaps_in_the_table_stay_empty():
+    outcome = Outcome(
+        rows=[{"a": 1.23456, "b": "|x|"}, {"a": float("nan"), "c": True}], holds=False, verdict="Slope 0."
+    )
+    text = report([Done(name="catenoid", experiment=catenoid.EXPERIMENT, outcome=outcome, seconds=2.0)], quick=False)
+    assert "| 1.235 | \\|x\\| |  |" in text
+    assert "**Not seen.** Slope 0." in text
+    assert "Shortened" not in text
+    assert "1 experiment in 2 s; what the paper says was seen in 0." in text
+
+
+def test_an_unknown_name_is_refused_before_anything_runs(tmp_path, capsys):
+    with pytest.raises(OptionError, match="no experiment 'catenary'"):
+        reproduce(["catenoid", "catenary"], tmp_path / "out")
+    assert main(["reproduce", "catenary", "-o", str(tmp_path / "out")]) == 2
+    assert "choose from: " in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_the_package_that_draws_nothing_runs(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    assert main(["reproduce", "catenoid", "-o", str(tmp_path / "out")]) == 2
+    assert "pip install 'spinor-geom[experiments]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_the_paper_says_and_was_not_seen_is_an_exit_status(tmp_path, capsys, monkeypatch):
+    not_seen = replace(catenoid.EXPERIMENT, measure=lambda _: Outcome(rows=[{"a": 1}], holds=False, verdict="Slope 0."))
+    monkeypatch.setattr(catenoid, "EXPERIMENT", not_seen)
+    assert main(["reproduce", "catenoid", "-o", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == "spinor-geom: catenoid: Slope 0.\n"
+
+
+def test_functions_are_drawn_black_where_they_vanish_and_white_outside_the_disk():
+    figure = drawing.phases({"row": {"z": lambda z: z}})
+    (image,) = figure.axes[0].images
+    pixels = image.get_array()
+    middle = len(pixels) // 2
+    assert pixels[0, 0].tolist() == [1, 1, 1]
+    assert pixels[middle, middle].max() < 0.05
+    assert pixels[middle, -3].argmax() == 0  # argument 0 is red
+
+
+def test_the_command_runs_an_experiment(tmp_path, capsys):
+    assert main(["reproduce", "catenoid", "--quick", "-o", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == ""  # quiet when piped
+    assert (tmp_path / "report.md").exists()

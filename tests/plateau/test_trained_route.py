@@ -1,0 +1,103 @@
+"""Plateau's problem by networks that are trained."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spinor_geom import gallery
+from spinor_geom.errors import OptionError
+from spinor_geom.holomorphic import ComplexMLP
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau import solve_plateau, solve_plateau_batch
+from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
+from spinor_geom.surface import SpinorSurface
+
+CURVE = gallery.twisted_circle()
+SMALL = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)
+
+
+def farthest(solution, count=300):
+    r = solution.surface.position(solution.domain.boundary.point(np.arange(count) / count))
+    return np.linalg.norm(r - solution.curve.point(solution.curve.nearest(r)), axis=1).max()
+
+
+@pytest.mark.parametrize("optimizer", [None, "levenberg-marquardt", LevenbergMarquardt()])
+def test_levenberg_marquardt_is_the_default_and_meets_the_curve(optimizer):
+    heard = []
+    solution = solve_plateau(CURVE, model="mlp", optimizer=optimizer, on_iteration=heard.append)
+    assert solution.route == "trained"
+    assert solution.converged
+    assert isinstance(solution.surface.model, ComplexMLP)
+    assert farthest(solution) < 1.1e-6 * solution.loop.diagonal
+    assert abs(solution.area / CURVE.disks[0].area - 1) < 1e-6
+    assert solution.stability.verdict == "stable"
+    assert heard == list(solution.history)
+    assert [step.index for step in heard] == list(range(1, len(heard) + 1))
+    # the curve is so smooth that the distilled network needs no polish
+    assert [*dict.fromkeys(step.method for step in heard)][:2] == ["Douglas-Newton", "distillation"]
+
+
+def test_a_batch_trains_a_network_for_each_loop():
+    (solution,) = solve_plateau_batch([CURVE.sample(60)], model="mlp")
+    assert (solution.route, solution.converged) == ("trained", True)
+    assert farthest(solution) < 1.1e-6 * solution.loop.diagonal
+
+
+def test_a_plane_loop_keeps_its_region():
+    solution = solve_plateau(gallery.l_shape().sample(24), model="mlp", optimizer=LevenbergMarquardt(tolerance=1e-4))
+    assert solution.converged
+    assert len(solution.domain.boundary.vertices) == 24
+    assert abs(solution.area - 3) < 1e-3
+
+
+def test_without_a_warm_start_it_begins_at_random_on_the_disk():
+    solution = solve_plateau(CURVE, model="mlp", warm_start=False)
+    assert {step.method for step in solution.history} == {"polishing"}
+    assert np.allclose(abs(solution.domain.boundary.vertices), 1)
+    assert farthest(solution) < 1e-4 * solution.loop.diagonal
+
+
+def test_a_loop_on_its_own_domain_keeps_it_and_follows_motions():
+    points = gallery.ellipse(4.0, 0.3).sample(100).points
+    loops = [BoundaryLoop.from_points(x) for x in (points, 7 * points + [3, -40, 2])]
+    first, second = (solve_plateau(loop, model="mlp") for loop in loops)
+    assert first.converged
+    z = first.domain.boundary.vertices
+    assert max(np.ptp(z.real) / np.ptp(z.imag), np.ptp(z.imag) / np.ptp(z.real)) > 2
+    assert abs(second.area / (49 * first.area) - 1) < 1e-6
+    assert farthest(second) < 1e-4 * second.loop.diagonal
+
+
+def test_rmsprop_is_the_paper_s_training_of_the_curve_at_the_size_of_the_unit_circle():
+    solution = solve_plateau(CURVE, model="mlp", optimizer=SMALL)
+    assert not solution.converged
+    assert "all epochs were done" in solution.reason
+    assert [step.method for step in solution.history] == ["RMSprop"] * 3
+    size = 2 * np.sqrt(2) / solution.loop.diagonal
+    own = train_by_rmsprop(gallery.twisted_circle(radius=size, amplitude=0.2 * size), options=SMALL)
+    # the polynomials of Γ differ by little from the formulas
+    assert np.allclose([step.residual for step in solution.history], [step.loss for step in own.history], rtol=1e-3)
+
+
+def test_a_trained_surface_is_saved_and_loaded(tmp_path):
+    surface = solve_plateau(CURVE, model="mlp", optimizer=SMALL).surface
+    surface.save(tmp_path / "surface.safetensors")
+    z = np.array([0.3 + 0.2j, -0.5j])
+    assert (SpinorSurface.load(tmp_path / "surface.safetensors").position(z) == surface.position(z)).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"model": "mlp", "optimizer": "adam"}, "unknown optimizer 'adam'"),
+        ({"model": "mlp", "optimizer": RMSprop(representation="weierstrass-enneper")}, "train_by_rmsprop"),
+        ({"model": "mlp", "all_solutions": True}, "one disk only"),
+        ({"model": "auto", "optimizer": "rmsprop"}, "options of model='mlp'"),
+        ({"model": "cauchy", "warm_start": False}, "options of model='mlp'"),
+        ({"model": "perceptron"}, "'mlp'"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options, sentence):
+    with pytest.raises(OptionError, match=sentence):
+        solve_plateau(CURVE, **options)
