@@ -300,7 +300,7 @@ def test_solution_cannot_be_changed():
         ({"tolerance": -1e-3}, "tolerance"),
         ({"tolerance": float("nan")}, "tolerance"),
         ({"max_iterations": 0}, "max_iterations"),
-        ({"model": "mlp"}, "'mlp'"),
+        ({"model": "perceptron"}, "'perceptron'"),
     ],
 )
 def test_bad_options_are_refused(options, message):
