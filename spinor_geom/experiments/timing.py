@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -91,8 +92,8 @@ def on_curve(curve: KnownCurve, settings: TimingSettings) -> dict[str, tuple[lis
     steps = [(step.seconds, (step.boundary_error or np.nan) / diagonal) for step in trained.history]
     points = {
         PAPER: steps,
-        OURS: [timed(lambda t=t: by_network(t)) for t in settings.tolerances],  # type: ignore[misc] # bound in the loop
-        CAUCHY: [timed(lambda t=t: by_cauchy(t)) for t in settings.tolerances],  # type: ignore[misc]
+        OURS: [timed(partial(by_network, t)) for t in settings.tolerances],
+        CAUCHY: [timed(partial(by_cauchy, t)) for t in settings.tolerances],
         DOUGLAS: [timed(lambda: solve_plateau(curve, model="series").surface)],
     }
     return {method: ([s for s, _ in at], [e for _, e in at]) for method, at in points.items()}

@@ -20,7 +20,8 @@ from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.plateau.solve import Model, solve_plateau_batch
+from spinor_geom.plateau.solve import solve_plateau_batch
+from spinor_geom.plateau.task import Model
 from spinor_geom.plateau.threads import one_thread
 
 MeshT = TypeVar("MeshT")

@@ -37,6 +37,7 @@ from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.lift import Lift, lifted, surface_of
 from spinor_geom.plateau.omega import (
     NodeDensity,
+    Shape,
     reflattened,
     resolved_form,
     rounded_boundary,
@@ -194,7 +195,7 @@ class HarmonicSolver:
         return self._density.narrowest > _NARROW
 
     @property
-    def _shapes(self) -> tuple[tuple[_Shape, ...], ...]:
+    def _shapes(self) -> tuple[tuple[Shape, ...], ...]:
         """∂Ω's resolutions, the likelier first, of each kind the cheaper first.
 
         The fine ones resolve each vertex of a rough loop of few points.
@@ -205,14 +206,14 @@ class HarmonicSolver:
         return (fine, coarse) if self._rough and len(self.loop) <= self._density.points else (coarse, fine)
 
     @property
-    def _coarse(self) -> _Shape:
+    def _coarse(self) -> Shape:
         rounding = _ROUNDING_ROUGH if self._rough else _ROUNDING_SMOOTH
-        return _Shape(density=self._density, steps_per_point=_STEPS_PER_POINT, rounding=rounding)
+        return Shape(density=self._density, steps_per_point=_STEPS_PER_POINT, rounding=rounding)
 
     @property
-    def _fine(self) -> tuple[_Shape, ...]:
+    def _fine(self) -> tuple[Shape, ...]:
         return tuple(
-            _Shape(density=self._density, steps_per_point=steps, rounding=_ROUNDING_FINE)
+            Shape(density=self._density, steps_per_point=steps, rounding=_ROUNDING_FINE)
             for steps in _STEPS_PER_POINT_FINE
         )
 
@@ -273,7 +274,7 @@ class HarmonicSolver:
             return
         yield from self._deformed([_Step(curve=self.curve, nodes=shape.steps)], form, shape, "flattened")
 
-    def _unfolded(self, curve: BoundaryCurve, shape: _Shape) -> DirichletForm | None:
+    def _unfolded(self, curve: BoundaryCurve, shape: Shape) -> DirichletForm | None:
         """Ω from the unfolded least-area triangulation of a curve; None where it is not simple or too narrow."""
         even = np.arange(shape.points) / shape.points
         try:
@@ -287,13 +288,13 @@ class HarmonicSolver:
         except (DomainError, FirstFillError):
             return None
 
-    def _near(self, shape: _Shape) -> list[_Step]:
+    def _near(self, shape: Shape) -> list[_Step]:
         """Γ, or where it is rough curves that lead to it from one so smooth that the points of Ω resolve it.
 
         Newton's method finds its way through many sharp bends only if they grow on it, and Ω grows with them.
         """
         m = len(self.loop)
-        if not self._rough or (shape.is_fine and m <= shape.points):
+        if not self._rough or (shape.steps_per_point > _STEPS_PER_POINT and m <= shape.points):
             return [_Step(curve=self.curve, nodes=shape.steps)]
         nodes = max(shape.steps, self._first_per_edge * m)
         smoothest, least = _SMOOTHING / min(shape.points, m), _SMOOTHING / m
@@ -304,15 +305,15 @@ class HarmonicSolver:
         ]
         return [*averages, *(_Step(curve=curve, nodes=nodes) for curve in rest)]
 
-    def _far(self, shape: _Shape) -> list[_Step]:
+    def _far(self, shape: Shape) -> list[_Step]:
         """Curves that lead to Γ from not much more than an ellipse: averages over ever shorter parts of it."""
         widths = _WIDEST * 0.7 ** np.arange(int(np.log(_SMOOTHING / shape.points / _WIDEST) / np.log(0.7)) + 1)
         return [self._average(width, shape) for width in widths]
 
-    def _average(self, width: float, shape: _Shape) -> _Step:
+    def _average(self, width: float, shape: Shape) -> _Step:
         return _Step(curve=self.curve.smoothed(width), nodes=max(shape.steps, int(_NODES_PER_WIDTH / width)))
 
-    def _deformed(self, way: list[_Step], form: DirichletForm, shape: _Shape, route: Route) -> Iterator[Found]:
+    def _deformed(self, way: list[_Step], form: DirichletForm, shape: Shape, route: Route) -> Iterator[Found]:
         """The fit for the last of several curves, each on the Ω that the one before left."""
         slide = torch.tensor(shape.density.slide(np.arange(shape.steps) / shape.steps), device=self.device)
         for place, step in enumerate(way):
@@ -327,7 +328,7 @@ class HarmonicSolver:
         yield from self._fitted(form, slide, route, shape)
 
     def _flattened_anew(
-        self, disk: HarmonicDisk, form: DirichletForm, shape: _Shape
+        self, disk: HarmonicDisk, form: DirichletForm, shape: Shape
     ) -> tuple[DirichletForm, Float[Tensor, " n"]]:
         """Ω from a harmonic disk, as much of it as stays simple, and the disk's slide along it."""
         for share in _SHARES_OF_FLATTENING:
@@ -353,7 +354,7 @@ class HarmonicSolver:
         return form, disk.slide
 
     def _fitted(
-        self, form: DirichletForm, slide: Float[Tensor, " n"], route: Route, shape: _Shape | None
+        self, form: DirichletForm, slide: Float[Tensor, " n"], route: Route, shape: Shape | None
     ) -> Iterator[Found]:
         """The fit with as many nodes as the tolerance asks for, or as help."""
         m = len(self.loop)
@@ -469,37 +470,6 @@ class _Step:
 
     curve: BoundaryCurve
     nodes: int
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Shape:
-    """How ∂Ω is parametrised and resolved: with so many steps for each of its points, and how far it is rounded."""
-
-    density: NodeDensity
-    steps_per_point: int
-    rounding: float
-
-    @property
-    def points(self) -> int:
-        return self.density.points
-
-    @property
-    def steps(self) -> int:
-        return self.steps_per_point * self.points
-
-    @property
-    def rounding_width(self) -> float:
-        """Of the Gaussian, as a share of ∂Ω."""
-        return self.rounding / self.points
-
-    @property
-    def is_fine(self) -> bool:
-        return self.steps_per_point > _STEPS_PER_POINT
-
-    def unevenness(self, slide: Float[Tensor, " n"]) -> float:
-        """Largest distance of neighbouring nodes over what the density asks for."""
-        t = self.density.parameter(slide.cpu().numpy())
-        return float(np.diff(np.append(t, t[0] + 1)).max()) * len(t)
 
 
 def _even(nodes: int) -> int:

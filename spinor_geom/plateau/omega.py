@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
+from torch import Tensor
 
 from spinor_geom.domain.flattening import is_simple
 from spinor_geom.domain.plane_domain import FourierBoundary
@@ -91,6 +94,41 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
     width = np.where((way > edge) & (_FACING * distance < way), distance, np.inf).min(axis=1)
     density = np.clip(edge / width, 1, _MOST_IN_NARROW)
     return np.append(0, np.cumsum(density - 1)) / n, float(density.max())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shape:
+    """How ∂Ω is parametrised, resolved and rounded.
+
+    Attributes:
+        density: of its nodes.
+        steps_per_point: steps for each of the points that it is made from.
+        rounding: width, in points, of the Gaussian that rounds it.
+    """
+
+    density: NodeDensity
+    steps_per_point: int
+    rounding: float
+
+    @property
+    def points(self) -> int:
+        """Points that ∂Ω is made from."""
+        return self.density.points
+
+    @property
+    def steps(self) -> int:
+        """Steps that resolve ∂Ω."""
+        return self.steps_per_point * self.points
+
+    @property
+    def rounding_width(self) -> float:
+        """Of the Gaussian, as a share of ∂Ω."""
+        return self.rounding / self.points
+
+    def unevenness(self, slide: Float[Tensor, " n"]) -> float:
+        """Largest distance of neighbouring nodes over what the density asks for."""
+        t = self.density.parameter(slide.cpu().numpy())
+        return float(np.diff(np.append(t, t[0] + 1)).max()) * len(t)
 
 
 def rounded_boundary(

@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import safetensors
 import torch
 from safetensors.torch import save as to_bytes
 from torch import Tensor
 
 from spinor_geom.errors import StorageError
 from spinor_geom.files import atomic_path
+from spinor_geom.surface.storage import read_tensors
 
 FORMAT = "spinor_geom.training"
 VERSION = 1
@@ -48,13 +48,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], di
         StorageError: the file cannot be read, is no checkpoint, or of an unknown version.
     """
     name = os.fspath(path)
-    try:
-        with safetensors.safe_open(name, framework="pt") as file:
-            metadata = file.metadata() or {}
-            # clones: the file's own memory goes with it, and is not aligned for complex numbers
-            tensors = {key: file.get_tensor(key).clone() for key in file.keys()}  # noqa: SIM118 - not a mapping
-    except (OSError, safetensors.SafetensorError) as error:
-        raise StorageError(f"{name} cannot be read as a checkpoint: {error}", path=name) from error
+    tensors, metadata = read_tensors(name, "a checkpoint")
     if metadata.get("format") != FORMAT or metadata.get("version") != str(VERSION):
         raise StorageError(
             f"{name} is not a checkpoint of version {VERSION}; remove it to train from the start", path=name

@@ -1,0 +1,338 @@
+"""One loop on its way to a minimal disk: the routes it may take, in their order, and the verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+import torch
+
+from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.errors import (
+    DomainError,
+    FirstFillError,
+    OptionError,
+    SelfCrossingLoopError,
+    SingularMatrixError,
+    SpinorGeomError,
+)
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
+from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.harmonic_route import HarmonicSolver
+from spinor_geom.plateau.network_route import Budget, Cauchy, NetworkSolver, rim_indices
+from spinor_geom.plateau.plane_route import plane_disk
+from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution
+from spinor_geom.plateau.solutions import Rim, leave_unstable
+from spinor_geom.plateau.stability import assess_stability
+from spinor_geom.plateau.trained_route import Optimizer, optimizer_options, trained_disk
+from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop
+
+Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy
+
+# A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the network.
+# So is a ragged loop that a network left at most so far: harmonic disks take long over it and seldom do better.
+_POOR, _POOR_RAGGED = 1e-2, 5e-2
+# Share of the steps that harmonic disks may take: the rest is the network's.
+_HARMONIC_SHARE = 0.7
+
+
+def require_model(model: Model) -> None:
+    """Checks the option `model`.
+
+    Raises:
+        OptionError: it is none of those that `solve_plateau` takes.
+    """
+    if not isinstance(model, Cauchy) and model not in ("auto", "cauchy", "series", "mlp"):
+        raise OptionError(f"unknown model {model!r}; choose 'auto', 'cauchy', 'series', 'mlp' or Cauchy(...)")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Options:
+    """What every loop of a call is solved with.
+
+    Attributes:
+        cauchy: of the Cauchy network.
+        is_free: whether the model is chosen by the loop.
+        is_series: whether it is a power series.
+        optimizer: of a network that is trained; none for the others.
+        warm_start: whether that takes over a solution.
+        tolerance: RMS distance from Γ, in mean loop edges.
+        max_iterations: limit on steps.
+        leaves_unstable: whether an unstable disk is left for a better one.
+        device: of the linear algebra.
+    """
+
+    cauchy: Cauchy
+    is_free: bool
+    is_series: bool
+    optimizer: LevenbergMarquardt | RMSprop | None
+    warm_start: bool
+    tolerance: float
+    max_iterations: int
+    leaves_unstable: bool
+    device: torch.device
+
+    @classmethod
+    def checked(
+        cls,
+        model: Model,
+        tolerance: float,
+        max_iterations: int,
+        unstable: str,
+        device: str | torch.device,
+        *,
+        optimizer: Optimizer | None = None,
+        warm_start: bool = True,
+    ) -> Options:
+        """The options of `solve_plateau`.
+
+        Raises:
+            OptionError: an unknown model or optimizer, a value out of range, or options that exclude each other.
+        """
+        require_model(model)
+        if model != "mlp" and (optimizer is not None or not warm_start):
+            raise OptionError(f"optimizer and warm_start are options of model='mlp', got model={model!r}")
+        if not tolerance > 0 or max_iterations < 1:
+            raise OptionError(f"tolerance and max_iterations must be positive, got {tolerance} and {max_iterations}")
+        if unstable not in ("leave", "keep"):
+            raise OptionError(f"unknown choice for unstable {unstable!r}; choose 'leave' or 'keep'")
+        return cls(
+            cauchy=Cauchy() if isinstance(model, str) else model,
+            is_free=model == "auto",
+            is_series=model == "series",
+            optimizer=optimizer_options(optimizer or "levenberg-marquardt") if model == "mlp" else None,
+            warm_start=warm_start,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            leaves_unstable=unstable == "leave",
+            device=torch.device(device),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """A loop and its solvers, which see it at unit size."""
+
+    loop: BoundaryLoop
+    options: Options
+    network: NetworkSolver
+    harmonic: HarmonicSolver
+
+    @classmethod
+    def of(
+        cls,
+        given: BoundaryLoop | ClosedCurve,
+        options: Options,
+        on_iteration: Callable[[Iteration], None] | None = None,
+    ) -> Task:
+        """The task of a loop or a curve in formulas.
+
+        Raises:
+            SelfCrossingLoopError: the loop crosses or touches itself.
+            RepeatedPointError: two neighbouring points of the loop are equal.
+            CurveError: the formulas are not those of a smooth closed curve.
+        """
+        loop, formula = (given, None) if isinstance(given, BoundaryLoop) else _sampled(given)
+        crossings = loop_crossings(loop.points)
+        if len(crossings):
+            edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
+            raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
+        unit, clock = _at_unit_size(loop), Clock()
+        curve = BoundaryCurve.from_loop(unit) if formula is None else formula.placed(unit.points, 1 / loop.diagonal)
+        allowed = options.tolerance * unit.mean_edge_length
+        network = NetworkSolver(
+            loop=unit,
+            rim=rim_indices(unit),
+            curve=curve,
+            options=options.cauchy,
+            budget=Budget(allowed=allowed, max_iterations=options.max_iterations, on_iteration=on_iteration),
+            device=options.device,
+            clock=clock,
+        )
+        harmonic = HarmonicSolver(
+            loop=unit,
+            curve=curve,
+            allowed=allowed,
+            max_steps=math.ceil(_HARMONIC_SHARE * options.max_iterations),
+            device=options.device,
+            clock=clock,
+            on_iteration=on_iteration,
+            to_rounding=options.is_series,
+        )
+        return cls(loop=loop, options=options, network=network, harmonic=harmonic)
+
+    @property
+    def rim(self) -> Rim:
+        """The loop with the points that discrete disks over it have."""
+        return Rim(loop=self.loop, indices=self.network.rim)
+
+    @property
+    def is_harmonic(self) -> bool:
+        """Whether harmonic disks may be tried: kinks of Γ are singularities of p and q, which take a network."""
+        return self.options.is_free and not self.loop.corners.any()
+
+    def solved(self) -> PlateauSolution:
+        """The solution: plane, or the first that is found, or one of less area where that is unstable."""
+        return self.in_plane() or self.curved()
+
+    def in_plane(self) -> PlateauSolution | None:
+        """The only solution where the loop is a simple curve in a plane."""
+        if not self.options.is_free:
+            return None
+        found = plane_disk(self.network.loop, self.network.curve, self.options.device, self.network.clock)
+        return None if found is None else self.solution(found)
+
+    def curved(self) -> PlateauSolution:
+        """The solution for a loop that is not plane."""
+        if self.options.optimizer is not None:
+            return self._trained(self.options.optimizer)
+        solution = self.first()
+        # whether a disk far from Γ is stable says nothing of those over Γ
+        if self.options.leaves_unstable and solution.boundary_residual.rms_per_edge <= _POOR_RAGGED:
+            down = self.down_from_disk if self.options.is_free else self.from_disk
+            solution = leave_unstable(solution, self.rim, down, max_iterations=self.options.max_iterations)
+        return solution
+
+    def _trained(self, optimizer: LevenbergMarquardt | RMSprop) -> PlateauSolution:
+        """The solution of a trained network."""
+        start: PlateauSolution | None = None
+        if self.options.warm_start and isinstance(optimizer, LevenbergMarquardt):
+            start = replace(self, options=replace(self.options, optimizer=None, is_free=True)).solved()
+        with self.network.clock.stage("training"):
+            found = trained_disk(
+                self.network.curve,
+                optimizer,
+                start=start,
+                device=self.options.device,
+                on_iteration=self.network.budget.on_iteration,
+            )
+        return self.solution(found)
+
+    def first(self) -> PlateauSolution:
+        """The solution from the likeliest start that meets the tolerance; the best of all where none does."""
+        if self.options.is_series:
+            return self.solution(self.harmonic.on_disk())
+        if not self.is_harmonic:
+            return self.solution(self._on_network(()))
+        best: Found | None = None
+        error: SpinorGeomError | None = None
+        for on_network in (False, True) if self.harmonic.is_promising else (True, False):
+            history = tuple(self.harmonic.history) if best is None else best.history
+            try:
+                tries = [self._on_network(history)] if on_network else self._harmonic_tries(history)
+                for found in tries:
+                    best = _nearer(best, found)
+            except (DomainError, FirstFillError, SingularMatrixError) as failure:
+                error = failure
+            if best is not None and self._is_near(best):
+                break
+        if best is None:
+            raise error or FirstFillError(
+                "no minimal disk was found over the loop; check that it does not cross itself"
+            )
+        return self.solution(best)
+
+    def _on_network(self, history: tuple[Iteration, ...]) -> Found:
+        with self.network.clock.stage("first fill"):
+            disk = first_disk(self.network.loop.points[self.network.rim])
+        return self.network.found_from(disk, history)
+
+    def _harmonic_tries(self, history: tuple[Iteration, ...]) -> Iterator[Found]:
+        """Harmonic disks up to the first that is near to Γ."""
+        for found in replace(self.harmonic, history=list(history)).tries():
+            yield found
+            if self._is_near(found):
+                return
+
+    def _is_near(self, found: Found) -> bool:
+        poor = _POOR if self.harmonic.is_promising else _POOR_RAGGED
+        return found.rms <= max(self.network.budget.allowed, poor * self.network.loop.mean_edge_length)
+
+    def from_disk(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
+        """The minimal disk nearest to a discrete one in the loop's coordinates, saddles included, timed by itself."""
+        timed = self._timed_anew(history)
+        return timed.solution(timed.network.found_from(self._at_unit_size(disk), history))
+
+    def down_from_disk(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
+        """The minimal disk to which the area falls from a discrete one, timed by itself."""
+        timed, best = self._timed_anew(history), None
+        if not self.loop.corners.any():
+            best = next(timed.harmonic.tries_from(self._at_unit_size(disk), self.network.rim), None)
+            if best is not None and best.rms <= self.network.budget.allowed:
+                return timed.solution(best)
+        return timed.solution(_nearer(best, timed.network.found_from(self._at_unit_size(disk), history)))
+
+    def _timed_anew(self, history: tuple[Iteration, ...]) -> Task:
+        clock = Clock()
+        return replace(
+            self,
+            network=replace(self.network, clock=clock),
+            harmonic=replace(self.harmonic, clock=clock, history=list(history)),
+        )
+
+    def _at_unit_size(self, disk: Disk) -> Disk:
+        return replace(disk, vertices=(disk.vertices - self.loop.centroid) / self.loop.diagonal)
+
+    def solution(self, found: Found) -> PlateauSolution:
+        """A disk in the loop's coordinates, with its verdict."""
+        loop, clock = self.loop, self.network.clock
+        with clock.stage("surface"):
+            surface = found.surface.transform(scale=loop.diagonal, translation=loop.centroid)
+        with clock.stage("stability"):
+            stability = assess_stability(surface)
+        with clock.stage("certificates"):
+            area, crossings = area_in_domain(surface), crossing_faces(surface)
+        residual = BoundaryResidual(
+            rms=found.rms * loop.diagonal,
+            max=found.max * loop.diagonal,
+            mean_edge=loop.mean_edge_length,
+            diagonal=loop.diagonal,
+        )
+        tolerance = self.options.tolerance
+        converged = residual.rms_per_edge <= tolerance
+        reached = f"residual {residual.rms_per_edge:.1e} of the mean edge after {len(found.history)} steps"
+        return PlateauSolution(
+            surface=surface,
+            loop=loop,
+            curve=self.network.curve.placed(loop.points, loop.diagonal),
+            domain=surface.domain,
+            matching=found.matching,
+            boundary_residual=residual,
+            area=found.area * loop.diagonal**2,
+            area_in_domain=area,
+            self_intersections=crossings,
+            route=found.route,
+            history=found.history,
+            timings=clock.seconds,
+            tolerance=tolerance,
+            converged=converged,
+            reason=reached if converged else f"{reached}, above the tolerance {tolerance:.1e}: {found.limit}",
+            stability=stability,
+        )
+
+
+def _at_unit_size(loop: BoundaryLoop) -> BoundaryLoop:
+    """The loop with its centroid at 0 and diagonal 1, where every tolerance is a ratio."""
+    return BoundaryLoop(
+        points=(loop.points - loop.centroid) / loop.diagonal, vertex_ids=loop.vertex_ids, corners=loop.corners
+    )
+
+
+def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
+    """The polynomials of a curve in formulas, and the loop of their ends."""
+    curve = BoundaryCurve.from_formula(given)
+    return BoundaryLoop.from_points(curve.coefficients[-1], corners=np.flatnonzero(curve.corners)), curve
+
+
+def _nearer(best: Found | None, found: Found) -> Found:
+    """The one of two disks that is nearer to Γ, with the steps of both."""
+    if best is None or found.rms < best.rms:
+        return found
+    return replace(best, history=found.history)
