@@ -74,6 +74,20 @@ class SplineBoundary:
         boundary.vertices = z
         return boundary
 
+    def halved(self, pieces: Bool[np.ndarray, " m"]) -> SplineBoundary:
+        """The same curve with one more vertex, at the middle of the parameter, on each of the given pieces."""
+        number = np.repeat(np.arange(len(pieces)), 1 + pieces)
+        is_second = np.append(False, number[1:] == number[:-1])
+        shift = np.where(is_second, np.diff(self.parameters)[number] / 2, 0.0)
+        coefficients = self.coefficients[:, number].copy()
+        # repeated synthetic division: the polynomials about their pieces' new starts
+        for last in range(len(coefficients), 1, -1):
+            for k in range(1, last):
+                coefficients[k] += coefficients[k - 1] * shift
+        return SplineBoundary(
+            np.append(self.parameters[number] + shift, 1.0), coefficients, self.corners[number] & ~is_second
+        )
+
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(t); t is taken modulo 1."""
         return self._horner(t)[0]
@@ -92,6 +106,12 @@ class SplineBoundary:
             slope = slope * x + value
             value = value * x + coefficient[piece]
         return value, slope
+
+
+def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
+    """Points of a curve, in order: `each` from every vertex to the next, at equal steps of the parameter."""
+    t = boundary.parameters
+    return boundary.point((t[:-1, None] + np.diff(t)[:, None] * (np.arange(each) / each)).ravel())
 
 
 class FourierBoundary:

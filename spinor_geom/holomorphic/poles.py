@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.spatial import cKDTree
 
-from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.plane_domain import PlaneDomain, sampled
 
 # A pole in a narrow gap outside Ω moves back until no part of ∂Ω is nearer than this share of its offset.
 _FREE_SHARE = 0.6
@@ -99,8 +99,7 @@ def _cleared(
     distance: Float[np.ndarray, " k"],
 ) -> tuple[Complex[np.ndarray, " j"], Float[np.ndarray, " j"]]:
     """Poles at most `distance` out that keep clear of the rest of ∂Ω; those with no room are dropped."""
-    t = domain.boundary.parameters
-    samples = domain.boundary.point((t[:-1, None] + np.diff(t)[:, None] * np.arange(4) / 4).ravel())
+    samples = sampled(domain.boundary, 4)
     tree = cKDTree(np.column_stack([samples.real, samples.imag]))
     distance = distance.copy()
     good = np.zeros(len(foot), dtype=bool)

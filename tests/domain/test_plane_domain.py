@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary, PlaneDomain, SplineBoundary
-from spinor_geom.domain.plane_domain import Boundary
+from spinor_geom.domain.plane_domain import Boundary, sampled
 from spinor_geom.errors import DomainError, OptionError
 from tests.loops import L_SHAPE, planar, slit
 from tests.strategies import SEEDS, analytic_boundaries
@@ -91,6 +91,27 @@ def test_vertices_of_a_fourier_boundary_lie_at_equal_steps():
     np.testing.assert_array_equal(BENT.vertices, BENT.point(BENT.parameters[:-1]))
     assert BENT.corners.shape == (72,)
     assert not BENT.corners.any()
+
+
+def test_halved_pieces_leave_the_curve_as_it_is():
+    boundary = DOMAINS["L"].boundary
+    pieces = np.arange(len(boundary.vertices)) % 3 == 1
+    halved = boundary.halved(pieces)
+    assert len(halved.vertices) == len(pieces) + np.count_nonzero(pieces)
+    t = np.linspace(0, 1, 997)
+    np.testing.assert_allclose(halved.point(t), boundary.point(t), atol=1e-14)
+    np.testing.assert_allclose(halved.derivative(t), boundary.derivative(t), atol=1e-12)
+    np.testing.assert_array_equal(halved.vertices[halved.corners], boundary.vertices[boundary.corners])
+    middles = (boundary.parameters[:-1] + boundary.parameters[1:])[pieces] / 2
+    np.testing.assert_allclose(np.setdiff1d(halved.parameters, boundary.parameters), middles, atol=1e-15)
+
+
+def test_samples_are_the_vertices_and_equal_steps_between_them():
+    boundary = DOMAINS["ellipse"].boundary
+    points = sampled(boundary, 4).reshape(-1, 4)
+    np.testing.assert_allclose(points[:, 0], boundary.vertices, atol=1e-14)
+    quarters = 0.75 * boundary.parameters[1:] + 0.25 * boundary.parameters[:-1]
+    np.testing.assert_allclose(points[:, 3], boundary.point(quarters), atol=1e-14)
 
 
 @settings(max_examples=20)
