@@ -93,6 +93,35 @@ def test_vertices_of_a_fourier_boundary_lie_at_equal_steps():
     assert not BENT.corners.any()
 
 
+@settings(max_examples=20)
+@given(radius=st.floats(0.01, 3), angle=st.floats(0, 2 * np.pi))
+def test_distance_from_a_circle(radius, angle):
+    z = np.array([radius * np.exp(1j * angle)])
+    # the sagitta of 16 × 64 edges
+    np.testing.assert_allclose(DOMAINS["disk"].distance_outside(z), radius - 1, atol=5e-6)
+
+
+def test_distance_has_the_sign_of_the_nearest_edge_however_near():
+    boundary = DOMAINS["bent"].boundary
+    t = (np.arange(4000) + 0.5) / 4000
+    tangent = boundary.derivative(t)
+    outwards = -1j * tangent / np.abs(tangent)
+    # far enough from the polygon's sagittas, nearer than its edges
+    for step in (1e-3, 1e-2):
+        outside = DOMAINS["bent"].distance_outside(boundary.point(t) + step * outwards)
+        inside = DOMAINS["bent"].distance_outside(boundary.point(t) - step * outwards)
+        np.testing.assert_allclose(outside, step, rtol=0.3)
+        np.testing.assert_allclose(inside, -step, rtol=0.3)
+
+
+def test_corners_tell_the_side_by_both_of_their_edges():
+    away = 0.1 * np.exp(2j * np.pi * (np.arange(16) + 0.5) / 16)
+    for corner in (2 + 1j, 1 + 1j, 0j):
+        z = corner + away
+        inside = [(0 < w.real < 2 and 0 < w.imag < 1) or (0 < w.real < 1 and 0 < w.imag < 2) for w in z]
+        np.testing.assert_array_equal(DOMAINS["L"].distance_outside(z) < 0, inside)
+
+
 def test_halved_pieces_leave_the_curve_as_it_is():
     boundary = DOMAINS["L"].boundary
     pieces = np.arange(len(boundary.vertices)) % 3 == 1
