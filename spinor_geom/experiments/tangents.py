@@ -77,11 +77,8 @@ def at_epochs(curve: KnownCurve, options: RMSprop, epochs: tuple[int, ...]) -> l
     with tempfile.TemporaryDirectory() as folder:
         for epoch in epochs:
             if epoch:
-                states.append(
-                    train_by_rmsprop(
-                        curve, options=replace(options, epochs=epoch), checkpoint=Path(folder) / "training.safetensors"
-                    )
-                )
+                going_on = replace(options, epochs=epoch, checkpoint=Path(folder) / "training.safetensors")
+                states.append(train_by_rmsprop(curve, options=going_on))
             else:
                 states.append(train_by_rmsprop(curve, options=replace(options, epochs=1, learning_rate=_NO_STEP)))
     return states
