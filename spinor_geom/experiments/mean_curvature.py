@@ -64,7 +64,11 @@ def measure(settings: MeanCurvatureSettings) -> Outcome:
         verdict=f"Fitted slopes are {told}; the rules' orders are -2 and -4."
         + (f" Farther off than 0.1 and 0.2: {'; '.join(off)}." if off else ""),
         arrays={"z": z, "steps": np.array(settings.steps), **{name: np.array(h) for name, (_, h) in lines.items()}},
-        pictures={"mean-curvature": log_log(lines, x="steps N", y="max |H|", slopes=(-2, -4))},
+        pictures={
+            "mean-curvature": log_log(
+                lines, x="steps N", y="max |H|", slopes={f"{rows[0]['surface']}, {name}": n for name, (n, _) in ORDERS.items()}
+            )
+        },
     )
 
 

@@ -9,13 +9,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import torch
 
 from spinor_geom.experiments.drawing import log_log
 from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.residual import passed_over
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
+from spinor_geom.plateau.training.curve import CurveAsTensors
 from spinor_geom.surface import SpinorSurface
 
 # points of ∂Ω whose distance from Γ is measured
@@ -100,9 +103,13 @@ def on_curve(curve: KnownCurve, settings: TimingSettings) -> dict[str, tuple[lis
 
 
 def boundary_distance(surface: SpinorSurface, curve: BoundaryCurve) -> float:
-    """Largest distance of the boundary from the nearest points of Γ."""
+    """Largest distance of the boundary from the nearest points of Γ, and of what of Γ it passes over from it."""
     r = surface.position(surface.domain.boundary.point(np.arange(_POINTS) / _POINTS))
-    return float(np.linalg.norm(r - curve.point(curve.nearest(r)), axis=1).max())
+    slide = np.unwrap(curve.nearest(r), period=1.0)
+    error = r - curve.point(slide % 1.0)
+    points, parameters, away = (torch.from_numpy(array) for array in (r, slide, error))
+    passed = passed_over(points, parameters, away, CurveAsTensors.of(curve))
+    return max(float(np.linalg.norm(error, axis=1).max()), passed.max)
 
 
 def _compared(name: str, lines: dict[str, tuple[list[float], list[float]]]) -> tuple[bool, str]:

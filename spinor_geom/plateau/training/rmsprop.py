@@ -230,9 +230,7 @@ class _Training:
                 seconds=before + time.perf_counter() - begin,
             )
             self.history.append(step)
-            if self.path is not None and (
-                index % self.options.checkpoint_every == 0 or index == self.options.epochs
-            ):
+            if self.path is not None and (index % self.options.checkpoint_every == 0 or index == self.options.epochs):
                 self.save(self.path)
             if on_epoch is not None:
                 on_epoch(step)
