@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import proj3d
 from numpy.typing import ArrayLike
 
@@ -19,7 +20,7 @@ from spinor_geom.surface.weierstrass import WeierstrassSurface
 
 _SIZE = 4.0  # inches, of one surface
 _LOW, _BAR = 0.85, 0.2  # of that, the height of a row, and what a scale of colours takes beside it
-_FILLED = 0.95  # of a surface's square
+_FILLED, _FILLED_UP = 0.95, 0.7  # of a surface's square, the title above it
 _RIM = 400  # points of a boundary
 _GRID = (16, 96)  # circles and points on each, of a surface over the unit disk
 _PHASE, _PIXELS = 2.2, 160  # inches and points of a side of a function's picture
@@ -135,12 +136,16 @@ def surfaces(
             bar = figure.add_axes((left + 1.02 * width, middle - 0.25 / down, 0.04 * width, 0.5 / down))
             figure.colorbar(mesh, cax=bar)
         axes.plot(*np.append(one.rim, one.rim[:1], axis=0).T, color="black", linewidth=1)
-        axes.plot(*one.marks.T, "kx", markersize=9, markeredgewidth=2)
         shown = one.rim
         if curves is not None:
             shown = curves[title](np.linspace(0, 1, _RIM))
             axes.plot(*shown.T, color="red", linewidth=1)
         _fit(axes, shown, one.rim)
+        # on the figure and not in space, where the surface might hide them
+        x, y = figure.transFigure.inverted().transform(_on_screen(axes, one.marks)).T
+        crosses = Line2D(x, y, marker="x", markersize=9, markeredgewidth=2, color="black", linestyle="none")
+        crosses.set_transform(figure.transFigure)
+        figure.add_artist(crosses)
         figure.text(left + width / 2, 1 - row / down, title, ha="center", va="top", fontsize="medium")
     return figure
 
@@ -151,9 +156,14 @@ def _fit(axes: Any, shown: Float[np.ndarray, "n 3"], rim: Float[np.ndarray, "m 3
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_axis_off()
     axes.set_box_aspect(high - low)
-    x, y, _ = proj3d.proj_transform(*np.concatenate([shown, rim]).T, axes.get_proj())
-    inside = axes.transAxes.inverted().transform(axes.transData.transform(np.stack([x, y], axis=-1)))
-    axes.set_box_aspect(high - low, zoom=_FILLED / (2 * np.abs(inside - 0.5)).max())
+    inside = axes.transAxes.inverted().transform(_on_screen(axes, np.concatenate([shown, rim])))
+    across, up = 2 * np.abs(inside - 0.5).max(axis=0)
+    axes.set_box_aspect(high - low, zoom=min(_FILLED / across, _FILLED_UP / up))
+
+
+def _on_screen(axes: Any, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+    x, y, _ = proj3d.proj_transform(*points.T, axes.get_proj())
+    return np.asarray(axes.transData.transform(np.stack([x, y], axis=-1)))
 
 
 def phases(rows: Mapping[str, Mapping[str, HolomorphicFunction]]) -> Figure:

@@ -66,7 +66,10 @@ def measure(settings: MeanCurvatureSettings) -> Outcome:
         arrays={"z": z, "steps": np.array(settings.steps), **{name: np.array(h) for name, (_, h) in lines.items()}},
         pictures={
             "mean-curvature": log_log(
-                lines, x="steps N", y="max |H|", slopes={f"{rows[0]['surface']}, {name}": n for name, (n, _) in ORDERS.items()}
+                lines,
+                x="steps N",
+                y="max |H|",
+                slopes={f"{rows[0]['surface']}, {name}": n for name, (n, _) in ORDERS.items()},
             )
         },
     )

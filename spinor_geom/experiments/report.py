@@ -49,7 +49,8 @@ def reproduce(
     """Runs experiments one after the other; each leaves its files, and its part of the report, as soon as it is done.
 
     In the folder lie `report.md`, the same as `report.html`, which holds its pictures, and, for each experiment, a
-    folder with `data.json`, `data.npz`, and its pictures as PNG and PDF. Files of an earlier run are replaced, each whole or not at all.
+    folder with `data.json`, `data.npz`, and its pictures as PNG and PDF. Files of an earlier run are replaced, each
+    whole or not at all.
 
     Args:
         names: of `experiments.NAMES`.
@@ -113,8 +114,8 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _cell(value: Any) -> str:
-    if value is None:
-        return ""
+    if value is None or isinstance(value, bool):
+        return {None: "", True: "yes", False: "no"}[value]
     return f"{value:.4g}" if isinstance(value, float) else str(value).replace("|", "\\|")
 
 

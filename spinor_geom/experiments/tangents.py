@@ -65,9 +65,7 @@ def measure(settings: TangentSettings) -> Outcome:
         verdict=f"Distance from the curve in diagonals after {settings.epochs[-1]} epochs: {told}.",
         arrays=arrays,
         pictures={
-            "tangents-surfaces": surfaces(
-                drawn, curves=dict.fromkeys(drawn, curve.point), across=len(settings.epochs)
-            ),
+            "tangents-surfaces": surfaces(drawn, curves=dict.fromkeys(drawn, curve.point), across=len(settings.epochs)),
             "tangents-errors": log_log(lines, x="epoch", y="largest distance from Γ / diagonal", linear_x=True),
         },
     )

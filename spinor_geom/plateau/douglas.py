@@ -303,7 +303,7 @@ class _Problem:
     def hessian(
         self, state: _State, gauge: _Gauge, bend: Float[Tensor, "b n"]
     ) -> Callable[[Float[Tensor, "b n"]], Float[Tensor, "b n"]]:
-        """The second derivative of the energy by arc length, its diagonal part given; each row of its argument is a u."""
+        """The second derivative of the energy by arc length, with a given diagonal part, on each row."""
         unit = state.tangent / state.speed[..., None]
 
         def applied(u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:

@@ -130,7 +130,7 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
     if not float(overlap.min()) > _LEAST_OVERLAP:
         k = int(overlap.argmin())
         raise OptionError(
-            f"the frames of the samples {(k - 1) % len(p)} and {k} differ by 90° or more; take more samples of the curve"
+            f"the frames of the samples {(k - 1) % len(p)} and {k} differ by 90° or more; take more samples"
         )
     return 1 if spin_invariant(p, q) > 0 else 0
 
