@@ -159,7 +159,7 @@ def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps
 
 
 def test_prescribed_surfaces_are_recovered():
-    network = LevenbergMarquardt(tolerance=1e-8)
+    network = LevenbergMarquardt(tolerance=1e-8, nodes=256)
     settings = prescribed.PrescribedSettings(depth=2, network=network, random=TINY_RMSPROP, perturbed=TINY_RMSPROP)
     outcome = prescribed.measure(settings)
     assert outcome.holds
