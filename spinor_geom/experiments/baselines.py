@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from spinor_geom.errors import ZeroOnContourError
 from spinor_geom.experiments.drawing import Drawn, log_log, surfaces
+from spinor_geom.experiments.experiment import kept_as
 from spinor_geom.experiments.paper_surfaces import solved_by_network
 from spinor_geom.experiments.timing import boundary_distance
 from spinor_geom.gallery import KnownCurve
@@ -78,9 +79,10 @@ def compare(curve: KnownCurve, trainings: Trainings, *, name: str) -> Comparison
         name: of the pictures' files.
     """
     gamma = BoundaryCurve.from_formula(curve)
+    forms = {SPINOR: trainings.rmsprop, ENNEPER: replace(trainings.rmsprop, representation="weierstrass-enneper")}
     paper = {
-        SPINOR: train_by_rmsprop(curve, options=trainings.rmsprop),
-        ENNEPER: train_by_rmsprop(curve, options=replace(trainings.rmsprop, representation="weierstrass-enneper")),
+        method: train_by_rmsprop(curve, options=kept_as(f"{name}-{options.representation}", options))
+        for method, options in forms.items()
     }
     network, network_seconds = _timed(lambda: solved_by_network(curve, trainings.network))
     exact, seconds = _timed(lambda: solve_plateau(curve, model="series", unstable="keep"))

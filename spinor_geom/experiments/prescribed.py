@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from spinor_geom.experiments.drawing import Drawn, HolomorphicFunction, phases, surfaces
-from spinor_geom.experiments.experiment import Experiment, Outcome
+from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
 from spinor_geom.experiments.moebius import MoebiusFit, fit_moebius
 from spinor_geom.experiments.paper_surfaces import boundary_of, perturbed_series, random_networks, solved_by_network
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -53,7 +53,7 @@ def measure(settings: PrescribedSettings) -> Outcome:
     for name, (truth, paper) in cases.items():
         curve = boundary_of(truth, name)
         trained = {
-            PAPER: train_by_rmsprop(BoundaryCurve.from_formula(curve), options=paper),
+            PAPER: train_by_rmsprop(BoundaryCurve.from_formula(curve), options=kept_as(name, paper)),
             OURS: solved_by_network(curve, settings.network),
         }
         found = {method: t.surface for method, t in trained.items() if isinstance(t.surface, SpinorSurface)}

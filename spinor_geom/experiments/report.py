@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.experiments.experiment import Experiment, Outcome, as_json, experiment
+from spinor_geom.experiments.experiment import Experiment, Outcome, as_json, experiment, keeping
 from spinor_geom.experiments.page import page
 from spinor_geom.files import atomic_path, write_json
 
@@ -48,6 +49,8 @@ def reproduce(
 ) -> tuple[Done, ...]:
     """Runs experiments one after the other; each leaves its files, and its part of the report, as soon as it is done.
 
+    The paper's trainings keep their states in the folder while they run: a run that was stopped goes on from there.
+
     In the folder lie `report.md`, the same as `report.html`, which holds its pictures, and, for each experiment, a
     folder with `data.json`, `data.npz`, and its pictures as PNG and PDF. Files of an earlier run are replaced, each
     whole or not at all.
@@ -65,13 +68,16 @@ def reproduce(
     done: list[Done] = []
     for name, one in chosen.items():
         begin = time.perf_counter()
-        outcome = one.measure(one.settings(quick=quick))
+        states = Path(folder) / name / "states"
+        states.mkdir(parents=True, exist_ok=True)
+        outcome = one.measure(keeping(one.settings(quick=quick), states))
         done.append(Done(name=name, experiment=one, outcome=outcome, seconds=time.perf_counter() - begin))
         _write(done[-1], Path(folder) / name, quick)
         text = report(done, quick=quick)
         for file, content in ((REPORT, text), (PAGE, page(text, Path(folder), title=TITLE))):
             with atomic_path(Path(folder) / file) as temporary:
                 temporary.write_text(content, encoding="utf-8")
+        shutil.rmtree(states)
         if on_done is not None:
             on_done(done[-1])
     return tuple(done)

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from spinor_geom.experiments.drawing import log_log
-from spinor_geom.experiments.experiment import Experiment, Outcome
+from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
@@ -91,7 +91,7 @@ def on_curve(curve: KnownCurve, settings: TimingSettings) -> dict[str, tuple[lis
         edges = diagonal / float(np.linalg.norm(np.diff(gamma.coefficients[-1], axis=0), axis=1).mean())
         return solve_plateau(curve, model="cauchy", tolerance=tolerance * edges).surface
 
-    trained = train_by_rmsprop(curve, options=settings.rmsprop)
+    trained = train_by_rmsprop(curve, options=kept_as(curve.name, settings.rmsprop))
     steps = [(step.seconds, (step.boundary_error or np.nan) / diagonal) for step in trained.history]
     points = {
         PAPER: steps,

@@ -35,7 +35,7 @@ from spinor_geom.experiments import (
 from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope
 from spinor_geom.experiments.report import Done, report, reproduce
 from spinor_geom.holomorphic import PowerSeries
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
+from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
 
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
@@ -279,6 +279,31 @@ def test_a_run_leaves_report_data_and_pictures(tmp_path):
     assert "<td>trapezoid</td>" in page
     assert "<strong>Seen.</strong> The fitted slopes" in page
     assert not re.search(r'(src|href)="(?!data:)', page)
+
+
+def test_a_run_that_was_stopped_goes_on_from_its_trainings(tmp_path, monkeypatch):
+    trainings = baselines.Trainings(rmsprop=replace(TINY_RMSPROP, checkpoint_every=1), network=TINY_NETWORK)
+    monkeypatch.setattr(twisted_circle, "EXPERIMENT", replace(twisted_circle.EXPERIMENT, quick=trainings))
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(baselines, "solved_by_network", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            reproduce(["twisted-circle"], tmp_path, quick=True)
+    states = tmp_path / "twisted-circle" / "states"
+    assert sorted(path.stem for path in states.iterdir()) == [
+        "twisted-circle-spinor",
+        "twisted-circle-weierstrass-enneper",
+    ]
+    epochs = []
+    epoch = rmsprop._Training._epoch
+    monkeypatch.setattr(rmsprop._Training, "_epoch", lambda self: epochs.append(1) or epoch(self))
+    (done,) = reproduce(["twisted-circle"], tmp_path, quick=True)
+    assert not epochs
+    assert done.outcome.rows[0]["steps"] == 3
+    assert not states.exists()
 
 
 def test_what_is_not_seen_is_said_and_gaps_in_the_table_stay_empty():
