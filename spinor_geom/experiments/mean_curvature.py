@@ -111,8 +111,6 @@ EXPERIMENT = Experiment(
     here="Both rules on four surfaces of the same kinds, their networks trained by Levenberg-Marquardt; H by automatic "
     "differentiation, twice, of the position.",
     measure=measure,
-    full=MeanCurvatureSettings(
-        grid=200, steps=(10, 20, 40, 80, 160), network=LevenbergMarquardt(depth=10, tolerance=1e-4)
-    ),
-    quick=MeanCurvatureSettings(grid=16, steps=(10, 20, 40), network=LevenbergMarquardt(tolerance=1e-4)),
+    full=MeanCurvatureSettings(grid=200, steps=(20, 40, 80, 160), network=LevenbergMarquardt(depth=10, tolerance=1e-4)),
+    quick=MeanCurvatureSettings(grid=16, steps=(20, 40, 80), network=LevenbergMarquardt(tolerance=1e-4)),
 )
