@@ -39,6 +39,8 @@ WIDE = LevenbergMarquardt(tolerance=SMALLER, width=40, nodes=256, distillation_s
 PAPER = LevenbergMarquardt(tolerance=DEEP, depth=10, width=20)
 # the paper's 200 × 200 points take hours on one core
 SLOPES = MeanCurvatureSettings(grid=24, steps=(20, 40, 80), network=PAPER)
+# epochs of the paper's training
+EPOCHS = 800
 # parts of a training whose mean losses are compared
 PARTS = 10
 
@@ -183,7 +185,8 @@ def rmsprop_figures(curve: gallery.KnownCurve, training: Training, case: str) ->
     options = RMSprop(epochs=training.epochs, checkpoint=training.checkpoint)
     trained = train_by_rmsprop(curve, options=options)
     solution, seconds = by_network(curve, PAPER)
-    done = f"after {len(trained.history)} of 800 epochs"
+    whole = len(trained.history) >= EPOCHS
+    done = f"after {len(trained.history)} of {EPOCHS} epochs"
     per_epoch = statistics.median(np.diff([0.0, *(step.seconds for step in trained.history)]).tolist())
     ours = measured_distance(solution)
     return [
@@ -191,8 +194,9 @@ def rmsprop_figures(curve: gallery.KnownCurve, training: Training, case: str) ->
             case=case,
             name="runs to the end without NaN",
             measured=f"{trained.status} {done}",
-            target="finished",
-            met=trained.status == "finished",
+            target=f"finished after {EPOCHS}",
+            # a part of the training says nothing of the rest, unless it went wrong
+            met=trained.status == "finished" if whole or trained.status != "finished" else None,
         ),
         falling_figure(case, trained),
         Figure(
