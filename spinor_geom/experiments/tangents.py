@@ -80,7 +80,8 @@ def at_epochs(curve: KnownCurve, options: RMSprop, epochs: tuple[int, ...]) -> l
                 going_on = replace(options, epochs=epoch, checkpoint=Path(folder) / "training.safetensors")
                 states.append(train_by_rmsprop(curve, options=going_on))
             else:
-                states.append(train_by_rmsprop(curve, options=replace(options, epochs=1, learning_rate=_NO_STEP)))
+                still = replace(options, epochs=1, learning_rate=_NO_STEP, checkpoint=None)
+                states.append(train_by_rmsprop(curve, options=still))
     return states
 
 

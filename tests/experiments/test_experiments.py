@@ -32,7 +32,7 @@ from spinor_geom.experiments import (
     timing,
     twisted_circle,
 )
-from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope
+from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope, keeping
 from spinor_geom.experiments.report import Done, report, reproduce
 from spinor_geom.holomorphic import PowerSeries
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
@@ -83,9 +83,9 @@ def test_prescribed_boundaries_have_their_own_derivatives():
             assert np.allclose(slope, df(t), atol=1e-6 * np.abs(slope).max())
 
 
-def test_ours_are_nearer_and_faster_than_the_paper_s_training():
+def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
     settings = timing.TimingSettings(curves=("twisted circle",), rmsprop=TINY_RMSPROP, tolerances=(1e-3,), depth=2)
-    outcome = timing.measure(settings)
+    outcome = timing.measure(keeping(settings, tmp_path))
     assert {row["method"] for row in outcome.rows} == {timing.PAPER, timing.OURS, timing.CAUCHY, timing.DOUGLAS}
     distances = {row["method"]: row["distance/diagonal"] for row in outcome.rows}
     assert distances[timing.DOUGLAS] < 1e-13
@@ -109,11 +109,11 @@ def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
     assert rows[baselines.SERIES]["branch points"] == "none"
 
 
-def test_the_disks_of_a_seam_are_told_apart():
+def test_the_disks_of_a_seam_are_told_apart(tmp_path):
     settings = tennis_seam.SeamSettings(
         parameters=(0.75,), trainings=baselines.Trainings(rmsprop=TINY_RMSPROP, network=TINY_NETWORK)
     )
-    outcome = tennis_seam.measure(settings)
+    outcome = tennis_seam.measure(keeping(settings, tmp_path))
     disks = {row["method"]: row["disk"] for row in outcome.rows}
     assert disks[baselines.SERIES] == "unstable"
     assert disks[tennis_seam.LEFT] == "stable"
@@ -138,8 +138,9 @@ def test_areas_name_disks(a, area, disk):
     assert tennis_seam.which_disk(area, gallery.tennis_seam(a).disks) == disk
 
 
-def test_both_weights_start_alike_and_epochs_go_on_from_each_other():
-    outcome = tangents.measure(tangents.TangentSettings(weights=(0.0, 0.5), epochs=(0, 1, 3), rmsprop=TINY_RMSPROP))
+def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
+    settings = tangents.TangentSettings(weights=(0.0, 0.5), epochs=(0, 1, 3), rmsprop=TINY_RMSPROP)
+    outcome = tangents.measure(keeping(settings, tmp_path))
     rows = {(row["λ"], row["epoch"]): row for row in outcome.rows}
     assert rows[0.0, 0]["distance/diagonal"] == rows[0.5, 0]["distance/diagonal"]
     for weight in (0.0, 0.5):
@@ -158,10 +159,12 @@ def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps
     assert ("at most" in outcome.verdict, list(outcome.pictures)) == (True, ["heat-maps"])
 
 
-def test_prescribed_surfaces_are_recovered():
+def test_prescribed_surfaces_are_recovered(tmp_path):
     network = LevenbergMarquardt(tolerance=1e-8, nodes=256)
     settings = prescribed.PrescribedSettings(depth=2, network=network, random=TINY_RMSPROP, perturbed=TINY_RMSPROP)
-    outcome = prescribed.measure(settings)
+    outcome = prescribed.measure(keeping(settings, tmp_path))
+    # one state for each training
+    assert len(list(tmp_path.iterdir())) == 2
     assert outcome.holds
     assert [row["method"] for row in outcome.rows] == [prescribed.PAPER, prescribed.OURS, prescribed.SERIES] * 2
     assert all(row["p, q"] > 0.01 for row in outcome.rows if row["method"] == prescribed.PAPER)
