@@ -140,8 +140,8 @@ EXPERIMENT = Experiment(
     title="boundary error against wall-clock time",
     paper="RMSprop (Algorithm 1), networks of 10 layers of 20 units, 800 epochs; the paper tells no times.",
     here="The paper's training with its own settings; a network of 3 layers of 20 units by Levenberg-Marquardt, a "
-    "Cauchy network, and Douglas-Newton on the disk, each on one thread; the same curve in the same run, every point of "
-    "ours a solve from nothing. Seen means that each of ours comes nearer in less time.",
+    "Cauchy network, and Douglas-Newton on the disk, each on one thread; the same curve in the same run, every point "
+    "of ours a solve from nothing. Seen means that each of ours comes nearer in less time.",
     measure=measure,
     full=_FULL,
     quick=replace(
