@@ -8,6 +8,7 @@ Each group is measured in one run and makes tables of its own:
 - `solutions`: loops that bound several minimal disks,
 - `speed`: seconds and memory of a solve,
 - `fillers`: one hole filled by this project and by other tools that are installed,
+- `paper`: the paper's curves, network and training,
 - `meshes`: every hole of every mesh file in a folder,
 - `profile`: the functions that one fill spends its time in; only where it is asked for by name.
 
@@ -25,6 +26,7 @@ from figure_curves import curves
 from figure_fillers import fillers
 from figure_loops import any_loop, random_loops
 from figure_meshes import SHIPPED, meshes, profile
+from figure_paper import Training, paper
 from figure_solutions import solutions
 from figure_speed import speed
 from figure_tables import Table, machine, replaced_section
@@ -32,7 +34,7 @@ from figure_tables import Table, machine, replaced_section
 from spinor_geom.files import atomic_path
 
 README = Path(__file__).parent / "README.md"
-USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "speed", "fillers", "meshes")
+USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "speed", "fillers", "paper", "meshes")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,6 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "solutions": lambda: solutions(options.only),
         "speed": lambda: speed(options.only),
         "fillers": lambda: fillers(options.only),
+        "paper": lambda: paper(options.only, Training(epochs=options.epochs, checkpoint=options.checkpoint)),
         "meshes": lambda: meshes(options.only, options.data),
         "profile": lambda: profile(options.profile_mesh),
     }
@@ -77,6 +80,12 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         default=SHIPPED / "demosthenes_low_res.obj",
         metavar="FILE",
         help="mesh that the group profile fills",
+    )
+    parser.add_argument(
+        "--epochs", type=int, default=20, metavar="N", help="epochs of the paper's training; its 800 take over an hour"
+    )
+    parser.add_argument(
+        "--checkpoint", type=Path, metavar="FILE", help="state of that training, from which it goes on if it is there"
     )
     output = parser.add_mutually_exclusive_group()
     output.add_argument("-o", "--output", type=Path, metavar="FILE", help="write there instead of standard output")

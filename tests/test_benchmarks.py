@@ -243,3 +243,40 @@ def test_our_fill_is_measured_whole(
     left_open = dataclasses.replace(filled, vertices=filled.vertices + 1e-9, faces=filled.faces[:-1])
     *_, closed, kept = fillers.row(hole, "other", left_open)
     assert (closed, kept) == ("no, +3 open edges", "no")
+
+
+def test_power_series_meet_their_targets_and_the_null_error_sees_a_wrong_slide(
+    benchmark_modules: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paper = benchmark_modules("figure_paper")
+    monkeypatch.setattr(paper, "RUNS", 1)
+    curve = gallery.twisted_circle()
+    distance, null, area, seconds = paper.exact_figures(curve, curve.disks[0].area, "circle", keep=True)
+    assert [figure.met for figure in (distance, null, area)] == [True] * 3
+    assert seconds.target == "≤ 0.1"
+    solution = paper.solve_plateau(curve, model="series")
+    # the harmonic map of another slide is not conformal
+    t = solution.matching[:, 0]
+    other = np.column_stack([t, t + 0.05 * np.sin(4 * np.pi * t)])
+    assert paper.null_error(dataclasses.replace(solution, matching=other)) > 1e-2
+
+
+@pytest.mark.parametrize(("slope", "met"), [(-3.9, True), (-3.7, False), (float("nan"), False)])
+def test_slopes_are_compared_with_the_rule_s_order(
+    benchmark_modules: Callable[[str], ModuleType], slope: float, met: bool
+) -> None:
+    figure = benchmark_modules("figure_paper").slope_figure("a", "simpson", slope, "9 points")
+    assert (figure.target, figure.met) == ("-4 ± 0.2", met)
+
+
+def test_the_paper_s_training_is_measured_as_far_as_it_went(
+    benchmark_modules: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paper = benchmark_modules("figure_paper")
+    small = paper.RMSprop(depth=2, width=5, points=64, batch=32, order=8)
+    monkeypatch.setattr(paper, "RMSprop", lambda **options: dataclasses.replace(small, **options))
+    monkeypatch.setattr(paper, "PAPER", dataclasses.replace(paper.PAPER, depth=2, width=10, tolerance=1e-3))
+    ended, falls, largest, *_ = paper.rmsprop_figures(gallery.twisted_circle(), paper.Training(epochs=4), "circle")
+    assert (ended.measured, ended.met) == ("finished after 4 of 800 epochs", None)
+    assert falls.name == "loss falls on average, 4 parts"
+    assert largest.name.endswith("after 4 of 800 epochs")

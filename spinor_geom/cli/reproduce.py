@@ -13,8 +13,9 @@ COLUMNS = ("experiment", "seen", "seconds")
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
     """Runs experiments in their own order; says which did not show what the paper says."""
-    require("matplotlib", extra="experiments")
-    from spinor_geom.experiments.report import REPORT, Done, reproduce
+    for package in ("matplotlib", "markdown_it"):
+        require(package, extra="experiments")
+    from spinor_geom.experiments.report import PAGE, Done, reproduce
 
     names = arguments.names or NAMES
     with progress("reproducing") as advance:
@@ -28,7 +29,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         done = reproduce(names, arguments.output, quick=arguments.quick, on_done=on_done)
     rows = [[one.name, "yes" if one.outcome.holds else "no", f"{one.seconds:.1f}"] for one in done]
     show_table(COLUMNS, rows, piped=False)
-    show_lines(f"report: {arguments.output / REPORT}", piped=False)
+    show_lines(f"report: {arguments.output / PAGE}", piped=False)
     for one in done:
         if not one.outcome.holds:
             complain(f"{one.name}: {one.outcome.verdict}")

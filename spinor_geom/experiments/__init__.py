@@ -12,4 +12,5 @@ NAMES = (
     "catenoid",
     "tangents",
     "timing",
+    "branch-points",
 )

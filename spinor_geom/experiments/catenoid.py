@@ -61,7 +61,9 @@ def measure(settings: CatenoidSettings) -> Outcome:
         holds=all(bool(row["within"]) for row in fits),
         verdict=f"The fitted slopes of the largest error are {told}; the rules' orders are -2 and -4.",
         arrays={"z": z, "steps": np.array(settings.steps), **arrays},
-        pictures={"catenoid": log_log(lines, x="steps N", y="largest distance", slopes=(-2, -4))},
+        pictures={
+            "catenoid": log_log(lines, x="steps N", y="largest distance", slopes={"trapezoid": -2, "simpson": -4})
+        },
     )
 
 

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
 from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d import proj3d
 from numpy.typing import ArrayLike
 
-from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.mesh.curve import CurveFunction
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
 _SIZE = 4.0  # inches, of one surface
-_ACROSS = 4  # surfaces in a row
-_ZOOM = 1.4  # of a surface in its square, whose margins are wide
+_LOW, _BAR = 0.85, 0.2  # of that, the height of a row, and what a scale of colours takes beside it
+_FILLED, _FILLED_UP = 0.95, 0.7  # of a surface's square, the title above it
 _RIM = 400  # points of a boundary
+_GRID = (16, 96)  # circles and points on each, of a surface over the unit disk
 _PHASE, _PIXELS = 2.2, 160  # inches and points of a side of a function's picture
 _SATURATION, _HALF = 0.8, 0.5  # of its colours, and the modulus of middle brightness
 
@@ -32,7 +34,7 @@ def log_log(
     *,
     x: str,
     y: str,
-    slopes: Sequence[int] = (),
+    slopes: Mapping[str, int] | None = None,
     linear_x: bool = False,
 ) -> Figure:
     """Lines on logarithmic axes.
@@ -41,24 +43,28 @@ def log_log(
         lines: (x, y) by label.
         x: label of the axis.
         y: label of the axis.
-        slopes: of straight lines for comparison, through the first point of the first line.
+        slopes: by label of a line, that of a straight line for comparison through the line's first point; the points
+            of the first line are then marked on the axis.
         linear_x: whether x is not logarithmic.
     """
-    figure = Figure(figsize=(6, 4.5), layout="constrained")
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for label, (at, value) in lines.items():
         axes.plot(np.atleast_1d(at), np.atleast_1d(value), marker="o", markersize=3, label=label)
-    if slopes:
-        at, value = (np.asarray(v, dtype=np.float64) for v in next(iter(lines.values())))
-        for slope in slopes:
-            axes.plot(at, value[0] * (at / at[0]) ** slope, "k:", linewidth=1, label=f"slope {slope}")
+    for (label, slope), style in zip((slopes or {}).items(), (":", "--"), strict=False):
+        at, value = (np.asarray(v, dtype=np.float64) for v in lines[label])
+        axes.plot(at, value[0] * (at / at[0]) ** slope, f"k{style}", linewidth=1, label=f"slope {slope}")
     axes.set_yscale("log")
     if not linear_x:
         axes.set_xscale("log")
+    if slopes:
+        ticks = np.atleast_1d(next(iter(lines.values()))[0])
+        axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.grid(visible=True, which="both", alpha=0.2)
-    axes.legend(fontsize="small")
+    figure.legend(loc="outside right upper", fontsize="small")
     return figure
 
 
@@ -71,50 +77,93 @@ class Drawn:
         faces: the triangles.
         rim: closed sequence of points of its boundary.
         value: what the colour of each vertex tells; one colour for all without.
+        marks: points that are marked by a cross.
     """
 
     position: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
     rim: Float[np.ndarray, "m 3"]
     value: Float[np.ndarray, " n"] | None = None
+    marks: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
-    def of(cls, surface: SpinorSurface | WeierstrassSurface, domain: PlaneDomain | None = None) -> Drawn:
-        """A surface over a triangulation of its domain: its own, or that of the same domain elsewhere."""
-        domain = domain or surface.domain
-        mesh = domain.triangulation
-        return cls(
-            position=surface.position(mesh.points),
-            faces=mesh.faces,
-            rim=surface.position(domain.boundary.point(np.arange(_RIM) / _RIM)),
-        )
+    def of(cls, surface: SpinorSurface | WeierstrassSurface, grid: tuple[int, int] = _GRID) -> Drawn:
+        """A surface over a grid on the unit disk: so many circles, and points on each; see `disk_grid`."""
+        z, faces = disk_grid(*grid)
+        rim = np.exp(2j * np.pi * np.arange(_RIM) / _RIM)
+        return cls(position=surface.position(z), faces=faces, rim=surface.position(rim))
 
 
-def surfaces(drawn: Mapping[str, Drawn], *, curves: Mapping[str, CurveFunction] | None = None) -> Figure:
+def disk_grid(circles: int, around: int) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "f 3"]]:
+    """Points of the unit disk on circles of equally spaced radii, its centre first, and triangles between them."""
+    turns = np.arange(around) / around
+    z = np.concatenate([[0], (np.arange(1, circles + 1)[:, None] / circles * np.exp(2j * np.pi * turns)).ravel()])
+    place = 1 + np.arange(circles * around).reshape(circles, around)
+    here, beside = place, np.roll(place, -1, axis=1)
+    middle = np.stack([np.zeros_like(here[0]), here[0], beside[0]], axis=-1)
+    first = np.stack([here[:-1], here[1:], beside[1:]], axis=-1).reshape(-1, 3)
+    second = np.stack([here[:-1], beside[1:], beside[:-1]], axis=-1).reshape(-1, 3)
+    return z, np.concatenate([middle, first, second])
+
+
+def surfaces(
+    drawn: Mapping[str, Drawn], *, curves: Mapping[str, CurveFunction] | None = None, across: int = 4
+) -> Figure:
     """Surfaces side by side, their boundaries in black.
 
     Args:
         drawn: by title.
-        curves: Γ(t) that each should have as its boundary, in red.
+        curves: Γ(t) that each should have as its boundary, in red; surfaces are then drawn at the scale of the curves.
+        across: surfaces in a row.
     """
-    across = min(_ACROSS, len(drawn))
+    across = min(across, len(drawn))
     down = -(-len(drawn) // across)
-    figure = Figure(figsize=(_SIZE * across, _SIZE * down), layout="constrained")
-    for place, (title, one) in enumerate(drawn.items(), start=1):
-        axes: Any = figure.add_subplot(down, across, place, projection="3d")
-        mesh = axes.plot_trisurf(*one.position.T, triangles=one.faces, color="#8fb3d9", linewidth=0, alpha=0.9)
+    wide = _SIZE * (1 + (_BAR if any(one.value is not None for one in drawn.values()) else 0))
+    figure = Figure(figsize=(wide * across, _LOW * _SIZE * down))
+    width, height = _SIZE / (wide * across), 1 / (_LOW * down)
+    for place, (title, one) in enumerate(drawn.items()):
+        row, column = divmod(place, across)
+        left, middle = column / across, 1 - (row + 0.5) / down
+        # squares that overlap above and below, where surfaces leave them empty
+        axes: Any = figure.add_axes((left, middle - height / 2, width, height), projection="3d", proj_type="ortho")
+        axes.patch.set_visible(False)
+        # without smooth edges, which would leave a pale seam between any two triangles
+        look = {"color": "#8fb3d9", "linewidth": 0, "antialiased": False}
+        mesh = axes.plot_trisurf(*one.position.T, triangles=one.faces, **look)
         if one.value is not None:
             mesh.set_array(one.value[one.faces].mean(axis=1))
             mesh.set_cmap("viridis")
-            figure.colorbar(mesh, ax=axes, shrink=0.6)
+            bar = figure.add_axes((left + 1.02 * width, middle - 0.25 / down, 0.04 * width, 0.5 / down))
+            figure.colorbar(mesh, cax=bar)
         axes.plot(*np.append(one.rim, one.rim[:1], axis=0).T, color="black", linewidth=1)
+        shown = one.rim
         if curves is not None:
-            axes.plot(*curves[title](np.linspace(0, 1, _RIM)).T, color="red", linewidth=1)
-        axes.set_title(title, fontsize="medium")
-        spans = [high - low for low, high in (axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d())]
-        axes.set_box_aspect(spans, zoom=_ZOOM)
-        axes.set_axis_off()
+            shown = curves[title](np.linspace(0, 1, _RIM))
+            axes.plot(*shown.T, color="red", linewidth=1)
+        _fit(axes, shown, one.rim)
+        # on the figure and not in space, where the surface might hide them
+        x, y = figure.transFigure.inverted().transform(_on_screen(axes, one.marks)).T
+        crosses = Line2D(x, y, marker="x", markersize=9, markeredgewidth=2, color="black", linestyle="none")
+        crosses.set_transform(figure.transFigure)
+        figure.add_artist(crosses)
+        figure.text(left + width / 2, 1 - row / down, title, ha="center", va="top", fontsize="medium")
     return figure
+
+
+def _fit(axes: Any, shown: Float[np.ndarray, "n 3"], rim: Float[np.ndarray, "m 3"]) -> None:
+    """Equal scales, with the box of some points as the axes' and those of the boundary just inside the picture."""
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_axis_off()
+    axes.set_box_aspect(high - low)
+    inside = axes.transAxes.inverted().transform(_on_screen(axes, np.concatenate([shown, rim])))
+    across, up = 2 * np.abs(inside - 0.5).max(axis=0)
+    axes.set_box_aspect(high - low, zoom=min(_FILLED / across, _FILLED_UP / up))
+
+
+def _on_screen(axes: Any, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+    x, y, _ = proj3d.proj_transform(*points.T, axes.get_proj())
+    return np.asarray(axes.transData.transform(np.stack([x, y], axis=-1)))
 
 
 def phases(rows: Mapping[str, Mapping[str, HolomorphicFunction]]) -> Figure:

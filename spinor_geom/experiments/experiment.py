@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
+from spinor_geom.plateau.training import RMSprop
 
 Settings = TypeVar("Settings")
 
@@ -74,6 +76,25 @@ def _changed(full: Any, quick: Any, prefix: str) -> list[tuple[str, tuple[Any, A
         elif long != short:
             found.append((f"{prefix}{name}", (long, short)))
     return found
+
+
+def keeping(settings: Settings, folder: Path) -> Settings:
+    """Settings whose trainings keep their states in a folder, to go on from there; see `kept_as`."""
+    changes: dict[str, Any] = {}
+    for entry in fields(settings):  # type: ignore[arg-type] # every experiment's settings are a dataclass
+        value = getattr(settings, entry.name)
+        if isinstance(value, RMSprop):
+            changes[entry.name] = replace(value, checkpoint=folder)
+        elif is_dataclass(value):
+            changes[entry.name] = keeping(value, folder)
+    return replace(settings, **changes)  # type: ignore[type-var]
+
+
+def kept_as(name: str, options: RMSprop) -> RMSprop:
+    """Options of one of an experiment's trainings: its state in a file of this name in the folder they name, if any."""
+    if options.checkpoint is None:
+        return options
+    return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.safetensors")
 
 
 def as_json(settings: Any) -> dict[str, Any]:

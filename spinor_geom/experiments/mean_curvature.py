@@ -64,7 +64,14 @@ def measure(settings: MeanCurvatureSettings) -> Outcome:
         verdict=f"Fitted slopes are {told}; the rules' orders are -2 and -4."
         + (f" Farther off than 0.1 and 0.2: {'; '.join(off)}." if off else ""),
         arrays={"z": z, "steps": np.array(settings.steps), **{name: np.array(h) for name, (_, h) in lines.items()}},
-        pictures={"mean-curvature": log_log(lines, x="steps N", y="max |H|", slopes=(-2, -4))},
+        pictures={
+            "mean-curvature": log_log(
+                lines,
+                x="steps N",
+                y="max |H|",
+                slopes={f"{rows[0]['surface']}, {name}": n for name, (n, _) in ORDERS.items()},
+            )
+        },
     )
 
 
@@ -104,8 +111,6 @@ EXPERIMENT = Experiment(
     here="Both rules on four surfaces of the same kinds, their networks trained by Levenberg-Marquardt; H by automatic "
     "differentiation, twice, of the position.",
     measure=measure,
-    full=MeanCurvatureSettings(
-        grid=200, steps=(10, 20, 40, 80, 160), network=LevenbergMarquardt(depth=10, tolerance=1e-4)
-    ),
-    quick=MeanCurvatureSettings(grid=16, steps=(10, 20, 40), network=LevenbergMarquardt(tolerance=1e-4)),
+    full=MeanCurvatureSettings(grid=200, steps=(20, 40, 80, 160), network=LevenbergMarquardt(depth=10, tolerance=1e-4)),
+    quick=MeanCurvatureSettings(grid=16, steps=(20, 40, 80), network=LevenbergMarquardt(tolerance=1e-4)),
 )

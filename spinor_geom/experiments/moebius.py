@@ -39,6 +39,13 @@ class MoebiusFit:
     gauss_residual: float
     position_residual: float
 
+    def reparametrised(
+        self, z: Complex[np.ndarray, " n"]
+    ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+        """T(z) and ±√T′(z)."""
+        w, root = _moved(z, self.turn, self.center)
+        return w, self.sign * root
+
 
 def fit_moebius(found: SpinorSurface, truth: SpinorSurface) -> MoebiusFit:
     """The Möbius map by which a surface over the unit disk is a reparametrisation of another, by least squares."""
@@ -47,7 +54,7 @@ def fit_moebius(found: SpinorSurface, truth: SpinorSurface) -> MoebiusFit:
     size = float(np.abs(spinors).max())
 
     def difference(parameters: Float[np.ndarray, "3"]) -> Float[np.ndarray, " k"]:
-        w, root = _moved(z, parameters)
+        w, root = _moved(z, parameters[0], _center(parameters))
         flat = (spinors - truth.spinors(w) * root[:, None]).ravel() / size
         return np.concatenate([flat.real, flat.imag])
 
@@ -55,7 +62,7 @@ def fit_moebius(found: SpinorSurface, truth: SpinorSurface) -> MoebiusFit:
     starts = 4 * np.pi * np.arange(2 * _STARTS) / (2 * _STARTS)
     rough = min(starts, key=lambda turn: float(np.square(difference(np.array([turn, 0.0, 0.0]))).sum()))
     parameters = least_squares(difference, [rough, 0.0, 0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
-    w, root = _moved(z, parameters)
+    w, root = _moved(z, parameters[0], _center(parameters))
     p, p0 = spinors[:, 0], truth.spinors(w)[:, 0] * root
     diagonal = float(np.linalg.norm(np.ptp(truth.position(z[:_POINTS]), axis=0)))
     half_turns = round(parameters[0] / (2 * np.pi)) % 2
@@ -77,9 +84,8 @@ def _center(parameters: Float[np.ndarray, "3"]) -> complex:
 
 
 def _moved(
-    z: Complex[np.ndarray, " n"], parameters: Float[np.ndarray, "3"]
+    z: Complex[np.ndarray, " n"], turn: float, a: complex
 ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
     """T(z) and √T′(z)."""
-    turn, a = parameters[0], _center(parameters)
     below = 1 - np.conj(a) * z
     return np.exp(1j * turn) * (z - a) / below, np.exp(0.5j * turn) * np.sqrt(1 - abs(a) ** 2) / below

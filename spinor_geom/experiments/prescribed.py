@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Complex
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from spinor_geom.experiments.drawing import Drawn, HolomorphicFunction, phases, surfaces
-from spinor_geom.experiments.experiment import Experiment, Outcome
-from spinor_geom.experiments.moebius import fit_moebius
+from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
+from spinor_geom.experiments.moebius import MoebiusFit, fit_moebius
 from spinor_geom.experiments.paper_surfaces import boundary_of, perturbed_series, random_networks, solved_by_network
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
@@ -52,13 +53,13 @@ def measure(settings: PrescribedSettings) -> Outcome:
     for name, (truth, paper) in cases.items():
         curve = boundary_of(truth, name)
         trained = {
-            PAPER: train_by_rmsprop(BoundaryCurve.from_formula(curve), options=paper),
+            PAPER: train_by_rmsprop(BoundaryCurve.from_formula(curve), options=kept_as(name, paper)),
             OURS: solved_by_network(curve, settings.network),
         }
         found = {method: t.surface for method, t in trained.items() if isinstance(t.surface, SpinorSurface)}
         found[SERIES] = solve_plateau(curve, model="series").surface
-        for method, surface in found.items():
-            fit = fit_moebius(surface, truth)
+        fits = {method: fit_moebius(surface, truth) for method, surface in found.items()}
+        for method, fit in fits.items():
             rows.append(
                 {
                     "surface": name,
@@ -78,7 +79,13 @@ def measure(settings: PrescribedSettings) -> Outcome:
         drawn = {method: Drawn.of(surface) for method, surface in {"prescribed": truth, **found}.items()}
         file = f"prescribed-{name.replace(' ', '-')}"
         pictures[file] = surfaces(drawn, curves=dict.fromkeys(drawn, curve.point))
-        pictures[f"{file}-functions"] = phases({"prescribed": functions(truth), "found": functions(found[OURS])})
+        pictures[f"{file}-functions"] = phases(
+            {
+                "prescribed": functions(truth),
+                "found": functions(found[OURS]),
+                "prescribed, after the Möbius map": functions(truth, fits[OURS]),
+            }
+        )
     ours = [row for row in rows if row["method"] != PAPER]
     return Outcome(
         rows=rows,
@@ -101,13 +108,18 @@ def _training(trained: Trained) -> dict[str, Any]:
     }
 
 
-def functions(surface: SpinorSurface) -> dict[str, HolomorphicFunction]:
-    """p, q, and f and g of the Weierstrass-Enneper form."""
+def functions(surface: SpinorSurface, fit: MoebiusFit | None = None) -> dict[str, HolomorphicFunction]:
+    """p, q, and f = −2q² and g = −p/q of the Weierstrass-Enneper form, after a Möbius map if one is given."""
+
+    def spinors(z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "2 n"]:
+        w, root = (z, np.ones_like(z)) if fit is None else fit.reparametrised(z)
+        return np.asarray(surface.spinors(w).T * root)
+
     return {
-        "p": lambda z: surface.spinors(z)[..., 0],
-        "q": lambda z: surface.spinors(z)[..., 1],
-        "f": lambda z: surface.weierstrass_data(z)[0],
-        "g": lambda z: surface.weierstrass_data(z)[1],
+        "p": lambda z: spinors(z)[0],
+        "q": lambda z: spinors(z)[1],
+        "f": lambda z: -2 * spinors(z)[1] ** 2,
+        "g": lambda z: -spinors(z)[0] / spinors(z)[1],
     }
 
 
@@ -117,8 +129,9 @@ EXPERIMENT = Experiment(
     "perturbed coefficients, 4,000 epochs; p, q, f, g are recovered up to a Möbius map, nearly a rotation.",
     here="Surfaces of the same kinds, their boundaries unevenly parametrised; the paper's training, and a network of "
     "ours by Levenberg-Marquardt from a solution by power series, both from the curve alone. The Möbius map and the "
-    "common sign of p and q are fitted; the table has what remains. Seen means that both of ours recover positions to "
-    f"{_NEAR:g} and p and q to {_ALIKE:g}.",
+    "common sign of p and q are fitted; the table has what remains, and the last row of the functions' pictures the "
+    f"prescribed ones moved by it. Seen means that both of ours recover positions to {_NEAR:g} and p and q to "
+    f"{_ALIKE:g}.",
     measure=measure,
     full=PrescribedSettings(
         depth=10,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,10 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.experiments.experiment import Experiment, Outcome, as_json, experiment
+from spinor_geom.experiments.experiment import Experiment, Outcome, as_json, experiment, keeping
+from spinor_geom.experiments.page import page
 from spinor_geom.files import atomic_path, write_json
 
-REPORT = "report.md"
+REPORT, PAGE = "report.md", "report.html"
+TITLE = "The paper's experiments, measured anew"
 # pixels per inch of the PNGs
 _RESOLUTION = 160
 
@@ -46,8 +49,11 @@ def reproduce(
 ) -> tuple[Done, ...]:
     """Runs experiments one after the other; each leaves its files, and its part of the report, as soon as it is done.
 
-    In the folder lie `report.md` and, for each experiment, a folder with `data.json`, `data.npz`, and its pictures as
-    PNG and PDF. Files of an earlier run are replaced, each whole or not at all.
+    The paper's trainings keep their states in the folder while they run: a run that was stopped goes on from there.
+
+    In the folder lie `report.md`, the same as `report.html`, which holds its pictures, and, for each experiment, a
+    folder with `data.json`, `data.npz`, and its pictures as PNG and PDF. Files of an earlier run are replaced, each
+    whole or not at all.
 
     Args:
         names: of `experiments.NAMES`.
@@ -62,11 +68,16 @@ def reproduce(
     done: list[Done] = []
     for name, one in chosen.items():
         begin = time.perf_counter()
-        outcome = one.measure(one.settings(quick=quick))
+        states = Path(folder) / name / "states"
+        states.mkdir(parents=True, exist_ok=True)
+        outcome = one.measure(keeping(one.settings(quick=quick), states))
         done.append(Done(name=name, experiment=one, outcome=outcome, seconds=time.perf_counter() - begin))
         _write(done[-1], Path(folder) / name, quick)
-        with atomic_path(Path(folder) / REPORT) as temporary:
-            temporary.write_text(report(done, quick=quick), encoding="utf-8")
+        text = report(done, quick=quick)
+        for file, content in ((REPORT, text), (PAGE, page(text, Path(folder), title=TITLE))):
+            with atomic_path(Path(folder) / file) as temporary:
+                temporary.write_text(content, encoding="utf-8")
+        shutil.rmtree(states)
         if on_done is not None:
             on_done(done[-1])
     return tuple(done)
@@ -76,7 +87,7 @@ def report(done: Sequence[Done], *, quick: bool) -> str:
     """The report of a run, in Markdown."""
     held = sum(one.outcome.holds for one in done)
     start = [
-        "# The paper's experiments, measured anew",
+        f"# {TITLE}",
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
         f"{sum(one.seconds for one in done):.0f} s; what the paper says was seen in {held}.",
     ]
@@ -109,8 +120,8 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _cell(value: Any) -> str:
-    if value is None:
-        return ""
+    if value is None or isinstance(value, bool):
+        return {None: "", True: "yes", False: "no"}[value]
     return f"{value:.4g}" if isinstance(value, float) else str(value).replace("|", "\\|")
 
 
@@ -135,4 +146,4 @@ def _write(done: Done, folder: Path, quick: bool) -> None:
     for name, picture in outcome.pictures.items():
         for suffix in (".png", ".pdf"):
             with atomic_path(folder / f"{name}{suffix}") as temporary:
-                picture.savefig(temporary, dpi=_RESOLUTION)
+                picture.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")

@@ -65,7 +65,7 @@ def measure(settings: TangentSettings) -> Outcome:
         verdict=f"Distance from the curve in diagonals after {settings.epochs[-1]} epochs: {told}.",
         arrays=arrays,
         pictures={
-            "tangents-surfaces": surfaces(drawn, curves=dict.fromkeys(drawn, curve.point)),
+            "tangents-surfaces": surfaces(drawn, curves=dict.fromkeys(drawn, curve.point), across=len(settings.epochs)),
             "tangents-errors": log_log(lines, x="epoch", y="largest distance from Γ / diagonal", linear_x=True),
         },
     )
@@ -77,13 +77,11 @@ def at_epochs(curve: KnownCurve, options: RMSprop, epochs: tuple[int, ...]) -> l
     with tempfile.TemporaryDirectory() as folder:
         for epoch in epochs:
             if epoch:
-                states.append(
-                    train_by_rmsprop(
-                        curve, options=replace(options, epochs=epoch), checkpoint=Path(folder) / "training.safetensors"
-                    )
-                )
+                going_on = replace(options, epochs=epoch, checkpoint=Path(folder) / "training.safetensors")
+                states.append(train_by_rmsprop(curve, options=going_on))
             else:
-                states.append(train_by_rmsprop(curve, options=replace(options, epochs=1, learning_rate=_NO_STEP)))
+                still = replace(options, epochs=1, learning_rate=_NO_STEP, checkpoint=None)
+                states.append(train_by_rmsprop(curve, options=still))
     return states
 
 

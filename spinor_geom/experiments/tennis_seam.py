@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,8 +54,7 @@ def measure(settings: SeamSettings) -> Outcome:
             {"curve": curve.name, "method": method, "area": areas[method], "disk": disks[method]}
             for method in (LEFT, CAUCHY, ALONE)
         ]
-        told = "; ".join(f"{method}: {disk}" for method, disk in disks.items())
-        verdicts.append(f"{found.verdict} {_known(curve)} Found: {told}.")
+        verdicts.append(f"{found.verdict} {_known(curve)} {_found(disks)}")
         arrays |= found.arrays
         pictures |= found.pictures
         failed &= found.failed
@@ -72,6 +71,17 @@ def which_disk(area: float, disks: Sequence[KnownDisk]) -> str:
     return "none"
 
 
+def _found(disks: Mapping[str, str]) -> str:
+    """Which methods found which disk, as sentences."""
+    told = {
+        "stable": "The stable one was found by",
+        "unstable": "The unstable one was found by",
+        "none": "No known disk has the area found by",
+    }
+    by_disk = {disk: [method for method, which in disks.items() if which == disk] for disk in told}
+    return " ".join(f"{told[disk]}: {'; '.join(methods)}." for disk, methods in by_disk.items() if methods)
+
+
 def _known(curve: KnownCurve) -> str:
     told = ", ".join(f"{'a stable' if d.stable else 'an unstable'} one of area {d.area:.12g}" for d in curve.disks)
     return f"Known critical disks: {told}."
@@ -83,8 +93,9 @@ EXPERIMENT = Experiment(
     f"RMSprop, 800 epochs; {SPINOR.split(', ')[1]}s come near to the curve, {ENNEPER.split(', ')[1]} fails.",
     here="(a cos t + b cos 3t, a sin t - b sin 3t, 2√(ab) sin 2t), b = 1 - a, on the unit sphere: at a = 0.8 one disk "
     "is known, at a = 0.75 the symmetric one is unstable and two mirror images of less area are stable. "
-    f"'{SERIES}' and '{NETWORK}' start from the symmetric side. A disk counts as found where its area is. Seen means "
-    "that the Weierstrass-Enneper form stays at least twice as far from every seam.",
+    f"'{SERIES}' keeps the symmetric disk it finds first; '{LEFT}' leaves it where it is unstable, and '{NETWORK}' "
+    "takes over from there. A disk counts as found where its area is. Crosses mark branch points. Seen means that the "
+    "Weierstrass-Enneper form stays at least twice as far from every seam.",
     measure=measure,
     full=SeamSettings(parameters=(0.8, 0.75), trainings=FULL),
     quick=SeamSettings(parameters=(0.8, 0.75), trainings=QUICK),

@@ -20,7 +20,7 @@ EXPERIMENT = Experiment(
     paper="(R cos t, R sin t, α sin kt) with R = 1, k = 3, α = 0.2; networks of 10 layers of 20 units, RMSprop, 800 "
     "epochs; the spinors come near to the curve, the Weierstrass-Enneper form fails.",
     here="The same training from the same random numbers, then a network of ours and Douglas-Newton. Seen means that "
-    "the Weierstrass-Enneper form stays at least twice as far from the curve.",
+    "the Weierstrass-Enneper form stays at least twice as far from the curve. Crosses mark branch points.",
     measure=measure,
     full=FULL,
     quick=QUICK,

@@ -32,6 +32,7 @@ from spinor_geom.plateau.douglas import (
     minimise_dirichlet_energies,
     minimise_dirichlet_energy,
     resampled,
+    slide_downhill,
 )
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.lift import Lift, lifted, surface_of
@@ -83,6 +84,8 @@ _PATIENCE = 3
 _UNEVEN = 3.0
 # Quadrature nodes on each piece of a path in Ω.
 _PATH_ORDER = 16
+# Nodes at which the directions of an unstable slide are found.
+_MOST_FOR_MODES = 512
 # Newton steps of one solve.
 _MOST_STEPS = 60
 # Gradient at which a coarse solve stops; the last one goes on to a share of the distance allowed in edges: to a small
@@ -90,6 +93,8 @@ _MOST_STEPS = 60
 _COARSE, _FINEST = 1e-3, 1e-11
 # And where nothing but rounding errors is left.
 _ROUNDING = 1e-13
+# RMS distance from Γ, in diagonals, that is rounding error.
+_ROUNDED = 1e-14
 _FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
 # On rough loops it stops too where the energy falls by less than this share of that of the distance allowed.
 _NEGLIGIBLE = 1e-3
@@ -178,6 +183,13 @@ class HarmonicSolver:
         return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _FINEST, _COARSE))
 
     @property
+    def _enough(self) -> float:
+        """RMS distance from Γ at which more nodes are not tried: rounding error where the curve itself has no other."""
+        if self.to_rounding and self.curve.degree > max(DEGREES):
+            return min(self.allowed, _ROUNDED)
+        return self.allowed
+
+    @property
     def _negligible_energy(self) -> float:
         """Of a rough loop: a small share of what waves as long as an edge and as high as the distance allowed have."""
         return _NEGLIGIBLE * 2 * np.pi * len(self.loop) * self.allowed**2 if self._rough else 0.0
@@ -248,6 +260,17 @@ class HarmonicSolver:
                 vertices=len(self.loop),
             )
         return found
+
+    def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> Found | None:
+        """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none.
+
+        Args:
+            matching: of the unstable one.
+        """
+        slide = torch.tensor(matching[:, 1], device=self.device)
+        form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
+        start = slide_downhill(self._exact, form, resampled(slide, min(len(slide), _MOST_FOR_MODES)))
+        return None if start is None else next(self._fitted(form, start, "disk", None), None)
 
     def _on_disk(self) -> Iterator[Found]:
         form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
@@ -382,7 +405,7 @@ class HarmonicSolver:
                 best = lift, disk, form
             short = 1.0 if lift is None else lift.rms / self.allowed
             nodes = min(most, int(np.clip(short, _MORE_NODES, _MOST_MORE if self._rough else _MORE_NODES) * n))
-            if (best is not None and best[0].rms <= self.allowed) or attempt - last_gain >= _PATIENCE:
+            if (best is not None and best[0].rms <= self._enough) or attempt - last_gain >= _PATIENCE:
                 break
             if n >= most:
                 limit = f"{n} nodes are the most that are tried"

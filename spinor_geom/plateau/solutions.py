@@ -7,7 +7,7 @@ minimal disk, saddles of the area included, as Gauss-Newton on the boundary does
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
@@ -34,7 +34,7 @@ _MOST_STEPS = 200
 # where that leads nowhere. From beyond a new disk Newton's method goes to it, from short of it back to the old one.
 _AMPLITUDES = 0.5 ** np.arange(1, 7, 0.5)
 _LARGE_AMPLITUDES = (0.2, 0.1, 0.05)
-_MOST_DEPARTURES = 4
+MOST_DEPARTURES = 4
 # Harmonic steps take the average of two disks near to a minimal one; more of them would slide off the ridge.
 _RIDGE_STEPS = 3
 # Two disks of one area and of one normal along Γ are the same (a minimal surface is determined by its normal along a
@@ -145,19 +145,27 @@ def leave_unstable(solution: PlateauSolution, rim: Rim, solve: Solve, *, max_ite
     Returns:
         The last disk. History and timings are those of all tries, the reason says what was left.
     """
-    left: list[str] = []
+    left: list[float] = []
     tries = _Tries(solve=solve, history=solution.history, timings=dict(solution.timings), limit=max_iterations)
-    while solution.stability.verdict == "unstable" and len(left) < _MOST_DEPARTURES:
+    while solution.stability.verdict == "unstable" and len(left) < MOST_DEPARTURES:
         better = tries.first_better(solution, rim)
         if better is None:
-            reason = f"{solution.reason}; the disk is unstable, and no better one was found along its eigenvectors"
-            return replace(solution, history=tries.history, timings=tries.timings, reason=reason)
-        left.append(f"{solution.area:.6g}")
+            break
+        left.append(solution.area)
         solution = better
-    if not left:
+    solution = with_departures(replace(solution, history=tries.history, timings=tries.timings), left)
+    if solution.stability.verdict == "unstable":
+        reason = f"{solution.reason}; the disk is unstable, and no better one was found along its eigenvectors"
+        return replace(solution, reason=reason)
+    return solution
+
+
+def with_departures(solution: PlateauSolution, areas: Sequence[float]) -> PlateauSolution:
+    """A solution whose reason says which unstable disks were left for it, by their areas."""
+    if not areas:
         return solution
-    reason = f"{solution.reason}; left an unstable disk of area {', then one of '.join(left)}"
-    return replace(solution, history=tries.history, timings=tries.timings, reason=reason)
+    told = ", then one of ".join(f"{area:.6g}" for area in areas)
+    return replace(solution, reason=f"{solution.reason}; left an unstable disk of area {told}")
 
 
 def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:

@@ -29,7 +29,7 @@ from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Budget, Cauchy, NetworkSolver, rim_indices
 from spinor_geom.plateau.plane_route import plane_disk
 from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution
-from spinor_geom.plateau.solutions import Rim, leave_unstable
+from spinor_geom.plateau.solutions import MOST_DEPARTURES, Rim, leave_unstable, with_departures
 from spinor_geom.plateau.stability import assess_stability
 from spinor_geom.plateau.trained_route import Optimizer, optimizer_options, trained_disk
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop
@@ -194,11 +194,25 @@ class Task:
         if self.options.optimizer is not None:
             return self._trained(self.options.optimizer)
         solution = self.first()
+        if self.options.is_series and self.options.leaves_unstable:
+            solution = self._left_on_disk(solution)
         # whether a disk far from Γ is stable says nothing of those over Γ
         if self.options.leaves_unstable and solution.boundary_residual.rms_per_edge <= _POOR_RAGGED:
             down = self.down_from_disk if self.options.is_free else self.from_disk
             solution = leave_unstable(solution, self.rim, down, max_iterations=self.options.max_iterations)
         return solution
+
+    def _left_on_disk(self, solution: PlateauSolution) -> PlateauSolution:
+        """A disk of less area than an unstable one, where the unit disk has room for one."""
+        left: list[float] = []
+        while solution.stability.verdict == "unstable" and len(left) < MOST_DEPARTURES:
+            found = self.harmonic.below_on_disk(solution.matching)
+            better = None if found is None else self.solution(found)
+            if better is None or not better.area < solution.area:
+                break
+            left.append(solution.area)
+            solution = better
+        return with_departures(solution, left)
 
     def _trained(self, optimizer: LevenbergMarquardt | RMSprop) -> PlateauSolution:
         """The solution of a trained network."""

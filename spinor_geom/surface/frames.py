@@ -26,6 +26,8 @@ from spinor_geom.surface import formulas
 
 # how far R·Rᵀ may be from the identity: matrices typed with 9 digits pass
 _ORTHOGONAL = 1e-8
+# of the spinors of neighbours on a closed curve: their frames differ by less than 90°
+_LEAST_OVERLAP = 0.5**0.5
 
 
 def phi_from_frames(
@@ -101,6 +103,36 @@ def spin_invariant(
         q: q at the same samples.
     """
     return 1 if bool(_signs(p, q).prod() > 0) else -1
+
+
+def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tensor, " n"]) -> Literal[0, 1]:
+    """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
+
+    The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
+    disk it turns once in all, and does not lift; around a zero of φ of order m it turns m + 1 times.
+
+    Args:
+        phi: φ ≠ 0 at samples of a closed curve, in order (the last is followed by the first).
+        direction_in_omega: dz along the curve at the same samples; only its direction is used.
+
+    Raises:
+        OptionError: frames of neighbours differ by 90° or more, so that a turn between them might go unseen.
+
+    Source: Sun & Chern (2026), on branch points; Pinkall, "Regular homotopy classes of immersed surfaces" (1985).
+    """
+    tangent = (phi * direction_in_omega[:, None]).real
+    normal = torch.linalg.cross(phi.real, -phi.imag)
+    # without a direction in Ω and a stretch φ is the frame itself
+    one = torch.ones_like(direction_in_omega)
+    p, q = spinors_from_phi(phi_from_frames(tangent, normal, one, one.real))
+    # as unit quaternions: the cosine of half the angle between the frames
+    overlap = (p * p.roll(1).conj() + q * q.roll(1).conj()).real.abs()
+    if not float(overlap.min()) > _LEAST_OVERLAP:
+        k = int(overlap.argmin())
+        raise OptionError(
+            f"the frames of the samples {(k - 1) % len(p)} and {k} differ by 90° or more; take more samples"
+        )
+    return 1 if spin_invariant(p, q) > 0 else 0
 
 
 def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:

@@ -6,7 +6,7 @@ import copy
 import os
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import Any, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.errors import DomainError, DtypeError, OptionError
 from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
+from spinor_geom.holomorphic.zeros import Zero, find_zeros
 from spinor_geom.surface import branch, curvature, formulas, frames, storage
 from spinor_geom.surface.anchors import Anchors
 
@@ -192,7 +193,30 @@ class SpinorSurface(torch.nn.Module):
         Raises:
             ZeroOnContourError: a zero of a combination of p and q lies on ∂Ω or too near to it.
         """
-        return branch.branch_points(lambda z: self._spinors(z.to(self.spinor_map.device)).cpu(), self.domain)
+        return branch.branch_points(self._on_cpu(self._spinors), self._on_cpu(self._phi), self.domain)
+
+    def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
+        """The zeros of p and those of q in Ω, with their orders: where n = −e₃, and where n = e₃ and g has its poles.
+
+        Raises:
+            ZeroOnContourError: p or q is 0 on ∂Ω or too near to it, for example everywhere.
+        """
+        p, q = (lambda z: self._pair(z)[0]), (lambda z: self._pair(z)[1])
+        return find_zeros(self._on_cpu(p), self.domain), find_zeros(self._on_cpu(q), self.domain)
+
+    def loop_invariant(self, z: Complex[np.ndarray, " n"]) -> Literal[0, 1]:
+        """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
+
+        It is 0 for a simple curve whatever branch points it encloses: p and q make removable ones only.
+
+        Args:
+            z: samples of the curve, in order; the last is followed by the first.
+
+        Raises:
+            OptionError: frames of neighbours differ by 90° or more; more samples are needed.
+        """
+        closed = torch.from_numpy(np.array(z, dtype=np.complex128))
+        return frames.loop_invariant(self._on_cpu(self._phi)(closed), closed.roll(-1) - closed.roll(1))
 
     # --- surfaces from this one ---------------------------------------------------------------------------------------
 
@@ -281,6 +305,10 @@ class SpinorSurface(torch.nn.Module):
         with torch.no_grad():
             arrays = (torch.from_numpy(np.array(z, dtype=np.complex128)).to(device) for z in points)
             return function(*arrays).cpu().resolve_conj().numpy()
+
+    def _on_cpu(self, function: Callable[[Tensor], Tensor]) -> Callable[[Tensor], Tensor]:
+        """The function, without gradients, of points on the CPU and with its answer there."""
+        return lambda z: function(z.to(self.spinor_map.device)).detach().cpu()
 
     def _spinors(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         value = cast(HolomorphicModel, self.model).value(z)

@@ -16,7 +16,8 @@ from torch import Tensor
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.holomorphic.model import HolomorphicModel
-from spinor_geom.holomorphic.zeros import Zero, find_zeros
+from spinor_geom.holomorphic.zeros import find_zeros
+from spinor_geom.surface.branch import BranchPoint, with_invariants
 
 # evaluations of f and g at once
 _BLOCK = 1 << 16
@@ -90,16 +91,20 @@ class WeierstrassSurface(torch.nn.Module):
         f, g = self.weierstrass_data(z)
         return np.asarray(np.abs(f) * (1 + np.abs(g) ** 2) / 2)
 
-    def branch_points(self) -> tuple[Zero, ...]:
-        """Zeros of f in Ω with their orders, where the surface is not an immersion; odd ones are not removable.
+    def branch_points(self) -> tuple[BranchPoint, ...]:
+        """Zeros of f in Ω, where the surface is not an immersion; those of odd order are not removable.
 
         Raises:
             ZeroOnContourError: a zero lies on ∂Ω or too near to it.
         """
-        return tuple(find_zeros(lambda z: self._data(z.to(self.constant.device)).cpu()[..., 0], self.domain))
+        zeros = find_zeros(lambda z: self._data_on_cpu(z)[..., 0], self.domain)
+        return with_invariants(zeros, lambda z: weierstrass_phi(*self._data_on_cpu(z).unbind(-1)), self.domain)
 
     def _tensor(self, z: Complex[np.ndarray, "*pts"]) -> Complex[Tensor, "*pts"]:
         return torch.from_numpy(np.array(z, dtype=np.complex128)).to(self.constant.device)
+
+    def _data_on_cpu(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        return self._data(z.to(self.constant.device)).cpu()
 
     def _data(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         with torch.no_grad():

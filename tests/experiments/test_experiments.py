@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -17,6 +19,7 @@ from spinor_geom.errors import OptionError
 from spinor_geom.experiments import (
     NAMES,
     baselines,
+    branch_points,
     catenoid,
     drawing,
     heat_maps,
@@ -29,10 +32,10 @@ from spinor_geom.experiments import (
     timing,
     twisted_circle,
 )
-from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope
+from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope, keeping
 from spinor_geom.experiments.report import Done, report, reproduce
 from spinor_geom.holomorphic import PowerSeries
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
+from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
 
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
@@ -80,9 +83,9 @@ def test_prescribed_boundaries_have_their_own_derivatives():
             assert np.allclose(slope, df(t), atol=1e-6 * np.abs(slope).max())
 
 
-def test_ours_are_nearer_and_faster_than_the_paper_s_training():
+def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
     settings = timing.TimingSettings(curves=("twisted circle",), rmsprop=TINY_RMSPROP, tolerances=(1e-3,), depth=2)
-    outcome = timing.measure(settings)
+    outcome = timing.measure(keeping(settings, tmp_path))
     assert {row["method"] for row in outcome.rows} == {timing.PAPER, timing.OURS, timing.CAUCHY, timing.DOUGLAS}
     distances = {row["method"]: row["distance/diagonal"] for row in outcome.rows}
     assert distances[timing.DOUGLAS] < 1e-13
@@ -103,19 +106,22 @@ def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
     # the surface is nearly flat, with its normal e₃ in the middle
     assert "g has 2 poles" in outcome.verdict
     assert set(outcome.pictures) == {"twisted-circle-surfaces", "twisted-circle-errors"}
+    assert rows[baselines.SERIES]["branch points"] == "none"
 
 
-def test_the_disks_of_a_seam_are_told_apart():
+def test_the_disks_of_a_seam_are_told_apart(tmp_path):
     settings = tennis_seam.SeamSettings(
         parameters=(0.75,), trainings=baselines.Trainings(rmsprop=TINY_RMSPROP, network=TINY_NETWORK)
     )
-    outcome = tennis_seam.measure(settings)
+    outcome = tennis_seam.measure(keeping(settings, tmp_path))
     disks = {row["method"]: row["disk"] for row in outcome.rows}
     assert disks[baselines.SERIES] == "unstable"
     assert disks[tennis_seam.LEFT] == "stable"
     assert disks[baselines.SPINOR] == "none"
     assert disks[baselines.ENNEPER] is None
     assert "an unstable one of area 4.669757" in outcome.verdict
+    assert re.search(rf"The stable one was found by: [^.]*{tennis_seam.LEFT}", outcome.verdict)
+    assert f"No known disk has the area found by: {baselines.SPINOR}." in outcome.verdict
 
 
 @pytest.mark.parametrize(
@@ -132,8 +138,9 @@ def test_areas_name_disks(a, area, disk):
     assert tennis_seam.which_disk(area, gallery.tennis_seam(a).disks) == disk
 
 
-def test_both_weights_start_alike_and_epochs_go_on_from_each_other():
-    outcome = tangents.measure(tangents.TangentSettings(weights=(0.0, 0.5), epochs=(0, 1, 3), rmsprop=TINY_RMSPROP))
+def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
+    settings = tangents.TangentSettings(weights=(0.0, 0.5), epochs=(0, 1, 3), rmsprop=TINY_RMSPROP)
+    outcome = tangents.measure(keeping(settings, tmp_path))
     rows = {(row["λ"], row["epoch"]): row for row in outcome.rows}
     assert rows[0.0, 0]["distance/diagonal"] == rows[0.5, 0]["distance/diagonal"]
     for weight in (0.0, 0.5):
@@ -146,15 +153,18 @@ def test_both_weights_start_alike_and_epochs_go_on_from_each_other():
 def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps, holds):
     surface = paper_surfaces.random_networks(2)
     monkeypatch.setattr(heat_maps, "reconstructed", lambda _: {"random networks": surface})
-    outcome = heat_maps.measure(heat_maps.HeatMapSettings(rim=8, steps=steps, network=TINY_NETWORK))
+    outcome = heat_maps.measure(heat_maps.HeatMapSettings(grid=(3, 8), steps=steps, network=TINY_NETWORK))
     assert outcome.holds == holds
     assert len(outcome.arrays["random networks/H"]) == len(outcome.arrays["z"])
     assert ("at most" in outcome.verdict, list(outcome.pictures)) == (True, ["heat-maps"])
 
 
-def test_prescribed_surfaces_are_recovered():
-    settings = replace(prescribed.EXPERIMENT.quick, depth=2, random=TINY_RMSPROP, perturbed=TINY_RMSPROP)
-    outcome = prescribed.measure(settings)
+def test_prescribed_surfaces_are_recovered(tmp_path):
+    network = LevenbergMarquardt(tolerance=1e-8, nodes=256)
+    settings = prescribed.PrescribedSettings(depth=2, network=network, random=TINY_RMSPROP, perturbed=TINY_RMSPROP)
+    outcome = prescribed.measure(keeping(settings, tmp_path))
+    # one state for each training
+    assert len(list(tmp_path.iterdir())) == 2
     assert outcome.holds
     assert [row["method"] for row in outcome.rows] == [prescribed.PAPER, prescribed.OURS, prescribed.SERIES] * 2
     assert all(row["p, q"] > 0.01 for row in outcome.rows if row["method"] == prescribed.PAPER)
@@ -176,6 +186,64 @@ def test_the_moebius_map_of_a_reparametrised_surface_is_found(a, turn, sign):
     assert max(fit.spinor_residual, fit.weierstrass_residual, fit.gauss_residual) < 1e-10
 
 
+def test_a_fitted_moebius_map_moves_the_functions():
+    truth = gallery.polynomial([1, 0.2j, 0.1], [0.3, 0.5]).surface
+    fit = moebius.MoebiusFit(
+        center=0.2 - 0.1j,
+        turn=1.0,
+        sign=-1,
+        spinor_residual=0.0,
+        weierstrass_residual=0.0,
+        gauss_residual=0.0,
+        position_residual=0.0,
+    )
+    z = np.array([0.1 + 0.3j, -0.6, 0.2 - 0.1j])
+    w, root = fit.reparametrised(z)
+    assert w[2] == 0
+    h = 1e-6
+    slope = (fit.reparametrised(z + h)[0] - fit.reparametrised(z - h)[0]) / (2 * h)
+    assert np.allclose(root**2, slope, atol=1e-9)
+    moved, own = prescribed.functions(truth, fit), prescribed.functions(truth)
+    # f dz and g belong to the surface, not to its parameter
+    assert np.allclose(moved["f"](z), own["f"](w) * slope, atol=1e-9)
+    assert np.allclose(moved["g"](z), own["g"](w), atol=1e-12)
+    assert np.allclose(own["f"](z), truth.weierstrass_data(z)[0], atol=1e-14)
+
+
+def test_branch_points_last_where_the_order_is_odd_and_spinors_have_none():
+    outcome = branch_points.measure(branch_points.BranchSettings(orders=(1, 2, 3), random=4))
+    assert outcome.holds
+    known = [row for row in outcome.rows if "removable" in row]
+    assert [row["order of φ"] for row in known] == [2, 4, 6, 1, 2, 3]
+    assert [row["removable"] for row in known] == [True] * 3 + [False, True, False]
+    assert max(row["found off by"] for row in known) < 1e-12
+    assert outcome.rows[-2]["such points"] == 0 < outcome.rows[-1]["such points"]
+
+
+def test_branch_points_on_the_boundary_are_said_to_be_there():
+    on_boundary = branch_points.surface_of(branch_points.ENNEPER, np.array([-1.0, 1.0]), np.array([0.5]))
+    assert baselines.counted(baselines.branch_points(on_boundary)) == "one on the boundary"
+    inside = branch_points.surface_of(branch_points.ENNEPER, np.array([-0.5, 1.0]), np.array([0.5]))
+    assert baselines.counted(baselines.branch_points(inside)) == "1, 1 not removable"
+
+
+def test_triangles_of_the_disk_cover_it_once_and_turn_one_way():
+    z, faces = drawing.disk_grid(5, 12)
+    a, b, c = z[faces].T
+    areas = ((b - a).conj() * (c - a)).imag / 2
+    assert areas.min() > 0
+    assert abs(areas.sum() - 6 * np.sin(np.pi / 6)) < 1e-12
+
+
+def test_surfaces_lie_inside_their_pictures_and_crosses_on_them():
+    surface = gallery.enneper(1.0).surface
+    one = replace(drawing.Drawn.of(surface, (3, 24)), marks=surface.position(np.array([0j])))
+    figure = drawing.surfaces({"a": one, "b": replace(one, value=np.arange(len(one.position), dtype=float))})
+    assert len(figure.axes) == 3  # and a scale of colours
+    first, second = (cross.get_xdata()[0] for cross in figure.artists)
+    assert 0.1 < first < 0.5 < second < 0.9
+
+
 def test_a_different_surface_leaves_a_residual():
     first, second = (gallery.polynomial([1, 0.2j, 0.1], [0.3, b]).surface for b in (0.5, 0.6))
     residuals = [moebius.fit_moebius(found, first).spinor_residual for found in (first, second)]
@@ -192,6 +260,7 @@ def test_a_run_leaves_report_data_and_pictures(tmp_path):
         "catenoid.png",
         "data.json",
         "data.npz",
+        "report.html",
         "report.md",
     ]
     folder = tmp_path / "new" / "catenoid"
@@ -206,6 +275,38 @@ def test_a_run_leaves_report_data_and_pictures(tmp_path):
     assert "**Shortened.** steps (10, 20, 40, 80, 160) instead of (10, 20, 40, 80, 160, 320, 640)." in text
     assert "![catenoid](catenoid/catenoid.png)" in text
     assert "**Seen.** The fitted slopes" in text
+    page = (tmp_path / "new" / "report.html").read_text()
+    # the page holds its pictures: it can be moved
+    pictures = re.findall(r'<img alt="catenoid" src="data:image/png;base64,([^"]+)">', page)
+    assert [base64.b64decode(data) for data in pictures] == [(folder / "catenoid.png").read_bytes()]
+    assert "<td>trapezoid</td>" in page
+    assert "<strong>Seen.</strong> The fitted slopes" in page
+    assert not re.search(r'(src|href)="(?!data:)', page)
+
+
+def test_a_run_that_was_stopped_goes_on_from_its_trainings(tmp_path, monkeypatch):
+    trainings = baselines.Trainings(rmsprop=replace(TINY_RMSPROP, checkpoint_every=1), network=TINY_NETWORK)
+    monkeypatch.setattr(twisted_circle, "EXPERIMENT", replace(twisted_circle.EXPERIMENT, quick=trainings))
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(baselines, "solved_by_network", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            reproduce(["twisted-circle"], tmp_path, quick=True)
+    states = tmp_path / "twisted-circle" / "states"
+    assert sorted(path.stem for path in states.iterdir()) == [
+        "twisted-circle-spinor",
+        "twisted-circle-weierstrass-enneper",
+    ]
+    epochs = []
+    epoch = rmsprop._Training._epoch
+    monkeypatch.setattr(rmsprop._Training, "_epoch", lambda self: epochs.append(1) or epoch(self))
+    (done,) = reproduce(["twisted-circle"], tmp_path, quick=True)
+    assert not epochs
+    assert done.outcome.rows[0]["steps"] == 3
+    assert not states.exists()
 
 
 def test_what_is_not_seen_is_said_and_gaps_in_the_table_stay_empty():
@@ -214,6 +315,7 @@ def test_what_is_not_seen_is_said_and_gaps_in_the_table_stay_empty():
     )
     text = report([Done(name="catenoid", experiment=catenoid.EXPERIMENT, outcome=outcome, seconds=2.0)], quick=False)
     assert "| 1.235 | \\|x\\| |  |" in text
+    assert "| nan |  | yes |" in text
     assert "**Not seen.** Slope 0." in text
     assert "Shortened" not in text
     assert "1 experiment in 2 s; what the paper says was seen in 0." in text

@@ -18,6 +18,7 @@ from spinor_geom.plateau.douglas import (
     minimise_dirichlet_energies,
     minimise_dirichlet_energy,
     resampled,
+    slide_downhill,
 )
 from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse
@@ -41,6 +42,22 @@ def moebius(t, a):
     w = torch.exp(2j * np.pi * t)
     turn = torch.angle((1 + a * w.conj()) / (1 + np.conj(a) * w)) / (2 * np.pi)
     return t + turn
+
+
+# --- saddles ----------------------------------------------------------------------------------------------------------
+
+
+def test_from_a_saddle_there_is_a_way_down_and_from_a_minimum_there_is_none():
+    assert slide_downhill(SEAM, DISK, solved(SEAM, DISK, even(128)).slide) is None
+    lopsided = tensors(gallery.tennis_seam(0.75).sample(256))
+    saddle = solved(lopsided, DISK, even(128))
+    start = slide_downhill(lopsided, DISK, saddle.slide)
+    assert (increments(start) > 0).all()
+    below = solved(lopsided, DISK, start)
+    stable, unstable = gallery.tennis_seam(0.75).disks
+    assert abs(saddle.energy / unstable.area - 1) < 1e-9
+    # 128 nodes leave a little of the lopsided disk out
+    assert abs(below.energy / stable.area - 1) < 1e-6
 
 
 # --- known energies ---------------------------------------------------------------------------------------------------

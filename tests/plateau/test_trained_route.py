@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,6 +80,17 @@ def test_rmsprop_is_the_paper_s_training_of_the_curve_at_the_size_of_the_unit_ci
     own = train_by_rmsprop(gallery.twisted_circle(radius=size, amplitude=0.2 * size), options=SMALL)
     # the polynomials of Γ differ by little from the formulas
     assert np.allclose([step.residual for step in solution.history], [step.loss for step in own.history], rtol=1e-3)
+
+
+def test_rmsprop_goes_on_from_its_checkpoint(tmp_path):
+    kept = replace(SMALL, checkpoint=tmp_path / "training.safetensors")
+    straight = solve_plateau(CURVE, model="mlp", optimizer=SMALL)
+    solve_plateau(CURVE, model="mlp", optimizer=replace(kept, epochs=2))
+    heard = []
+    solution = solve_plateau(CURVE, model="mlp", optimizer=kept, on_iteration=heard.append)
+    assert len(heard) == 1
+    assert heard[-1].residual == straight.history[-1].residual
+    assert solution.area == straight.area
 
 
 def test_a_trained_surface_is_saved_and_loaded(tmp_path):

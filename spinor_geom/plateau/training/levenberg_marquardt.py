@@ -17,6 +17,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
 from spinor_geom.plateau.network import interpolate_matching
+from spinor_geom.plateau.residual import passed_over
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.training.boundary import BoundaryNodes, Placed, placed, with_constant
 from spinor_geom.plateau.training.curve import ClosedCurve, CurveAsTensors
@@ -87,7 +88,7 @@ def train_by_levenberg_marquardt(
         on_step: called after each step.
 
     Returns:
-        The surface, with its largest distance from Γ at four points a node.
+        The surface, with its largest distance from Γ at four points a node; pieces of Γ that it passes over count.
 
     Source: Sun & Chern (2026) for the network; Levenberg (1944) and Marquardt (1963) for the steps.
     """
@@ -95,6 +96,14 @@ def train_by_levenberg_marquardt(
         training = _Training.of(curve, start, options or LevenbergMarquardt(), torch.device(device), on_step=on_step)
         pairs = np.array([[0.0, 0.0]]) if matching is None else np.asarray(matching)
         return training.run(start, pairs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Told:
+    """Root of the mean squared distance between boundary and Γ, and the largest, at the scale of the network."""
+
+    rms: float
+    max: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,11 +197,13 @@ class _Training:
     def _slide(self, matching: Float[np.ndarray, "n 2"], nodes: BoundaryNodes) -> Float[Tensor, " n"]:
         return torch.as_tensor(interpolate_matching(matching, nodes.t.cpu().numpy()), device=self.device)
 
-    def _told(self, matching: Float[np.ndarray, "n 2"], count: int) -> Placed:
-        """The boundary between the nodes."""
+    def _told(self, matching: Float[np.ndarray, "n 2"], count: int) -> _Told:
+        """The boundary between the nodes, both ways: what of Γ it passes over counts too."""
         dense = BoundaryNodes.on(self.domain, _POINTS_PER_NODE * count, self.device)
         with torch.no_grad():
-            return placed(dense, self.network.value(dense.z), self._slide(matching, dense), self.curve)
+            near = placed(dense, self.network.value(dense.z), self._slide(matching, dense), self.curve)
+        passed = passed_over(near.position, near.slide, near.error, self.curve)
+        return _Told(rms=(near.rms**2 + passed.mean_square) ** 0.5, max=max(near.max, passed.max))
 
     def _hear(self, method: Literal["distillation", "polishing"], loss: float) -> None:
         step = TrainingStep(
@@ -206,7 +217,7 @@ class _Training:
         if self.on_step is not None:
             self.on_step(step)
 
-    def _trained(self, nodes: BoundaryNodes, near: Placed, told: Placed, matching: Float[np.ndarray, "n 2"]) -> Trained:
+    def _trained(self, nodes: BoundaryNodes, near: Placed, told: _Told, matching: Float[np.ndarray, "n 2"]) -> Trained:
         scale = self.curve.scale
         to_space = torch.eye(2, dtype=torch.complex128, device=self.device) / scale**0.5
         surface = SpinorSurface(self.network, self.domain, spinor_map=to_space).to(self.device)

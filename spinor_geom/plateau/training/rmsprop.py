@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -39,6 +39,10 @@ _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192
 _DTYPES = {"double": torch.complex128, "single": torch.complex64}
 # points of the curve that its centre is taken from
 _CENTER_POINTS = 1024
+# points by which a checkpoint knows its curve, and the largest distance, in diagonals, between those of the same one
+_COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
+# options that a checkpoint goes on from whatever they were
+_FREE = ("epochs", "patience", "checkpoint", "checkpoint_every")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +67,9 @@ class RMSprop:
         patience: epochs without a better loss after which training stops; none never stops early.
         precision: of the networks' parameters.
         seed: of all random numbers.
+        checkpoint: file that holds the state; where it exists training goes on from there, on a CPU bit for bit as if
+            it had never stopped.
+        checkpoint_every: epochs between two writes of it; the last one is written too.
     """
 
     representation: Literal["spinor", "weierstrass-enneper"] = "spinor"
@@ -81,15 +88,17 @@ class RMSprop:
     patience: int | None = None
     precision: Literal["double", "single"] = "double"
     seed: int = 0
+    checkpoint: str | os.PathLike[str] | None = None
+    checkpoint_every: int = 10
 
     def __post_init__(self) -> None:
         """Raises OptionError for values out of range."""
         rule(self.quadrature, self.order)
         patience = 1 if self.patience is None else self.patience
-        if self.batch < 1 or self.points < self.batch or self.epochs < 1 or patience < 1:
+        if min(self.batch, self.epochs, patience, self.checkpoint_every) < 1 or self.points < self.batch:
             raise OptionError(
-                "batch, epochs and patience must be at least 1, and points at least one batch, got "
-                f"{self.batch}, {self.epochs}, {self.patience} and {self.points}"
+                "batch, epochs, patience and checkpoint_every must be at least 1, and points at least one batch, got "
+                f"{self.batch}, {self.epochs}, {self.patience}, {self.checkpoint_every} and {self.points}"
             )
         if not self.learning_rate > 0 or not self.tangent_weight >= 0:
             raise OptionError(
@@ -110,8 +119,6 @@ def train_by_rmsprop(
     *,
     options: RMSprop | None = None,
     device: str | torch.device = "cpu",
-    checkpoint: str | os.PathLike[str] | None = None,
-    checkpoint_every: int = 10,
     on_epoch: Callable[[TrainingStep], None] | None = None,
 ) -> Trained:
     """A minimal surface over the unit disk whose boundary comes near to Γ, by the paper's Algorithm 1.
@@ -126,9 +133,6 @@ def train_by_rmsprop(
         curve: Γ; Γ′ is needed for tangents, Γ″ only where ρ parametrises Φ and tangents count.
         options: of the training.
         device: where it runs.
-        checkpoint: file that holds the state; where it exists training goes on from there, on a CPU bit for bit as if
-            it had never stopped.
-        checkpoint_every: epochs between two writes; the last one is written too.
         on_epoch: called after each epoch.
 
     Returns:
@@ -136,18 +140,14 @@ def train_by_rmsprop(
         grow without end are a `status`, not an error.
 
     Raises:
-        StorageError: the checkpoint cannot be read, or is of a training with other options.
-        OptionError: `checkpoint_every` is below 1.
+        StorageError: the checkpoint cannot be read, or is of a training with other options or on another curve.
 
     Source: Sun & Chern (2026), Algorithm 1.
     """
-    if checkpoint_every < 1:
-        raise OptionError(f"checkpoint_every must be at least 1, got {checkpoint_every}")
     training = _Training.of(curve, options or RMSprop(), torch.device(device))
-    path = None if checkpoint is None else Path(checkpoint)
-    if path is not None and path.exists():
-        training.restore(path)
-    return training.run(path, checkpoint_every, on_epoch)
+    if training.path is not None and training.path.exists():
+        training.restore(training.path)
+    return training.run(on_epoch)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -198,9 +198,14 @@ class _Training:
             random=random,
         )
 
+    @property
+    def path(self) -> Path | None:
+        """The file of the state."""
+        return None if self.options.checkpoint is None else Path(self.options.checkpoint)
+
     # --- Algorithm 1 --------------------------------------------------------------------------------------------------
 
-    def run(self, path: Path | None, every: int, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
+    def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
         """Epochs until the last one, no better loss, or a divergence."""
         before = self.history[-1].seconds if self.history else 0.0
         begin = time.perf_counter()
@@ -225,8 +230,8 @@ class _Training:
                 seconds=before + time.perf_counter() - begin,
             )
             self.history.append(step)
-            if path is not None and (index % every == 0 or index == self.options.epochs):
-                self.save(path)
+            if self.path is not None and (index % self.options.checkpoint_every == 0 or index == self.options.epochs):
+                self.save(self.path)
             if on_epoch is not None:
                 on_epoch(step)
         return self._trained(status, before + time.perf_counter() - begin)
@@ -317,31 +322,34 @@ class _Training:
             self.boundary.constant.copy_(state["constant"])
 
     def save(self, path: Path) -> None:
-        """Writes parameters, optimisers, random numbers and history."""
-        tensors = {**self._parameters(), "random": self.random.get_state()}
+        """Writes parameters, optimisers, random numbers, some points of the curve, options and history."""
+        tensors = {**self._parameters(), "random": self.random.get_state(), "curve": self._some_of_curve()}
         for which, optimizer in self.optimizers.items():
             for index, state in optimizer.state_dict()["state"].items():
                 tensors |= {f"{which}/{index}/{name}": torch.as_tensor(value) for name, value in state.items()}
         write_checkpoint(
-            path, tensors, {"options": asdict(self.options), "history": [asdict(step) for step in self.history]}
+            path, tensors, {"options": self._own_options(), "history": [asdict(step) for step in self.history]}
         )
 
     def restore(self, path: Path) -> None:
         """Takes the state that `save` wrote.
 
         Raises:
-            StorageError: the file cannot be read, or is of a training with other options.
+            StorageError: the file cannot be read, or is of a training with other options or on another curve.
         """
         tensors, description = read_checkpoint(path)
-        # more epochs, or another patience, go on from the same state
-        free = {"epochs", "patience"}
-        own, saved = asdict(self.options), description["options"]
-        different = sorted(name for name in own if name not in free and own[name] != saved.get(name))
+        own, saved = self._own_options(), description["options"]
+        different = sorted(name for name in own if own[name] != saved.get(name))
         if different:
             raise StorageError(
                 f"{path} is of a training with other options ({', '.join(different)}); remove it to train from the "
                 "start",
                 path=str(path),
+            )
+        away = float((tensors["curve"] - self._some_of_curve()).abs().max())
+        if away > _SAME_CURVE * self.curve.diagonal:
+            raise StorageError(
+                f"{path} is of a training on another curve; remove it to train from the start", path=str(path)
             )
         self._set_parameters(tensors)
         self.random.set_state(tensors["random"])
@@ -354,6 +362,13 @@ class _Training:
                         state["state"].setdefault(int(index), {})[key] = tensor
             optimizer.load_state_dict(state)
         self.history = [TrainingStep(**step) for step in description["history"]]
+
+    def _own_options(self) -> dict[str, Any]:
+        """Options that the state depends on: more epochs, or another patience, go on from the same one."""
+        return {name: value for name, value in asdict(self.options).items() if name not in _FREE}
+
+    def _some_of_curve(self) -> Float[Tensor, "k 3"]:
+        return torch.as_tensor(self.curve.curve.point(np.arange(_COMPARED_POINTS) / _COMPARED_POINTS))
 
     def _trained(self, status: Status, seconds: float) -> Trained:
         options, boundary = self.options, self.boundary

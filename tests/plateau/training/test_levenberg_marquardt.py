@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from spinor_geom import gallery
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery import curves
@@ -119,6 +120,29 @@ def test_the_paper_network_reaches_the_seam_from_random_parameters(solutions):
     result = train_by_levenberg_marquardt(CURVES["tennis seam"], options=LevenbergMarquardt(depth=10, tolerance=1e-4))
     assert result.status == "converged"
     assert distance(result.surface, solutions["tennis seam"].curve) < 1.1e-4 * result.diagonal
+
+
+def test_a_finger_of_the_curve_that_the_boundary_passes_over_counts():
+    height, width = 0.2, 0.002
+
+    class Fingered:
+        """The unit circle with a finger too narrow for any node of the boundary."""
+
+        def point(self, s):
+            away = np.mod(s - 0.5021, 1.0)
+            finger = height * np.exp(-((np.minimum(away, 1 - away) / width) ** 2))
+            return np.stack([np.cos(2 * np.pi * s), np.sin(2 * np.pi * s), finger], axis=-1)
+
+        def derivative(self, s):
+            return (self.point(s + 1e-6) - self.point(s - 1e-6)) / 2e-6
+
+    disk = gallery.plane_disk().surface
+    options = LevenbergMarquardt(nodes=16, polishing_steps=0, tolerance=1e-3)
+    result = train_by_levenberg_marquardt(Fingered(), start=disk, options=options)
+    assert result.status == "stopped"
+    assert 0.8 * height < result.max < 1.01 * height
+    plain = train_by_levenberg_marquardt(gallery.curves.ellipse(1.0), start=disk, options=options)
+    assert plain.max < 1e-3 * plain.diagonal
 
 
 def test_networks_that_are_too_small_stop_with_the_reason(solutions):

@@ -73,9 +73,9 @@ def test_a_checkpoint_goes_on_bit_for_bit(tmp_path, precision):
     options = replace(SMALL, precision=precision, epochs=6)
     straight = train_by_rmsprop(CURVE, options=options)
     path = tmp_path / "training.safetensors"
-    train_by_rmsprop(CURVE, options=replace(options, epochs=4), checkpoint=path, checkpoint_every=3)
+    train_by_rmsprop(CURVE, options=replace(options, epochs=4, checkpoint=path, checkpoint_every=3))
     heard = []
-    resumed = train_by_rmsprop(CURVE, options=options, checkpoint=path, on_epoch=heard.append)
+    resumed = train_by_rmsprop(CURVE, options=replace(options, checkpoint=path), on_epoch=heard.append)
     assert [step.index for step in heard] == [5, 6]
     assert [step.loss for step in resumed.history] == [step.loss for step in straight.history]
     assert [step.boundary_error for step in resumed.history] == [step.boundary_error for step in straight.history]
@@ -84,11 +84,14 @@ def test_a_checkpoint_goes_on_bit_for_bit(tmp_path, precision):
     assert (np.diff([step.seconds for step in resumed.history]) > 0).all()
 
 
-def test_a_checkpoint_of_other_options_is_refused(tmp_path):
+def test_a_checkpoint_of_other_options_or_another_curve_is_refused(tmp_path):
     path = tmp_path / "training.safetensors"
-    train_by_rmsprop(CURVE, options=replace(SMALL, epochs=1), checkpoint=path)
+    options = replace(SMALL, epochs=1, checkpoint=path)
+    train_by_rmsprop(CURVE, options=options)
     with pytest.raises(StorageError, match=r"other options \(learning_rate, seed\)"):
-        train_by_rmsprop(CURVE, options=replace(SMALL, learning_rate=1e-3, seed=9), checkpoint=path)
+        train_by_rmsprop(CURVE, options=replace(options, learning_rate=1e-3, seed=9))
+    with pytest.raises(StorageError, match="another curve"):
+        train_by_rmsprop(curves.twisted_circle(amplitude=0.201), options=options)
 
 
 @pytest.mark.parametrize("content", [b"", b"nonsense" * 9])
@@ -96,14 +99,14 @@ def test_a_damaged_checkpoint_is_refused(tmp_path, content):
     path = tmp_path / "training.safetensors"
     path.write_bytes(content)
     with pytest.raises(StorageError, match="cannot be read"):
-        train_by_rmsprop(CURVE, options=SMALL, checkpoint=path)
+        train_by_rmsprop(CURVE, options=replace(SMALL, checkpoint=path))
 
 
 def test_a_file_of_something_else_is_refused(tmp_path, whole):
     path = tmp_path / "surface.safetensors"
     whole.surface.save(path)
     with pytest.raises(StorageError, match="not a checkpoint"):
-        train_by_rmsprop(CURVE, options=SMALL, checkpoint=path)
+        train_by_rmsprop(CURVE, options=replace(SMALL, checkpoint=path))
 
 
 @pytest.mark.parametrize("learning_rate", [0.5, 1e3])
