@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +71,7 @@ def flatten(
     boundary_size: int,
     *,
     clearance: float = 1.5,
+    drawn: Callable[[Complex[np.ndarray, " m"]], Complex[np.ndarray, " k"]] | None = None,
 ) -> Flattening:
     """Flattens a discrete disk conformally, with boundary scale 1 where the result is a simple polygon.
 
@@ -84,6 +85,8 @@ def flatten(
         faces: a disk, counter-clockwise.
         boundary_size: number m of boundary vertices.
         clearance: smallest allowed gap in local edge lengths; smaller gaps are accepted if nothing larger is found.
+        drawn: points in order of the curve that will be drawn through the boundary's vertices, which is to be simple
+            too; without it their polygon is enough.
 
     Raises:
         DomainError: no simple domain was found.
@@ -93,7 +96,7 @@ def flatten(
     m = boundary_size
     neumann, turning = dirichlet_to_neumann(vertices, faces, m)
     edge = np.linalg.norm(np.roll(vertices[:m], -1, axis=0) - vertices[:m], axis=1)
-    return flatten_boundary(edge, turning, neumann, clearance=clearance)
+    return flatten_boundary(edge, turning, neumann, clearance=clearance, drawn=drawn)
 
 
 def flatten_boundary(
@@ -103,6 +106,7 @@ def flatten_boundary(
     *,
     clearance: float,
     saws: bool = False,
+    drawn: Callable[[Complex[np.ndarray, " m"]], Complex[np.ndarray, " k"]] | None = None,
 ) -> Flattening:
     """The boundary of `flatten` from edge lengths, turning angles at u = 0 and the matrix Λ.
 
@@ -113,6 +117,7 @@ def flatten_boundary(
         clearance: as for `flatten`.
         saws: leaves u·Λu out. The boundary may then turn to and fro from vertex to vertex, which rounding it off
             undoes, and has fewer notches where it winds about itself.
+        drawn: as for `flatten`.
 
     Raises:
         DomainError: no simple domain was found.
@@ -124,7 +129,7 @@ def flatten_boundary(
             polygon = lay_out(edge, turning + neumann @ u if u.any() else turning, u)
             if polygon is not None and draw_in_lobes:
                 polygon = untangled(polygon)
-            if polygon is None or not is_simple(polygon):
+            if polygon is None or not is_simple(polygon) or (drawn is not None and not is_simple(drawn(polygon))):
                 continue
             ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
             log_scale = (ratio + np.roll(ratio, 1)) / 2

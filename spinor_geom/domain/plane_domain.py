@@ -10,11 +10,15 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.curve import piecewise_cubic
 
+# Straight edges for each piece of ∂Ω, where distances from it are told.
+_FINE = 16
 # Panels that halve towards a corner resolve its singularity to 2⁻¹⁶ of an edge.
 _CORNER_LEVELS = 16
 
@@ -74,6 +78,20 @@ class SplineBoundary:
         boundary.vertices = z
         return boundary
 
+    def halved(self, pieces: Bool[np.ndarray, " m"]) -> SplineBoundary:
+        """The same curve with one more vertex, at the middle of the parameter, on each of the given pieces."""
+        number = np.repeat(np.arange(len(pieces)), 1 + pieces)
+        is_second = np.append(False, number[1:] == number[:-1])
+        shift = np.where(is_second, np.diff(self.parameters)[number] / 2, 0.0)
+        coefficients = self.coefficients[:, number].copy()
+        # repeated synthetic division: the polynomials about their pieces' new starts
+        for last in range(len(coefficients), 1, -1):
+            for k in range(1, last):
+                coefficients[k] += coefficients[k - 1] * shift
+        return SplineBoundary(
+            np.append(self.parameters[number] + shift, 1.0), coefficients, self.corners[number] & ~is_second
+        )
+
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(t); t is taken modulo 1."""
         return self._horner(t)[0]
@@ -92,6 +110,12 @@ class SplineBoundary:
             slope = slope * x + value
             value = value * x + coefficient[piece]
         return value, slope
+
+
+def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
+    """Points of a curve, in order: `each` from every vertex to the next, at equal steps of the parameter."""
+    t = boundary.parameters
+    return boundary.point((t[:-1, None] + np.diff(t)[:, None] * (np.arange(each) / each)).ravel())
 
 
 class FourierBoundary:
@@ -231,16 +255,30 @@ class PlaneDomain:
         return float(np.hypot(np.ptp(v.real), np.ptp(v.imag)))
 
     def contains(self, z: Complex[np.ndarray, "*pts"]) -> Bool[np.ndarray, "*pts"]:
-        """Whether points lie inside the polygon of the boundary's vertices (winding number)."""
+        """Whether points lie in Ω; see `distance_outside`."""
         z = np.asarray(z, dtype=np.complex128)
-        a = self.boundary.vertices
-        inside = np.empty(z.size, dtype=bool)
-        # blocks bound the memory of the points × vertices table
-        for start in range(0, z.size, 4096):
-            d = a - z.reshape(-1, 1)[start : start + 4096]
-            turn = np.angle(np.roll(d, -1, axis=1) * np.conj(d)).sum(axis=1)
-            inside[start : start + 4096] = turn > np.pi
-        return inside.reshape(z.shape)
+        return (self.distance_outside(z.ravel()) < 0).reshape(z.shape)
+
+    @cached_property
+    def _fine_polygon(self) -> tuple[Complex[np.ndarray, " n"], cKDTree]:
+        points = sampled(self.boundary, _FINE)
+        return points, cKDTree(plane_coordinates(points))
+
+    def distance_outside(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Distance of points from ∂Ω, negative for points of Ω, with 16 straight edges in place of each piece of ∂Ω."""
+        points, tree = self._fine_polygon
+        vertex = np.asarray(tree.query(plane_coordinates(z))[1])
+        edge = np.stack([vertex - 1, vertex])
+        start, side = points[edge], points[(edge + 1) % len(points)] - points[edge]
+        share = np.clip(((z - start) * np.conj(side)).real / np.abs(side) ** 2, 0, 1)
+        distance = np.abs(z - start - share * side)
+        nearer, column = distance.argmin(axis=0), np.arange(len(z))
+        along = side[nearer, column]
+        # a vertex that is nearest of all tells the side by the mean direction of its edges
+        at_vertex = share[nearer, column] == np.where(nearer == 0, 1, 0)
+        along = np.where(at_vertex, (side / np.abs(side)).sum(axis=0), along)
+        left = (np.conj(along) * (z - points[vertex])).imag > 0
+        return np.asarray(np.where(left, -1, 1) * distance.min(axis=0))
 
     @cached_property
     def panel_breaks(self) -> Float[np.ndarray, " b"]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
-from scipy.spatial import cKDTree
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 
@@ -99,16 +98,12 @@ def _cleared(
     distance: Float[np.ndarray, " k"],
 ) -> tuple[Complex[np.ndarray, " j"], Float[np.ndarray, " j"]]:
     """Poles at most `distance` out that keep clear of the rest of ∂Ω; those with no room are dropped."""
-    t = domain.boundary.parameters
-    samples = domain.boundary.point((t[:-1, None] + np.diff(t)[:, None] * np.arange(4) / 4).ravel())
-    tree = cKDTree(np.column_stack([samples.real, samples.imag]))
     distance = distance.copy()
     good = np.zeros(len(foot), dtype=bool)
     for _ in range(_HALVINGS + 1):
         open_ = np.flatnonzero(~good)
         position = foot[open_] + direction[open_] * distance[open_]
-        gap, _ = tree.query(np.column_stack([position.real, position.imag]))
-        good[open_] = (gap >= _FREE_SHARE * distance[open_]) & ~domain.contains(position)
+        good[open_] = domain.distance_outside(position) >= _FREE_SHARE * distance[open_]
         if good.all():
             break
         distance[~good] /= 2

@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.discrete.minimal_surface import Disk, finer_disk
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, sampled
 from spinor_geom.errors import DomainError, OptionError, SingularMatrixError
+from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
@@ -38,6 +40,11 @@ _MAX_ROUNDS = 3
 _POOR = 1e-2
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
+# Ω's polygon comes no nearer to a pole than this share of what ∂Ω does beside it, at so many points of a chord; pieces
+# of ∂Ω where it would are halved, so many times at most.
+_CLEARANCE_OF_CHORD, _POINTS_OF_A_CHORD, _HALVINGS = 0.5, 9, 4
+# ∂Ω is checked for crossings at so many points of each piece.
+_POINTS_OF_A_PIECE = 4
 # A loop counts as ragged or as rough where one of its points in ten turns by more.
 _RAGGED_TURN = np.radians(60.0)
 _ROUGH_TURN = np.radians(25.0)
@@ -106,13 +113,13 @@ class NetworkSolver:
         if poor and self._turning <= _RAGGED_TURN and len(fitted.history) < self.budget.max_iterations:
             fitted = self._improved(fitted, disk)
         with self.clock.stage("surface"):
-            surface = _surface(fitted)
+            surface, astray = _surface(fitted)
             area = surface.area()
         return Found(
             surface=surface,
             matching=fitted.stage.matching(fitted.fit),
-            rms=fitted.residual.rms,
-            max=fitted.residual.max,
+            rms=float(np.hypot(fitted.residual.rms, astray)),
+            max=max(fitted.residual.max, astray),
             area=area,
             route="network",
             history=fitted.history,
@@ -161,8 +168,13 @@ class NetworkSolver:
         """The fit that starts from a discrete disk: its flattening gives Ω, its frames p and q."""
         rim, curve, device = self.rim, self.curve, self.device
         with self.clock.stage("flattening"):
-            flat = flatten(disk.vertices, disk.faces, len(rim))
             corners = self.loop.corners[rim]
+            flat = flatten(
+                disk.vertices,
+                disk.faces,
+                len(rim),
+                drawn=lambda polygon: sampled(SplineBoundary.through(polygon, corners), _POINTS_OF_A_PIECE),
+            )
             domain = PlaneDomain.from_boundary(flat.boundary, corners, flat.log_scale)
         with self.clock.stage("features"):
             pairs = CornerPairs(t=domain.boundary.parameters[:-1][corners], s=curve.breaks[rim[corners]])
@@ -325,18 +337,46 @@ def _with_right_moduli(
     return _Corrected(stage=stage, fit=fit, history=history + fit.history, folds=folds)
 
 
-def _surface(fitted: _Fitted) -> SpinorSurface:
-    """The fitted surface at unit size."""
+def _surface(fitted: _Fitted) -> tuple[SpinorSurface, float]:
+    """The fitted surface at unit size, and the RMS distance of its boundary from the fit's.
+
+    The fit integrates φ along ∂Ω, the surface along paths in Ω: they agree unless a path runs too near to a pole.
+    """
     stage, fit = fitted.stage, fitted.fit
     network, device = stage.network, fit.readout.device
     with torch.no_grad():
         network.readout.copy_(fit.readout)
-    surface = SpinorSurface(network, stage.domain, order=_PATH_ORDER * fitted.rounds).to(device)
-    # the fit counts positions from the boundary, the surface from its root: compare them at a few boundary points
-    some = torch.arange(0, len(stage.panels.t), max(1, len(stage.panels.t) // 16), device=device)
+    domain = _clear_of_poles(stage.domain, stage.poles)
+    surface = SpinorSurface(network, domain, order=_PATH_ORDER * fitted.rounds).to(device)
+    some = torch.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order, device=device)
     boundary = (stage.problem.positions(fit.readout) + fit.constant)[some]
     with torch.no_grad():
         offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
-        # the median: at a point right beside a pole the path integral has fewer digits
-        surface.constant.copy_(offset.median(0).values)
-    return surface
+        # the median: where a path is too near to a pole the others are still right
+        constant = offset.median(0).values
+        surface.constant.copy_(constant)
+    weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
+    return surface, float(weight @ (offset - constant).square().sum(1)) ** 0.5
+
+
+def _clear_of_poles(domain: PlaneDomain, poles: Poles) -> PlaneDomain:
+    """Ω with so many vertices that their polygon, where paths may run, keeps clear of the poles as ∂Ω does."""
+    boundary = domain.boundary
+    assert isinstance(boundary, SplineBoundary)
+    tree = cKDTree(np.column_stack([poles.positions.real, poles.positions.imag]))
+    share = np.linspace(0.0, 1.0, _POINTS_OF_A_CHORD)
+    for _ in range(_HALVINGS):
+        t, v = boundary.parameters, boundary.vertices
+        arc = boundary.point(t[:-1, None] + np.diff(t)[:, None] * share)
+        chord = v[:, None] + (np.roll(v, -1) - v)[:, None] * share
+        at_arc, at_chord = (
+            np.asarray(tree.query(np.stack([z.real, z.imag], axis=-1))[0]).min(axis=1) for z in (arc, chord)
+        )
+        too_near = at_chord < _CLEARANCE_OF_CHORD * at_arc
+        if not too_near.any():
+            break
+        boundary = boundary.halved(too_near)
+    if boundary is domain.boundary:
+        return domain
+    scale = np.interp(boundary.parameters[:-1], domain.boundary.parameters[:-1], domain.log_scale, period=1.0)
+    return PlaneDomain.inside(boundary, scale)

@@ -28,6 +28,10 @@ _SHARES = (0.4, 0.3, 0.3)
 # Two parts of a loop face each other where the way along the loop is so many times their distance; samples for each
 # point at which that is looked for, and most nodes, in multiples of the usual number, that a narrow place gets.
 _FACING, _FACING_SAMPLES, _MOST_IN_NARROW = 2.0, 4, 8.0
+# Where ∂Ω comes as near to itself as so many of its steps, Λ is never resolved; the way round is so many times longer.
+_STEPS_ACROSS, _WAY_AROUND = 1.0, 3.0
+# Rows of a table of distances made at once.
+_ROWS = 512
 
 
 class NodeDensity:
@@ -163,15 +167,33 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> Di
         DomainError: ∂Ω crosses itself, or Ω is so narrow somewhere that n steps do not resolve Λ.
     """
     polygon = boundary.grid(n)[0]
-    if not is_simple(polygon):
+    # the quick tests first: Λ costs n³
+    is_wide = _steps_across(polygon) > _STEPS_ACROSS
+    if is_wide and not is_simple(polygon):
         raise DomainError("the rounded domain crosses itself", vertices=len(boundary.vertices))
-    form = DirichletForm.of(boundary, n, device)
-    if not form.error <= _RESOLVED:
+    form = DirichletForm.of(boundary, n, device) if is_wide else None
+    if form is None or not form.error <= _RESOLVED:
         raise DomainError(
-            f"the domain is too narrow somewhere for {n} steps around it (Λ is off by {form.error:.1e})",
+            f"the domain crosses itself or is too narrow somewhere for {n} steps around it",
             vertices=len(boundary.vertices),
         )
     return form
+
+
+def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
+    """Least distance of two vertices of a closed polygon that face each other, in edges beside them."""
+    edge = np.abs(np.roll(polygon, -1) - polygon)
+    along = np.cumsum(edge) - edge
+    step = np.maximum(edge, np.roll(edge, 1))
+    least = np.inf
+    for start in range(0, len(polygon), _ROWS):
+        rows = slice(start, start + _ROWS)
+        way = np.abs(along[rows, None] - along)
+        way = np.minimum(way, edge.sum() - way)
+        distance = np.abs(polygon[rows, None] - polygon)
+        across = distance / np.maximum(step[rows, None], step)
+        least = min(least, float(across.min(where=way > _WAY_AROUND * distance, initial=np.inf)))
+    return least
 
 
 def reflattened(

@@ -183,7 +183,11 @@ class PlateauProblem:
 
     def positions(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3"]:
         """Positions r at the nodes, up to a constant: the real part of ∫ φ dz along ∂Ω."""
-        return self.integrate(self.null_curve(readout) * self.dz[:, None]).real
+        return self.integrate(self.velocities(readout)).real
+
+    def velocities(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "nodes 3"]:
+        """φ dz/dt at the nodes; its real part is dr/dt."""
+        return self.null_curve(readout) * self.dz[:, None]
 
     def null_curve(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "nodes 3"]:
         """φ at the nodes."""

@@ -25,9 +25,9 @@ class Residual:
     """Distance of the surface's boundary from Γ, at unit size.
 
     Attributes:
-        rms: root of the mean squared distance by arc length of ∂Ω.
+        rms: root of the mean squared distance by arc length of the surface's boundary.
         max: largest distance.
-        energy: share of each panel in rms².
+        energy: integral of the squared distance over each panel by arc length of ∂Ω, which has length 1 there.
     """
 
     rms: float
@@ -50,15 +50,18 @@ def independent_residual(stage: Discretisation, fit: Fit, *, points: int) -> Res
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
     dense = Panels.on(stage.domain.boundary, stage.panels.breaks, order)
     problem = PlateauProblem.on_panels(dense, stage.network, stage.problem.curve, stage.pairs)
-    r = problem.positions(fit.readout) + fit.constant
+    velocity = problem.velocities(fit.readout)
+    r = problem.integrate(velocity).real + fit.constant
     slide = torch.as_tensor(interpolate_matching(stage.matching(fit), dense.t), device=r.device)
     slide = projected(r, slide, problem.curve, limit=0.5 / len(stage.panels.t))
     error = r - problem.curve.point_and_derivative(slide)[0]
     square = error.square().sum(1)
     energy = (problem.arc_weights * square).reshape(count, order).sum(1)
+    # where a boundary runs off it is long
+    length = problem.weights * velocity.real.norm(dim=1)
     passed = passed_over(r, slide, error, problem.curve)
     return Residual(
-        rms=(float(energy.sum()) + passed.mean_square) ** 0.5,
+        rms=(float(length @ square / length.sum()) + passed.mean_square) ** 0.5,
         max=max(float(square.max().sqrt()), passed.max),
         energy=energy.cpu().numpy(),
     )

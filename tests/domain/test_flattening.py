@@ -136,6 +136,22 @@ def test_ramp_of_more_than_a_turn_is_straightened_until_it_is_clear():
     assert 0.01 < np.abs(flat.log_scale).max() < 0.3
 
 
+def test_flattening_is_straightened_where_the_curve_through_it_crosses_itself():
+    vertices, faces, m = SURFACES["noisy"]
+    seen = []
+
+    def crossed_at_first(polygon):
+        seen.append(polygon)
+        return polygon if len(seen) > 1 else np.array([0, 1 + 1j, 1, 1j])
+
+    flat = flatten(vertices, faces, m, drawn=crossed_at_first)
+    np.testing.assert_array_equal(seen[0], flatten(vertices, faces, m).boundary)
+    np.testing.assert_array_equal(seen[-1], flat.boundary)
+    assert same_shape(seen[0], flat.boundary) > 1e-6
+    with pytest.raises(DomainError, match="no simple plane domain"):
+        flatten(vertices, faces, m, drawn=np.conj)
+
+
 # --- laying out -------------------------------------------------------------------------------------------------------
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary, PlaneDomain, SplineBoundary
-from spinor_geom.domain.plane_domain import Boundary
+from spinor_geom.domain.plane_domain import Boundary, sampled
 from spinor_geom.errors import DomainError, OptionError
 from tests.loops import L_SHAPE, planar, slit
 from tests.strategies import SEEDS, analytic_boundaries
@@ -91,6 +91,56 @@ def test_vertices_of_a_fourier_boundary_lie_at_equal_steps():
     np.testing.assert_array_equal(BENT.vertices, BENT.point(BENT.parameters[:-1]))
     assert BENT.corners.shape == (72,)
     assert not BENT.corners.any()
+
+
+@settings(max_examples=20)
+@given(radius=st.floats(0.01, 3), angle=st.floats(0, 2 * np.pi))
+def test_distance_from_a_circle(radius, angle):
+    z = np.array([radius * np.exp(1j * angle)])
+    # the sagitta of 16 × 64 edges
+    np.testing.assert_allclose(DOMAINS["disk"].distance_outside(z), radius - 1, atol=5e-6)
+
+
+def test_distance_has_the_sign_of_the_nearest_edge_however_near():
+    boundary = DOMAINS["bent"].boundary
+    t = (np.arange(4000) + 0.5) / 4000
+    tangent = boundary.derivative(t)
+    outwards = -1j * tangent / np.abs(tangent)
+    # far enough from the polygon's sagittas, nearer than its edges
+    for step in (1e-3, 1e-2):
+        outside = DOMAINS["bent"].distance_outside(boundary.point(t) + step * outwards)
+        inside = DOMAINS["bent"].distance_outside(boundary.point(t) - step * outwards)
+        np.testing.assert_allclose(outside, step, rtol=0.3)
+        np.testing.assert_allclose(inside, -step, rtol=0.3)
+
+
+def test_corners_tell_the_side_by_both_of_their_edges():
+    away = 0.1 * np.exp(2j * np.pi * (np.arange(16) + 0.5) / 16)
+    for corner in (2 + 1j, 1 + 1j, 0j):
+        z = corner + away
+        inside = [(0 < w.real < 2 and 0 < w.imag < 1) or (0 < w.real < 1 and 0 < w.imag < 2) for w in z]
+        np.testing.assert_array_equal(DOMAINS["L"].distance_outside(z) < 0, inside)
+
+
+def test_halved_pieces_leave_the_curve_as_it_is():
+    boundary = DOMAINS["L"].boundary
+    pieces = np.arange(len(boundary.vertices)) % 3 == 1
+    halved = boundary.halved(pieces)
+    assert len(halved.vertices) == len(pieces) + np.count_nonzero(pieces)
+    t = np.linspace(0, 1, 997)
+    np.testing.assert_allclose(halved.point(t), boundary.point(t), atol=1e-14)
+    np.testing.assert_allclose(halved.derivative(t), boundary.derivative(t), atol=1e-12)
+    np.testing.assert_array_equal(halved.vertices[halved.corners], boundary.vertices[boundary.corners])
+    middles = (boundary.parameters[:-1] + boundary.parameters[1:])[pieces] / 2
+    np.testing.assert_allclose(np.setdiff1d(halved.parameters, boundary.parameters), middles, atol=1e-15)
+
+
+def test_samples_are_the_vertices_and_equal_steps_between_them():
+    boundary = DOMAINS["ellipse"].boundary
+    points = sampled(boundary, 4).reshape(-1, 4)
+    np.testing.assert_allclose(points[:, 0], boundary.vertices, atol=1e-14)
+    quarters = 0.75 * boundary.parameters[1:] + 0.25 * boundary.parameters[:-1]
+    np.testing.assert_allclose(points[:, 3], boundary.point(quarters), atol=1e-14)
 
 
 @settings(max_examples=20)

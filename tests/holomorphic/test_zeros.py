@@ -61,7 +61,7 @@ def test_zeros_nearer_than_the_resolution_are_one():
 def test_zeros_between_the_curve_and_its_polygon_belong_to_the_domain():
     coarse = PlaneDomain.disk(n=8)
     between = 0.99 * np.exp(1j * np.pi / 8)
-    assert not coarse.contains(np.array(between))
+    assert abs(between) > np.cos(np.pi / 8)
     (zero,) = find_zeros(product([between]), coarse)
     assert abs(zero.z - between) < 1e-12
 

@@ -15,8 +15,9 @@ from spinor_geom.domain.flattening import is_simple
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import minimise_dirichlet_energy
-from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved_form, rounded_boundary
+from spinor_geom.plateau.omega import NodeDensity, _steps_across, reflattened, resolved_form, rounded_boundary
 from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse, planar
 from tests.plateau.slides import CPU, PEANUT, ellipse
@@ -139,12 +140,24 @@ def test_domains_that_cross_themselves_or_are_too_narrow_are_refused():
     eight = FourierBoundary(np.array([0.8, 0, 0, 1, 0]), 64)
     with pytest.raises(DomainError, match="crosses itself"):
         resolved_form(eight, 256, CPU)
-    with pytest.raises(DomainError, match=r"too narrow somewhere for 64 steps around it \(Λ is off by 3.8e-02\)"):
+    with pytest.raises(DomainError, match="too narrow somewhere for 64 steps around it"):
         resolved_form(PEANUT, 64, CPU)
     # Λ of an ellipse is symmetric however few steps there are
     with pytest.raises(DomainError, match="too narrow somewhere for 32 steps"):
         resolved_form(ellipse(8.0), 32, CPU)
     assert resolved_form(PEANUT, 256, CPU).error < 1e-5
+
+
+def test_domain_far_too_narrow_is_refused_before_its_form_is_made(monkeypatch):
+    monkeypatch.setattr(DirichletForm, "of", None)
+    with pytest.raises(DomainError, match="too narrow somewhere for 128 steps"):
+        resolved_form(ellipse(100.0), 128, CPU)
+
+
+@pytest.mark.parametrize("width", [0.5, 2.0])
+def test_steps_across_a_strip_are_its_width_in_edges(width):
+    strip = planar(((0, 0), (600, 0), (600, width), (0, width)), 1200).points @ np.array([1, 1j, 0])
+    np.testing.assert_allclose(_steps_across(strip), width, rtol=1e-2)
 
 
 # --- flattening anew --------------------------------------------------------------------------------------------------
