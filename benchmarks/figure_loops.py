@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 from figure_curves import Case, convergence, curve_figures, measured_rms_per_edge, timed_solve
-from figure_samples import evenly_sampled, noisy_loop
 from figure_tables import Figure, Table, figure_table, note, short_reason
 from scipy.spatial.distance import pdist
 
@@ -80,7 +79,7 @@ def order_figures(curve: gallery.KnownCurve, case: str) -> list[Figure]:
 
 def ragged_figures(curve: gallery.KnownCurve, vertices: int, case: str) -> list[Figure]:
     """Solves an even sample of a curve with vertex noise, and measures the boundary."""
-    return boundary_figures(noisy_loop(evenly_sampled(curve, vertices), NOISE, seed=0), USUAL, case)
+    return boundary_figures(gallery.noisy_loop(gallery.evenly_sampled(curve, vertices), NOISE, seed=0), USUAL, case)
 
 
 def strip_figures(curve: gallery.KnownCurve, vertices: int, case: str) -> list[Figure]:
@@ -174,9 +173,9 @@ def random_loops(only: str) -> list[Table]:
 
 def random_record(seed: int, name: str, *, noisy: bool) -> RandomRecord:
     """Solves one random curve and checks what the solution says about itself."""
-    loop = evenly_sampled(gallery.random_curve(seed), RANDOM_VERTICES)
+    loop = gallery.evenly_sampled(gallery.random_curve(seed), RANDOM_VERTICES)
     if noisy:
-        loop = noisy_loop(loop, RANDOM_NOISE, seed=seed)
+        loop = gallery.noisy_loop(loop, RANDOM_NOISE, seed=seed)
     start = time.perf_counter()
     try:
         solution, seconds = timed_solve(loop, RANDOM_NOISY_TOLERANCE if noisy else RANDOM_TOLERANCE)

@@ -100,27 +100,6 @@ def test_a_limit_from_below_is_met_or_missed(tables: ModuleType) -> None:
     assert tables.Figure.at_least("loop", "order", float("nan"), 3.8).met is False
 
 
-def test_even_samples_lie_on_the_curve_with_equal_edges(benchmark_modules: Callable[[str], ModuleType]) -> None:
-    loop = benchmark_modules("figure_samples").evenly_sampled(gallery.ellipse(8.0), 400)
-    x, y, _ = loop.points.T
-    np.testing.assert_allclose((x / 8) ** 2 + y**2, 1, atol=1e-13)
-    # at the ends of the long axis, radius of curvature 1/8, a chord of 0.08 is shorter than its arc by 1.7 %
-    assert loop.edge_lengths.min() > 0.975 * loop.edge_lengths.max()
-    assert not loop.corners.any()
-
-
-def test_noise_is_isotropic_repeatable_and_as_large_as_stated(benchmark_modules: Callable[[str], ModuleType]) -> None:
-    samples = benchmark_modules("figure_samples")
-    loop = gallery.twisted_circle().sample(2000)
-    moved = samples.noisy_loop(loop, 0.15, seed=3)
-    moves = (moved.points - loop.points) / loop.mean_edge_length
-    # 2000 numbers: the standard error of their deviation is 1.6 %
-    np.testing.assert_allclose(moves.std(axis=0), 0.15, rtol=0.06)
-    assert np.abs(np.corrcoef(moves.T) - np.eye(3)).max() < 0.1
-    np.testing.assert_array_equal(moved.points, samples.noisy_loop(loop, 0.15, seed=3).points)
-    assert (samples.noisy_loop(loop, 0.15, seed=4).points != moved.points).all()
-
-
 def test_every_kind_of_loop_is_there_once(benchmark_modules: Callable[[str], ModuleType]) -> None:
     names = [name for name, _ in benchmark_modules("figure_loops").cases()]
     assert len(set(names)) == len(names)
