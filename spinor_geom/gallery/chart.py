@@ -11,6 +11,7 @@ from jaxtyping import Bool, Complex, Float
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.lattice import lattice_inside
+from spinor_geom.measures.hausdorff import HausdorffDistance, SurfaceSamples, distances_to_mesh, mesh_samples
 
 SurfaceFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
 TangentFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 2 3"]]
@@ -20,21 +21,6 @@ _STARTS = 3000
 _STEPS = 60
 # points whose projections are iterated together
 _BLOCK = 1 << 14
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SurfaceSamples:
-    """Points of a surface.
-
-    Attributes:
-        points: in the surface's units.
-        areas: the area that each stands for.
-        spacing: no point of the surface is farther than this from one of them.
-    """
-
-    points: Float[np.ndarray, "k 3"]
-    areas: Float[np.ndarray, " k"]
-    spacing: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,9 +54,22 @@ class Chart:
             spacing=float(np.linalg.norm(t, axis=2).max() * cell / 3**0.5),
         )
 
+    def hausdorff(
+        self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, samples: int = 20_000
+    ) -> HausdorffDistance:
+        """Symmetric Hausdorff distance of a mesh from the surface, forward from the mesh, as `hausdorff_distance`."""
+        here, there = mesh_samples(vertices, faces, samples), self.samples(samples)
+        return HausdorffDistance(
+            forward=here.summary(self.distances(here.points)),
+            backward=there.summary(distances_to_mesh(there.points, vertices, faces)),
+        )
+
     def lattice(self, count: int) -> Complex[np.ndarray, " k"]:
         """About `count` points of a triangular lattice inside the polygon."""
-        return lattice_inside(self.outline, self._spacing(count))
+        # no row along a straight side, where corners may be singular
+        spacing = self._spacing(count)
+        shift = (0.3 + 0.4j) * spacing
+        return lattice_inside(self.outline + shift, spacing) - shift
 
     def _spacing(self, count: int) -> float:
         v = self.outline

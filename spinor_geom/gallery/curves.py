@@ -81,12 +81,15 @@ def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
         a: ratio of the axes.
         height: amplitude of z.
     """
+    t = 2 * np.pi * np.arange(_OUTLINE) / _OUTLINE
+    region = plane_chart(a * np.cos(t) + 1j * np.sin(t))
     return _fourier(
         name=f"ellipse {a:g}:1 height {height:g}",
         cosine={1: (a, 0.0, 0.0)},
         sine={1: (0.0, 1.0, 0.0), 2: (0.0, 0.0, height)},
         disks=(KnownDisk(area=np.pi * a, stable=True),) if height == 0 else (),
         source="area πab of the plane ellipse",
+        chart=region if height == 0 else None,
     )
 
 
@@ -125,17 +128,22 @@ def plane_polygon(corners: ArrayLike, *, name: str) -> KnownCurve:
     plane = np.asarray(corners, dtype=np.float64)
     outline = plane[:, 0] + 1j * plane[:, 1]
     area = 0.5 * float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
-    tangents = np.eye(3)[:2]
     return polygon(
         np.column_stack([plane, np.zeros(len(plane))]),
         name=name,
         disks=(KnownDisk(area=area, stable=True),),
         source="the shoelace formula",
-        chart=Chart(
-            position=lambda z: np.stack([z.real, z.imag, np.zeros(np.shape(z))], axis=-1),
-            tangents=lambda z: np.broadcast_to(tangents, (*np.shape(z), 2, 3)),
-            outline=outline,
-        ),
+        chart=plane_chart(outline),
+    )
+
+
+def plane_chart(outline: Complex[np.ndarray, " m"]) -> Chart:
+    """The region inside a simple polygon in the plane z = 0, counter-clockwise."""
+    tangents = np.eye(3)[:2]
+    return Chart(
+        position=lambda z: np.stack([z.real, z.imag, np.zeros(np.shape(z))], axis=-1),
+        tangents=lambda z: np.broadcast_to(tangents, (*np.shape(z), 2, 3)),
+        outline=outline,
     )
 
 
@@ -290,6 +298,7 @@ def _fourier(
     sine: Mapping[int, ArrayLike],
     disks: tuple[KnownDisk, ...],
     source: str,
+    chart: Chart | None = None,
 ) -> KnownCurve:
     """The curve Σ a_k cos 2πkt + b_k sin 2πkt."""
     modes = [(2 * np.pi * k, np.array(a), 0.0) for k, a in cosine.items()]
@@ -305,5 +314,11 @@ def _fourier(
         return value
 
     return KnownCurve(
-        name=name, point=order(0), derivative=order(1), second_derivative=order(2), disks=disks, source=source
+        name=name,
+        point=order(0),
+        derivative=order(1),
+        second_derivative=order(2),
+        disks=disks,
+        source=source,
+        chart=chart,
     )

