@@ -14,7 +14,9 @@ from typing import IO, Any
 
 # characters of what a library wrote that a record keeps
 _SAID = 600
-_START = "import json, runpy, sys; sys.path[:] = json.loads(sys.argv[1]); runpy.run_module(sys.argv[2], run_name='__main__')"
+_START = (
+    "import json, runpy, sys; sys.path[:] = json.loads(sys.argv[1]); runpy.run_module(sys.argv[2], run_name='__main__')"
+)
 
 Task = Mapping[str, Any]
 Record = dict[str, Any]
@@ -62,9 +64,7 @@ class _Worker:
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         # packages are looked for where this process looks, not in the folder it happens to run in
         command = [sys.executable, "-c", _START, json.dumps(sys.path), module]
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log
-        )
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log)
         self._answers: queue.Queue[bytes] = queue.Queue()
         threading.Thread(target=self._read, daemon=True).start()
 

@@ -23,6 +23,8 @@ from spinor_geom.plateau.solution import PlateauSolution
 
 # of the exact |H|: second derivatives cost some milliseconds a point
 _CURVATURE_POINTS = 200
+# at least so many points of the mesh and of the surface
+_DISTANCE_SAMPLES = 5_000
 # crossings of more faces than this are not counted: the exact predicates take minutes
 _MOST_CROSSING_FACES = 300_000
 # vertices nearer than this share of the diagonal are the same: room for tools that keep single precision
@@ -107,7 +109,7 @@ def patch_figures(
         "crossings": len(self_intersections(vertices, faces)) if len(faces) <= _MOST_CROSSING_FACES else None,
     }
     if chart is not None and len(faces) <= _MOST_CROSSING_FACES:
-        distance = chart.hausdorff(vertices, faces)
+        distance = chart.hausdorff(vertices, faces, samples=_DISTANCE_SAMPLES)
         figures["distance_max"] = distance.max / diameter
         figures["distance_mean"] = distance.mean / diameter
     return figures

@@ -87,7 +87,7 @@ def _formula(problem: Problem) -> Spanned:
         raise OptionError("only a curve in formulas has no need of samples")
     if case.variation.turn is not None or case.variation.scale != 1:
         raise OptionError("the formula's own position and size are taken, not varied ones")
-    return _meshed(solve_plateau(case.known), problem.edge or problem.loop.mean_edge_length)
+    return _meshed(solve_plateau(case.known, tolerance=1e-10), problem.edge or problem.loop.mean_edge_length)
 
 
 def _meshed(solution: PlateauSolution, edge: float | None) -> Spanned:
@@ -142,7 +142,7 @@ LOOP_METHODS: Mapping[str, LoopMethod] = {
         ),
         LoopMethod(
             name="spinor-formula",
-            options="the same on the curve in formulas, without samples",
+            options="the same on the curve in formulas, without samples, tolerance 1e-10",
             most_points=256,
             span=_formula,
         ),

@@ -141,6 +141,8 @@ def _loops(settings: Settings, folder: Path) -> Iterator[list[Task]]:
         points = [n for n in settings.points if n <= method.most_points]
         if name in ONE_SIZE:  # they are there to be compared once, not swept
             points = [n for n in points if n == VIEW_POINTS] or points[-1:]
+        if settings.quick and name in SLOW:
+            points = points[:1]
         for case in settings.known_names():
             if name == "spinor-formula" and case not in FORMULAS:
                 continue
@@ -161,7 +163,7 @@ def _loops(settings: Settings, folder: Path) -> Iterator[list[Task]]:
         if name in ("spinor", "libigl"):
             for path in settings.files():
                 group += [
-                    _task(settings, suite="file loop", method=name, case=str(path), place=place, repeat=1)
+                    _task(settings, suite="file loop", method=name, case=str(path), place=place, repeat=0)
                     for place in range(len(file_hole(path).loops))
                 ]
         yield group
@@ -169,6 +171,8 @@ def _loops(settings: Settings, folder: Path) -> Iterator[list[Task]]:
 
 # only curves in formulas have more than their samples
 FORMULAS = ("twisted-circle", "tennis-seam", "plane-ellipse")
+# what a short run measures on its smallest loops only
+SLOW = ("spinor-cauchy", "spinor-mlp", "pymeshlab")
 ONE_SIZE = ("spinor-cauchy", "spinor-series", "spinor-mlp", "spinor-formula")
 
 
@@ -183,10 +187,10 @@ def _fillers(settings: Settings) -> Iterator[list[Task]]:
             _task(settings, suite="hole", method=name, case=case, n=n) for case in names for n in settings.hole_points
         ]
         group += [
-            _task(settings, suite="odd", method=name, case=case, n=None, repeat=1) for case in settings.odd_names()
+            _task(settings, suite="odd", method=name, case=case, n=None, repeat=0) for case in settings.odd_names()
         ]
         group += [
-            _task(settings, suite="file", method=name, case=str(path), n=None, repeat=1) for path in settings.files()
+            _task(settings, suite="file", method=name, case=str(path), n=None, repeat=0) for path in settings.files()
         ]
         yield group
 
@@ -216,7 +220,7 @@ def _scaling(settings: Settings) -> Iterator[list[Task]]:
                         case=SCALED_PATCH,
                         n=64,
                         edge=edge,
-                        triangles=count,
+                        wanted=count,
                         scaling="triangles",
                         repeat=1,
                     )
