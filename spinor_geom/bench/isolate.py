@@ -31,8 +31,8 @@ def run_isolated(
 ) -> None:
     """Runs tasks one after the other in a process that is replaced when it crashes or hangs.
 
-    The process runs the module as a program; it reads a task a line from its standard input, as JSON, and answers with a line
-    of JSON on its standard output; see `serve`. What else it writes is kept beside the answer, as "said".
+    The process runs the module as a program; it reads a task a line from its standard input, as JSON, and answers with
+    a line of JSON on its standard output; see `serve`. What else it writes is kept beside the answer, as "said".
 
     Args:
         tasks: JSON-ready.

@@ -43,7 +43,8 @@ def told(here: dict[str, Any]) -> str:
     versions = ", ".join(f"{name} {version or 'not installed'}" for name, version in here["versions"].items())
     threads = "" if here["threads"] is None else f", OMP_NUM_THREADS={here['threads']}"
     load = "" if here["load"] is None else f", load {here['load']:.1f} before the run"
-    return f"{here['processor']}, {here['cores']} cores ({here['system']}){threads}{load}; Python {here['python']}, {versions}."
+    cores = f"{here['processor']}, {here['cores']} cores ({here['system']})"
+    return f"{cores}{threads}{load}; Python {here['python']}, {versions}."
 
 
 def _processor() -> str:

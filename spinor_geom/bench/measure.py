@@ -22,7 +22,7 @@ from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.plateau.solution import PlateauSolution
 
 # of the exact |H|: second derivatives cost some milliseconds a point
-_CURVATURE_POINTS = 200
+_CURVATURE_POINTS = 100
 # at least so many points of the mesh and of the surface
 _DISTANCE_SAMPLES = 5_000
 # crossings of more faces than this are not counted: the exact predicates take minutes
@@ -61,7 +61,9 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Fig
 def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     """The figures of a mesh with its rims closed, or not."""
     old, vertex_of = _old_faces(filled, hole)
-    patch = filled.faces[~old]
+    # sides of old triangles that a tool divided or moved are no part of the patch, nor are caps on other boundaries
+    elsewhere = np.setdiff1d(np.arange(len(hole.vertices)), hole.rim)
+    patch = filled.faces[~old & ~np.isin(vertex_of[filled.faces], elsewhere).any(axis=1)]
     diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
     rim_left = _open(filled.faces, vertex_of, hole.rim_edges)
     half = HalfEdges.of(filled.faces)

@@ -126,7 +126,6 @@ def _meshlib_nicely(fine: bool) -> Callable[[Any], Any]:
         mesh, edges, hole = state
         for edge in edges:
             settings = mrmeshpy.FillHoleNicelySettings()
-            settings.triangulateParams.metric = mrmeshpy.getUniversalMetric(mesh)
             if fine:
                 settings.subdivideSettings.maxEdgeLen = hole.mean_edge
                 settings.subdivideSettings.maxEdgeSplits = 1_000_000
@@ -343,7 +342,7 @@ def _peers() -> tuple[Peer, ...]:
             for name, options, fill in (
                 ("meshlib-universal", "fillHole with the universal metric", _meshlib_plain("getUniversalMetric")),
                 ("meshlib-min-area", "fillHole with the minimum-area metric", _meshlib_plain("getMinAreaMetric")),
-                ("meshlib-nicely", "fillHoleNicely, universal metric, else its defaults", _meshlib_nicely(False)),
+                ("meshlib-nicely", "fillHoleNicely with its defaults", _meshlib_nicely(False)),
                 (
                     "meshlib-nicely-fine",
                     "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",

@@ -16,7 +16,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     from spinor_geom.bench.claims import claims
     from spinor_geom.bench.page import PAGE, write
     from spinor_geom.bench.runner import Settings, measure
-    from spinor_geom.bench.tables import claim_table, hole_table, odd_table, reach_table, scaling_table, trouble_table
+    from spinor_geom.bench.tables import claim_table, hole_table, odd_summary, reach_table, scaling_table, trouble_table
 
     variation = Variation(
         turn=arguments.turn, scale=arguments.scale, noise=arguments.noise, sampling=arguments.sampling
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         claim_table(found),
         reach_table(result.records),
         hole_table(result.records),
-        odd_table(result.records),
+        odd_summary(result.records),
         scaling_table(result.records),
         trouble_table(result.records),
     ):

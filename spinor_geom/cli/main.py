@@ -143,7 +143,7 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--cases",
         metavar="NAME[,NAME…]",
         type=_names,
-        help="known cases, odd rims, mesh files (default: the usual ones)",
+        help="known cases, odd rims, mesh files (default: all)",
     )
     bench.add_argument("--methods", metavar="NAME[,NAME…]", type=_names, help="methods and tools (default: all)")
     bench.add_argument("--repeat", metavar="N", type=_count, help="counted calls of each (default: 3, quick: 1)")
@@ -158,7 +158,7 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         metavar="SHARE",
         type=float,
         default=0.0,
-        help="move their points, in mean edges; no answer is known then",
+        help="move their points, in mean edges; no answer then",
     )
     bench.add_argument(
         "--sampling",

@@ -75,7 +75,7 @@
     const attribute = (data, k) => { buffer(gl.ARRAY_BUFFER, data); gl.enableVertexAttribArray(k); gl.vertexAttribPointer(k, 3, gl.FLOAT, false, 0, 0); };
     attribute(points, 0); attribute(normals(points, faces), 1);
     const faceBuffer = buffer(gl.ELEMENT_ARRAY_BUFFER, faces), edgeBuffer = buffer(gl.ELEMENT_ARRAY_BUFFER, edges);
-    gl.enable(gl.DEPTH_TEST); gl.enable(gl.POLYGON_OFFSET_FILL); gl.polygonOffset(1, 1);
+    gl.enable(gl.DEPTH_TEST); gl.enable(gl.POLYGON_OFFSET_FILL); gl.polygonOffset(2, 16);
 
     function paint() {
       const field = view.fields[choice.value], colours = new Float32Array(points.length);
@@ -96,7 +96,7 @@
         gl.useProgram(made);
         gl.uniformMatrix4fv(gl.getUniformLocation(made, "turn"), false, turn);
         gl.uniform2f(gl.getUniformLocation(made, "size"), zoom, zoom);
-        if (made === line) { gl.disableVertexAttribArray(2); gl.vertexAttrib3f(2, 0.15, 0.2, 0.3); } else gl.enableVertexAttribArray(2);
+        if (made === line) { gl.disableVertexAttribArray(2); gl.vertexAttrib3f(2, 0.25, 0.27, 0.32); } else gl.enableVertexAttribArray(2);
         gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, list);
         gl.drawElements(kind, count, gl.UNSIGNED_INT, 0);
       }

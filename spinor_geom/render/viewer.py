@@ -15,12 +15,15 @@ from jaxtyping import Float, Int
 # share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
 _TAIL = 0.01
 
-STYLE = """body { font: 15px/1.45 system-ui, sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
+STYLE = """body { font: 15px/1.45 system-ui, sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem;
+color: #222 }
 table { border-collapse: collapse; margin: 1rem 0; font-size: 13px; display: block; overflow-x: auto }
 th, td { padding: .2rem .6rem; border-bottom: 1px solid #ddd; text-align: left; white-space: nowrap }
 td.long { white-space: normal; min-width: 22rem } tr.missed td { background: #fdecea }
-figure { display: inline-block; margin: .5rem; vertical-align: top } canvas { width: 280px; height: 280px; border: 1px solid #ddd;
-touch-action: none } img { max-width: 100% } figcaption { font-size: 13px; max-width: 280px } select, span { font-size: 12px }"""
+figure { display: inline-block; margin: .5rem; vertical-align: top } img { max-width: 100% }
+figure.view { width: 282px }
+canvas { width: 280px; height: 280px; border: 1px solid #ddd; display: block; touch-action: none }
+figcaption { font-size: 13px; max-width: 560px } select, span { font-size: 12px }"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +64,7 @@ class Views:
             "edges": view.edges,
         }
         self._views.append(json.dumps(data))
-        return f'<figure id="{place}"></figure>'
+        return f'<figure class="view" id="{place}"></figure>'
 
     def script(self) -> str:
         """The data of all views and the program that shows them."""
