@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from figure_tables import Figure, Table, figure_table, note, short_reason
+from figure_tables import Figure, figure_table, note, short_reason
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
@@ -20,6 +20,7 @@ from spinor_geom import (
     mesh_patch,
     solve_plateau,
 )
+from spinor_geom.bench.tables import Table
 
 TOLERANCE, PLANE_TOLERANCE = 1e-6, 1e-10  # RMS distance per mean edge that loops are solved to
 AREA_ERROR, PLANE_AREA_ERROR = 1e-6, 1e-10  # relative

@@ -8,10 +8,11 @@ from functools import partial
 
 import numpy as np
 from figure_curves import Case, convergence, curve_figures, measured_rms_per_edge, timed_solve
-from figure_tables import Figure, Table, figure_table, note, short_reason
+from figure_tables import Figure, figure_table, note, short_reason
 from scipy.spatial.distance import pdist
 
 from spinor_geom import BoundaryLoop, SpinorGeomError, gallery, mesh_patch
+from spinor_geom.bench.tables import Table
 
 SMOOTH, CORNERED, POLYGONAL, USUAL = 1e-8, 1e-4, 1e-8, 1e-3  # RMS distance per mean edge that loops are solved to
 SPLINE_ORDER = 3.8  # of the areas in the number of samples: 4 is the cubic spline's

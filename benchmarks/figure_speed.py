@@ -11,9 +11,10 @@ from functools import partial
 from multiprocessing.connection import Connection
 
 from figure_curves import measured_rms_per_edge, timed_solve
-from figure_tables import Figure, Table, figure_table, note, short_reason
+from figure_tables import Figure, figure_table, note, short_reason
 
 from spinor_geom import BoundaryLoop, SpinorGeomError, gallery
+from spinor_geom.bench.tables import Table
 
 SMOOTH_SECONDS = {64: 0.05, 256: 0.08, 1000: 0.3, 5000: 2.0}
 ROUGH_SECONDS = {300: 1.0, 1000: 8.0, 5000: 60.0}

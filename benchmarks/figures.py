@@ -7,7 +7,6 @@ Each group is measured in one run and makes tables of its own:
 - `random`: a hundred random closed curves,
 - `solutions`: loops that bound several minimal disks,
 - `speed`: seconds and memory of a solve,
-- `fillers`: one hole filled by this project and by other tools that are installed,
 - `meshes`: every hole of every mesh file in a folder,
 - `profile`: the functions that one fill spends its time in; only where it is asked for by name.
 
@@ -22,17 +21,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from figure_curves import curves
-from figure_fillers import fillers
 from figure_loops import any_loop, random_loops
 from figure_meshes import SHIPPED, meshes, profile
 from figure_solutions import solutions
 from figure_speed import speed
-from figure_tables import Table, machine, replaced_section
+from figure_tables import replaced_section
 
+from spinor_geom.bench.machine import machine, told
+from spinor_geom.bench.tables import Table
 from spinor_geom.files import atomic_path
 
 README = Path(__file__).parent / "README.md"
-USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "speed", "fillers", "meshes")
+USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "speed", "meshes")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -44,11 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "random": lambda: random_loops(options.only),
         "solutions": lambda: solutions(options.only),
         "speed": lambda: speed(options.only),
-        "fillers": lambda: fillers(options.only),
         "meshes": lambda: meshes(options.only, options.data),
         "profile": lambda: profile(options.profile_mesh),
     }
-    parts = [machine()]
+    parts = [told(machine())]
     for name in dict.fromkeys(options.groups or USUAL_GROUPS):
         parts += [str(table) for table in groups[name]() if table.rows]
     section = "\n\n".join(parts) + "\n"

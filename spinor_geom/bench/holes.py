@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -239,13 +239,13 @@ def odd_hole(name: str) -> Hole:
 # --- mesh files -------------------------------------------------------------------------------------------------------
 
 
-def mesh_files(folder: Path) -> list[Path]:
-    """The mesh files of a folder that have faces and holes."""
+def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:
+    """The mesh files of a folder that have faces and holes, or those of them that are named."""
     if not folder.is_dir():
         return []
     found = []
     for path in sorted(folder.iterdir()):
-        if path.suffix.lower() in FORMATS:
+        if path.suffix.lower() in FORMATS and (not names or path.name in names):
             mesh = read_mesh(path).mesh
             if len(mesh.faces) and len(boundary_edges(mesh.faces)):
                 found.append(path)

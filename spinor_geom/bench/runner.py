@@ -85,7 +85,7 @@ class Settings:
         """The mesh files that are measured."""
         if self.data is None or (self.quick and not self.cases):
             return []
-        return [path for path in mesh_files(self.data) if not self.cases or path.name in self.cases]
+        return mesh_files(self.data, self.cases)
 
     def wants(self, method: str) -> bool:
         """Whether a method is measured."""
@@ -111,8 +111,9 @@ def plan(settings: Settings, folder: Path) -> list[list[Task]]:
     Raises:
         OptionError: a case or a method does not exist, or nothing is left to measure.
     """
-    _check(settings)
-    groups = [*_loops(settings, folder), *_fillers(settings), *_scaling(settings)]
+    files = settings.files()
+    _check(settings, files)
+    groups = [*_loops(settings, folder, files), *_fillers(settings, files), *_scaling(settings)]
     groups = [group for group in groups if group]
     if not groups:
         raise OptionError("the chosen methods do not work on the chosen cases; nothing is left to measure")
@@ -120,8 +121,8 @@ def plan(settings: Settings, folder: Path) -> list[list[Task]]:
     return [list(itertools.chain.from_iterable(groups))] if settings.quick else groups
 
 
-def _check(settings: Settings) -> None:
-    files = [] if settings.data is None else [path.name for path in mesh_files(settings.data)]
+def _check(settings: Settings, paths: Sequence[Path]) -> None:
+    files = [path.name for path in paths]
     for name in settings.cases:
         if name not in ODD and name not in files:
             try:
@@ -135,17 +136,19 @@ def _check(settings: Settings) -> None:
             raise OptionError(f"there is no method {name!r}; choose from: {choice}")
 
 
-def _loops(settings: Settings, folder: Path) -> Iterator[list[Task]]:
+def _loops(settings: Settings, folder: Path, files: Sequence[Path]) -> Iterator[list[Task]]:
+    counts = {path: len(file_hole(path).loops) for path in files}
     for name, method in LOOP_METHODS.items():
         if not settings.wants(name):
             continue
         group: list[Task] = []
         points = [n for n in settings.points if n <= method.most_points]
-        if name in ONE_SIZE:  # they are there to be compared once, not swept
+        if name in ONE_SIZE or (settings.quick and name in SLOW):  # there to be compared once, not swept
             points = [n for n in points if n == VIEW_POINTS] or points[-1:]
-        if settings.quick and name in SLOW:
-            points = points[-1:]
-        for case in settings.known_names():
+        cases = settings.known_names()
+        if settings.quick and not settings.cases and name in SLOW:
+            cases = cases[:2]
+        for case in cases:
             if name == "spinor-formula" and case not in FORMULAS:
                 continue
             if name in ("spinor-series", "spinor-mlp") and case in KNOWN and KNOWN[case][0] != "smooth":
@@ -163,22 +166,22 @@ def _loops(settings: Settings, folder: Path) -> Iterator[list[Task]]:
                     )
                 )
         if name in ("spinor", "libigl"):
-            for path in settings.files():
-                group += [
-                    _task(settings, suite="file loop", method=name, case=str(path), place=place, repeat=0)
-                    for place in range(len(file_hole(path).loops))
-                ]
+            group += [
+                _task(settings, suite="file loop", method=name, case=str(path), place=place, repeat=0)
+                for path, count in counts.items()
+                for place in range(count)
+            ]
         yield group
 
 
 # only curves in formulas have more than their samples
 FORMULAS = ("twisted-circle", "tennis-seam", "plane-ellipse")
-# what a short run measures on its smallest loops only
+# what a short run measures on its first two cases only
 SLOW = ("spinor-cauchy", "spinor-mlp", "pymeshlab")
 ONE_SIZE = ("spinor-cauchy", "spinor-series", "spinor-mlp", "spinor-formula")
 
 
-def _fillers(settings: Settings) -> Iterator[list[Task]]:
+def _fillers(settings: Settings, files: Sequence[Path]) -> Iterator[list[Task]]:
     names = settings.known_names()
     if settings.quick and not settings.cases:
         names = names[:1]
@@ -188,16 +191,12 @@ def _fillers(settings: Settings) -> Iterator[list[Task]]:
         group = [
             _task(settings, suite="hole", method=name, case=case, n=n)
             for case in names
-            for n in (
-                settings.hole_points if case not in KNOWN or KNOWN[case][0] == "smooth" else settings.hole_points[:1]
-            )
+            for n in settings.hole_points[: None if case not in KNOWN or KNOWN[case][0] == "smooth" else 1]
         ]
         group += [
             _task(settings, suite="odd", method=name, case=case, n=None, repeat=0) for case in settings.odd_names()
         ]
-        group += [
-            _task(settings, suite="file", method=name, case=str(path), n=None, repeat=0) for path in settings.files()
-        ]
+        group += [_task(settings, suite="file", method=name, case=str(path), n=None, repeat=0) for path in files]
         yield group
 
 

@@ -188,8 +188,8 @@ def odd_summary(records: Sequence[Record]) -> Table:
         (tool, *(_in_short(found[tool, rim]) if (tool, rim) in found else "" for rim in rims)) for tool in tools
     )
     note = (
-        "Patches, and crossings of their triangles (×); edges left open or newly open; ! where the tool says nothing or "
-        f"reports success although edges are open; refused where it says that it did not fill. {_expected(records)}"
+        "Patches, crossings of their triangles (×), and open edges, ! where the tool says nothing about them or "
+        f"tells of success; refused: it says that it did not fill. {_expected(records)}"
     )
     return Table(title="Odd rims", columns=("tool", *rims), rows=rows, note=note)
 
@@ -200,9 +200,8 @@ def _in_short(record: Record) -> str:
     left = record["open_rim_edges"] + record["new_open_edges"]
     if not record.get("patches") and record["succeeded"] is False:
         return "refused"
-    parts = [
-        f"{record['patches']} patches" if record.get("patches", 0) > 1 else "filled" if record.get("patches") else ""
-    ]
+    patches = record.get("patches", 0)
+    parts = [f"{patches} patches" if patches > 1 else "filled" if patches else ""]
     if record.get("crossings"):
         parts.append(f"{record['crossings']} ×")
     if left:
