@@ -180,7 +180,8 @@ KNOWN: Mapping[str, tuple[Kind, Callable[[], KnownCurve | KnownSurface | KnownPa
     "schwarz-d-hexagon": ("corners", gallery.schwarz_d_hexagon),
     "schwarz-p-quad": ("corners", gallery.schwarz_p_quadrilateral),
     "schwarz-p-hexagon": ("corners", gallery.schwarz_p_hexagon),
-    "schwarz-prism": ("corners", lambda: gallery.schwarz_prism(1.5)),
+    "schwarz-prism": ("corners", lambda: gallery.schwarz_prism(0.7)),
+    "schwarz-prism-tall": ("corners", lambda: gallery.schwarz_prism(1.5)),
     "schwarz-h": ("corners", lambda: gallery.schwarz_h(0.3)),
 }
 """The cases with a known answer; "random-SEED" makes more, of degree 4."""

@@ -59,6 +59,7 @@ def table_of(records: Sequence[Record]) -> str:
 def plots(records: Sequence[Record]) -> dict[str, Figure]:
     """Error against time and against edge length for each known case, and how the time grows."""
     made: dict[str, Figure] = {}
+    lines: dict[str, tuple[Sequence[float], Sequence[float]]]
     loops = [
         r
         for r in records

@@ -246,7 +246,8 @@ def _vtk_finish(state: Any, answer: Any) -> Filled:
 def _open3d_prepare(hole: Hole) -> Any:
     import open3d
 
-    return open3d.t.geometry.TriangleMesh(open3d.core.Tensor(hole.vertices), open3d.core.Tensor(hole.faces))
+    tensor: Any = open3d.core.Tensor  # its stubs do not know that arrays may come without a dtype
+    return open3d.t.geometry.TriangleMesh(tensor(hole.vertices), tensor(hole.faces))
 
 
 def _open3d_finish(state: Any, answer: Any) -> Filled:
@@ -287,7 +288,8 @@ def _trimesh_prepare(hole: Hole) -> Any:
 def _trimesh_stitch(mesh: Any) -> Any:
     import trimesh
 
-    return trimesh.repair.stitch(mesh)
+    stitch: Any = trimesh.repair.stitch
+    return stitch(mesh)
 
 
 def _trimesh_finish(mesh: Any, answer: Any) -> Filled:

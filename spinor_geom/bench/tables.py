@@ -152,7 +152,8 @@ def hole_table(records: Sequence[Record]) -> Table:
 
 def odd_table(records: Sequence[Record]) -> Table:
     """What every tool does and says on odd rims."""
-    rows, marked = [], set()
+    rows: list[tuple[str, ...]] = []
+    marked: set[int] = set()
     for r in (r for r in records if r["suite"] == "odd" and r["status"] != "missing"):
         if r["status"] != "done":
             rows.append((r["case"], r["method"], r["status"], "", "", "", _short(r.get("reason", ""))))

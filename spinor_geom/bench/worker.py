@@ -95,7 +95,7 @@ def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) 
     """
     global _calls
     begin = time.perf_counter()
-    seconds = []
+    seconds: list[float] = []
     answer = None
     while len(seconds) < repeat + 1 and (len(seconds) < 1 or sum(seconds) < _ENOUGH_SECONDS):
         state = prepare()

@@ -51,7 +51,7 @@ class RootSurface:
 
     def null(self, s: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts 3"]:
         """φ(s)."""
-        return self._vector(s) / self._roots(s).prod(axis=-1)[..., None]
+        return np.asarray(self._vector(s) / self._roots(s).prod(axis=-1)[..., None])
 
     def complex_position(self, s: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts 3"]:
         """∫φ ds from 0, whose real part is the position and whose imaginary part is that of the conjugate surface.
@@ -315,4 +315,4 @@ def _stereographic(normals: Float[np.ndarray, "k 3"]) -> Complex[np.ndarray, " k
 
 def _sphere(g: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
     size = np.abs(g) ** 2
-    return np.stack([2 * g.real, 2 * g.imag, size - 1], axis=1) / (size + 1)[:, None]
+    return np.asarray(np.stack([2 * g.real, 2 * g.imag, size - 1], axis=1) / (size + 1)[:, None])

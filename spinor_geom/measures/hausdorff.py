@@ -140,7 +140,7 @@ def distances_to_mesh(
         np.ascontiguousarray(faces, dtype=np.int64),
     )
     # round-off may leave a tiny negative square where the meshes touch
-    return np.sqrt(np.maximum(squared, 0.0))
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
 def _one_sided(
