@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from spinor_geom.bench.tables import Table
 
 BEGIN, END = "<!-- figures: begin (written by figures.py) -->", "<!-- figures: end -->"
+BENCH_BEGIN, BENCH_END = "<!-- bench: begin (written by figures.py --bench) -->", "<!-- bench: end -->"
 REASON_LENGTH = 110
 
 
@@ -58,16 +59,16 @@ def short_reason(text: str) -> str:
     return text if len(text) <= REASON_LENGTH else text[: REASON_LENGTH - 1].rstrip() + "…"
 
 
-def replaced_section(text: str, section: str) -> str:
-    """A text with what stands between the two marker comments replaced.
+def replaced_section(text: str, section: str, *, begin: str = BEGIN, end: str = END) -> str:
+    """A text with what stands between two marker comments replaced.
 
     Raises:
         ValueError: the markers are not there, each once and in order.
     """
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise ValueError(f"the text needs the lines {BEGIN!r} and {END!r} once each, in this order")
-    before, after = text.split(BEGIN)[0], text.split(END)[1]
-    return f"{before}{BEGIN}\n\n{section.strip()}\n\n{END}{after}"
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise ValueError(f"the text needs the lines {begin!r} and {end!r} once each, in this order")
+    before, after = text.split(begin)[0], text.split(end)[1]
+    return f"{before}{begin}\n\n{section.strip()}\n\n{end}{after}"
 
 
 def note(text: str) -> None:

@@ -25,9 +25,10 @@ from figure_loops import any_loop, random_loops
 from figure_meshes import SHIPPED, meshes, profile
 from figure_solutions import solutions
 from figure_speed import speed
-from figure_tables import replaced_section
+from figure_tables import BENCH_BEGIN, BENCH_END, replaced_section
 
 from spinor_geom.bench.machine import machine, told
+from spinor_geom.bench.page import TABLES
 from spinor_geom.bench.tables import Table
 from spinor_geom.files import atomic_path
 
@@ -38,6 +39,9 @@ USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "speed", "meshes")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures the groups that were asked for; returns the exit status, 0 also where a target is missed."""
     options = parsed(arguments)
+    if options.bench is not None:
+        write_whole(README, with_bench(README.read_text(encoding="utf-8"), options.bench))
+        return 0
     groups: dict[str, Callable[[], list[Table]]] = {
         "curves": lambda: curves(options.only),
         "any_loop": lambda: any_loop(options.only),
@@ -77,6 +81,12 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         metavar="FILE",
         help="mesh that the group profile fills",
     )
+    parser.add_argument(
+        "--bench",
+        type=Path,
+        metavar="RUN",
+        help="measure nothing; put the tables of a run of spinor-geom bench, a folder, into benchmarks/README.md",
+    )
     output = parser.add_mutually_exclusive_group()
     output.add_argument("-o", "--output", type=Path, metavar="FILE", help="write there instead of standard output")
     output.add_argument("--write", action="store_true", help="replace the tables in benchmarks/README.md")
@@ -90,6 +100,13 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         # before minutes of measuring, not after
         replaced_section(README.read_text(encoding="utf-8"), "")
     return options
+
+
+def with_bench(text: str, run: Path) -> str:
+    """The page with the tables of a run, but for the longest, in the place of those that were there."""
+    parts = (run / TABLES).read_text(encoding="utf-8").split("\n### ")
+    section = "\n### ".join(part for part in parts if not part.startswith("Odd rims, in full"))
+    return replaced_section(text, section, begin=BENCH_BEGIN, end=BENCH_END)
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -79,6 +79,21 @@ def test_the_page_has_its_markers(tables: ModuleType) -> None:
     tables.replaced_section((BENCHMARKS / "README.md").read_text(encoding="utf-8"), "new")
 
 
+def test_the_tables_of_a_run_are_put_on_the_page(
+    figures: ModuleType, tables: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "README.md"
+    page.write_text(f"before\n{tables.BENCH_BEGIN}\nold\n{tables.BENCH_END}\nafter\n", encoding="utf-8")
+    (tmp_path / "tables.md").write_text(
+        "machine\n\n### Promises\n\none\n\n### Odd rims, in full\n\nlong\n", encoding="utf-8"
+    )
+    monkeypatch.setattr(figures, "README", page)
+    assert figures.main(["--bench", str(tmp_path)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert text == f"before\n{tables.BENCH_BEGIN}\n\nmachine\n\n### Promises\n\none\n\n{tables.BENCH_END}\nafter\n"
+    figures.with_bench((BENCHMARKS / "README.md").read_text(encoding="utf-8"), tmp_path)
+
+
 @pytest.mark.parametrize(("value", "met"), [(1e-7, True), (2e-6, False), (float("nan"), False)])
 def test_a_limit_is_met_or_missed(tables: ModuleType, value: float, met: bool) -> None:
     assert tables.Figure.at_most("loop", "error", value, 1e-6).met is met

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.distance import pdist
@@ -200,8 +200,3 @@ def known_case(name: str, variation: Variation = Variation()) -> Case:
     if head == "random" and seed.isdigit():
         return Case(name=name, kind="smooth", known=gallery.random_polynomial(int(seed)), variation=variation)
     raise OptionError(f"there is no case {name!r}; choose from: {', '.join(KNOWN)}, random-SEED")
-
-
-def variation_of(values: Mapping[str, Any]) -> Variation:
-    """A variation from JSON."""
-    return Variation(**values)

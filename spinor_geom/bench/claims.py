@@ -14,6 +14,8 @@ CLOSER, SLOWER = 1e3, 3.0  # than the libigl baseline, in area and in seconds
 OUR_DIGITS, THEIR_DIGITS = 1e-6, 1e-4
 CURVATURE = 1e-9  # per diameter
 NEARER = 1e4  # area errors of hole fillers, per ours
+# largest share of the reference's seconds for a whole fill, by points of the rim
+REFERENCE, REFERENCE_CASE, REFERENCE_SHARE = "meshlib-nicely", "enneper-0.8", {64: 4.0, 256: 1.0}
 LEAST_POINTS = 64  # of a loop that stands for a smooth curve
 BASELINES = ("libigl", "libigl-uniform")
 DISCRETE = (*BASELINES, "pymeshlab")
@@ -158,6 +160,19 @@ def _fillers(case: str, here: list[Record]) -> list[Claim]:
     if not ours:
         return []
     found = [_all(case, "every fill closes the rim and keeps the mesh bit-equal", ours, _closed_hole)]
+    for mine in ours if case == REFERENCE_CASE else ():
+        other = next((r for r in here if r["method"] == REFERENCE and r["n"] == mine["n"]), None)
+        if other is not None and mine["n"] in REFERENCE_SHARE:
+            share, most = mine["seconds"] / other["seconds"], REFERENCE_SHARE[mine["n"]]
+            found.append(
+                Claim(
+                    kind="time",
+                    case=case,
+                    text=f"whole fill of {mine['n']} points in at most {most:g} times the seconds of {REFERENCE}",
+                    measured=f"{share:.2f} times",
+                    met=bool(share <= most),
+                )
+            )
     ratios = [
         (other["area_error"] / max(mine["area_error"], ROUNDING), other["method"], mine["n"])
         for mine in ours

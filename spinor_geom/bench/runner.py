@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from spinor_geom.bench.cases import KNOWN, Variation, known_case
-from spinor_geom.bench.fillers import FILLERS, OURS
+from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.holes import ODD, file_hole, mesh_files
 from spinor_geom.bench.isolate import Record, Task, run_isolated
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.methods import LOOP_METHODS
 from spinor_geom.errors import OptionError
-from spinor_geom.files import write_json
+from spinor_geom.files import finite, write_json
 
 RECORDS, DESCRIPTION, VIEWS = "records.jsonl", "run.json", "views"
 WORKER = "spinor_geom.bench.worker"
@@ -301,7 +301,7 @@ def measure(
 
     def keep(task: Task, answer: Record) -> None:
         nonlocal count
-        record = {"key": key(task), **task, **answer}
+        record: Record = finite({"key": key(task), **task, **answer})
         # a line is whole or, where the process dies in it, dropped when it is read
         with open(place / RECORDS, "a", encoding="utf-8") as file:
             file.write(json.dumps(record) + "\n")
@@ -346,6 +346,3 @@ def _description(settings: Settings, folder: Path) -> dict[str, Any]:
         here["machine"] = before["machine"]
     write_json(path, here)
     return here
-
-
-__all__ = ["OURS", "Run", "Settings", "measure", "plan", "read_records"]
