@@ -125,7 +125,7 @@ def figure_eight(n: int = 64) -> Hole:
     return _upright("figure-eight", np.stack([np.sin(t), np.sin(2 * t) / 2, 0 * t], axis=1), "bounds no embedded disk")
 
 
-def knot(n: int = 96) -> Hole:
+def knot(n: int = 48) -> Hole:
     """A trefoil."""
     t = 2 * np.pi * np.arange(n) / n
     r = 2 + np.cos(3 * t)

@@ -65,7 +65,7 @@ class Settings:
             "hole_points": (64,),
             "repeat": 1,
             "time_limit": 60.0,
-            "scaling_points": (50, 200, 1000),
+            "scaling_points": (50, 150, 500),
             "scaling_triangles": (1_000, 10_000),
             "quick": True,
         }

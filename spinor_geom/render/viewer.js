@@ -3,10 +3,10 @@
   "use strict";
   const STOPS = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
   const PLAIN = [143, 179, 217];
-  const VERTEX = `attribute vec3 position, normal, colour; uniform mat4 turn; uniform vec2 size;
+  const VERTEX = `attribute vec3 position, normal, colour; uniform mat4 turn; uniform vec3 size;
     varying vec3 n, c;
     void main() { vec4 p = turn * vec4(position, 1.0); n = mat3(turn) * normal; c = colour;
-      gl_Position = vec4(p.x * size.x, p.y * size.y, -0.4 * p.z, 1.0); }`;
+      gl_Position = vec4(p.x * size.x, p.y * size.y, -0.4 * p.z - size.z, 1.0); }`;
   const FRAGMENT = `precision mediump float; varying vec3 n, c;
     void main() { float light = 0.35 + 0.65 * abs(normalize(n).z); gl_FragColor = vec4(c * light, 1.0); }`;
   const LINE = `precision mediump float; varying vec3 n, c; void main() { gl_FragColor = vec4(c, 1.0); }`;
@@ -75,7 +75,7 @@
     const attribute = (data, k) => { buffer(gl.ARRAY_BUFFER, data); gl.enableVertexAttribArray(k); gl.vertexAttribPointer(k, 3, gl.FLOAT, false, 0, 0); };
     attribute(points, 0); attribute(normals(points, faces), 1);
     const faceBuffer = buffer(gl.ELEMENT_ARRAY_BUFFER, faces), edgeBuffer = buffer(gl.ELEMENT_ARRAY_BUFFER, edges);
-    gl.enable(gl.DEPTH_TEST); gl.enable(gl.POLYGON_OFFSET_FILL); gl.polygonOffset(2, 16);
+    gl.enable(gl.DEPTH_TEST);
 
     function paint() {
       const field = view.fields[choice.value], colours = new Float32Array(points.length);
@@ -95,7 +95,7 @@
         if (made === line && !view.edges) continue;
         gl.useProgram(made);
         gl.uniformMatrix4fv(gl.getUniformLocation(made, "turn"), false, turn);
-        gl.uniform2f(gl.getUniformLocation(made, "size"), zoom, zoom);
+        gl.uniform3f(gl.getUniformLocation(made, "size"), zoom, zoom, made === line ? 0.004 : 0);  // lines lie before their faces
         if (made === line) { gl.disableVertexAttribArray(2); gl.vertexAttrib3f(2, 0.25, 0.27, 0.32); } else gl.enableVertexAttribArray(2);
         gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, list);
         gl.drawElements(kind, count, gl.UNSIGNED_INT, 0);
