@@ -7,9 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from figure_tables import Figure, Table, figure_table, note, short_reason
-from jaxtyping import Float
-from scipy.spatial import cKDTree
+from figure_tables import Figure, figure_table, note, short_reason
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
@@ -22,6 +20,7 @@ from spinor_geom import (
     mesh_patch,
     solve_plateau,
 )
+from spinor_geom.bench.tables import Table
 
 TOLERANCE, PLANE_TOLERANCE = 1e-6, 1e-10  # RMS distance per mean edge that loops are solved to
 AREA_ERROR, PLANE_AREA_ERROR = 1e-6, 1e-10  # relative
@@ -133,7 +132,7 @@ def surface_figures(known: gallery.KnownSurface, case: str) -> list[Figure]:
     loop = known.rim(128)
     solution, seconds = timed_solve(loop, TOLERANCE)
     patch = mesh_patch(solution)
-    farthest = distances_to_surface(known, patch.vertices[patch.boundary_size :]).max(initial=0.0)
+    farthest = known.chart.distances(patch.vertices[patch.boundary_size :]).max(initial=0.0)
     distance = float(farthest / pdist(loop.points).max())
     return [
         boundary_figure(case, solution, seconds),
@@ -182,19 +181,3 @@ def enclosed_area(curve: BoundaryCurve) -> float:
     s = curve.breaks[:-1, None] + width * (nodes + 1) / 2
     products = np.cross(curve.point(s) - curve.point(np.array(0.0)), curve.derivative(s))
     return float(np.linalg.norm(((width * weights / 2)[..., None] * products).sum(axis=(0, 1))) / 2)
-
-
-def distances_to_surface(known: gallery.KnownSurface, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Distances of points from the nearest points of a known surface, continued a little beyond its rim.
-
-    Gauss-Newton steps from the nearest vertex of its domain; r_x and r_y are orthogonal and of length λ, so a step is
-    (r_x·d + i r_y·d)/λ² = φ̄·d/λ² for the difference d.
-    """
-    start = known.surface.domain.triangulation.points
-    z = start[cKDTree(known.position(start)).query(points)[1]]
-    for _ in range(20):
-        p, q = np.moveaxis(np.asarray(known.surface.spinors(z)), -1, 0)
-        phi = np.stack([p**2 - q**2, -1j * (p**2 + q**2), 2 * p * q], axis=-1)
-        along = ((points - known.position(z)) * phi.conj()).sum(axis=-1)
-        z = z + along / (np.abs(p) ** 2 + np.abs(q) ** 2) ** 2
-    return np.asarray(np.linalg.norm(points - known.position(z), axis=1))

@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 from figure_curves import Case, convergence, curve_figures, measured_rms_per_edge, timed_solve
-from figure_samples import evenly_sampled, noisy_loop
-from figure_tables import Figure, Table, figure_table, note, short_reason
+from figure_tables import Figure, figure_table, note, short_reason
 from scipy.spatial.distance import pdist
 
 from spinor_geom import BoundaryLoop, SpinorGeomError, gallery, mesh_patch
+from spinor_geom.bench.tables import Table
 
 SMOOTH, CORNERED, POLYGONAL, USUAL = 1e-8, 1e-4, 1e-8, 1e-3  # RMS distance per mean edge that loops are solved to
 SPLINE_ORDER = 3.8  # of the areas in the number of samples: 4 is the cubic spline's
@@ -80,7 +80,7 @@ def order_figures(curve: gallery.KnownCurve, case: str) -> list[Figure]:
 
 def ragged_figures(curve: gallery.KnownCurve, vertices: int, case: str) -> list[Figure]:
     """Solves an even sample of a curve with vertex noise, and measures the boundary."""
-    return boundary_figures(noisy_loop(evenly_sampled(curve, vertices), NOISE, seed=0), USUAL, case)
+    return boundary_figures(gallery.noisy_loop(gallery.evenly_sampled(curve, vertices), NOISE, seed=0), USUAL, case)
 
 
 def strip_figures(curve: gallery.KnownCurve, vertices: int, case: str) -> list[Figure]:
@@ -174,9 +174,9 @@ def random_loops(only: str) -> list[Table]:
 
 def random_record(seed: int, name: str, *, noisy: bool) -> RandomRecord:
     """Solves one random curve and checks what the solution says about itself."""
-    loop = evenly_sampled(gallery.random_curve(seed), RANDOM_VERTICES)
+    loop = gallery.evenly_sampled(gallery.random_curve(seed), RANDOM_VERTICES)
     if noisy:
-        loop = noisy_loop(loop, RANDOM_NOISE, seed=seed)
+        loop = gallery.noisy_loop(loop, RANDOM_NOISE, seed=seed)
     start = time.perf_counter()
     try:
         solution, seconds = timed_solve(loop, RANDOM_NOISY_TOLERANCE if noisy else RANDOM_TOLERANCE)

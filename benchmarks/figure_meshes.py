@@ -11,10 +11,11 @@ from pathlib import Path
 from types import CodeType
 
 import numpy as np
-from figure_tables import Figure, Table, figure_table, note, short_reason
+from figure_tables import Figure, figure_table, note, short_reason
 
 from spinor_geom import FillResult, MeshFile, SpinorGeomError, fill_hole, read_mesh
 from spinor_geom.adapters.mesh_files import FORMATS
+from spinor_geom.bench.tables import Table
 
 SHIPPED = Path(__file__).parent.parent / "data"
 NEAR, NEARER, NEAR_SHARE = 1e-2, 1e-3, 0.9  # RMS residuals per mean edge; share of all loops within the first

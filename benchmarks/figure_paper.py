@@ -10,10 +10,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from figure_tables import Figure, Table, figure_table, note
+from figure_tables import Figure, figure_table, note
 from jaxtyping import Float
 
 from spinor_geom import PlateauSolution, gallery, solve_plateau
+from spinor_geom.bench.tables import Table
 from spinor_geom.experiments.catenoid import CatenoidSettings
 from spinor_geom.experiments.catenoid import measure as measure_catenoid
 from spinor_geom.experiments.mean_curvature import ORDERS, MeanCurvatureSettings

@@ -6,9 +6,10 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from figure_tables import Figure, Table, figure_table, note, short_reason
+from figure_tables import Figure, figure_table, note, short_reason
 
 from spinor_geom import BoundaryLoop, PlateauSolution, SpinorGeomError, gallery, solve_plateau
+from spinor_geom.bench.tables import Table
 
 TOLERANCE = 1e-6  # RMS distance per mean edge that loops are solved to
 AREA_ERROR = 2e-6  # relative, of a disk whose area is known better: the spline through the samples

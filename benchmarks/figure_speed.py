@@ -11,10 +11,10 @@ from functools import partial
 from multiprocessing.connection import Connection
 
 from figure_curves import measured_rms_per_edge, timed_solve
-from figure_samples import evenly_sampled, noisy_loop
-from figure_tables import Figure, Table, figure_table, note, short_reason
+from figure_tables import Figure, figure_table, note, short_reason
 
 from spinor_geom import BoundaryLoop, SpinorGeomError, gallery
+from spinor_geom.bench.tables import Table
 
 SMOOTH_SECONDS = {64: 0.05, 256: 0.08, 1000: 0.3, 5000: 2.0}
 ROUGH_SECONDS = {300: 1.0, 1000: 8.0, 5000: 60.0}
@@ -115,7 +115,7 @@ def smooth_loop(place: int, vertices: int) -> BoundaryLoop:
 
 def rough_loop(vertices: int) -> BoundaryLoop:
     """An even sample of a saddle-shaped ellipse with vertex noise."""
-    return noisy_loop(evenly_sampled(gallery.ellipse(2.0, 0.3), vertices), NOISE, seed=0)
+    return gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), vertices), NOISE, seed=0)
 
 
 def in_own_process(case: SpeedCase) -> SpeedRecord:

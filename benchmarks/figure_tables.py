@@ -2,50 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import os
-import platform
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import torch
+from spinor_geom.bench.tables import Table
 
 BEGIN, END = "<!-- figures: begin (written by figures.py) -->", "<!-- figures: end -->"
-PACKAGES = (
-    "spinor-geom",
-    "numpy",
-    "scipy",
-    "torch",
-    "libigl",
-    "pythoncdt",
-    "trimesh",
-    "pymeshlab",
-    "meshlib",
-    "pymeshfix",
-)
+BENCH_BEGIN, BENCH_END = "<!-- bench: begin (written by figures.py --bench) -->", "<!-- bench: end -->"
 REASON_LENGTH = 110
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table:
-    """A markdown table.
-
-    Attributes:
-        title: Its heading.
-        columns: Names of the columns.
-        rows: Cells, as many in a row as there are columns.
-    """
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def __str__(self) -> str:
-        """The heading and the table."""
-        lines = [self.columns, ("---",) * len(self.columns), *self.rows]
-        cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
-        return "\n".join([f"### {self.title}", "", *(f"| {' | '.join(line)} |" for line in cells)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,34 +59,16 @@ def short_reason(text: str) -> str:
     return text if len(text) <= REASON_LENGTH else text[: REASON_LENGTH - 1].rstrip() + "…"
 
 
-def machine() -> str:
-    """What the figures were measured with: cores, system, versions."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    busy = f", load {os.getloadavg()[0]:.1f} before the run" if hasattr(os, "getloadavg") else ""
-    versions = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
-    return (
-        f"{cores} cores ({platform.machine()}, {platform.system()}), {torch.get_num_threads()} torch threads{busy}; "
-        f"Python {platform.python_version()}, {versions}."
-    )
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "not installed"
-
-
-def replaced_section(text: str, section: str) -> str:
-    """A text with what stands between the two marker comments replaced.
+def replaced_section(text: str, section: str, *, begin: str = BEGIN, end: str = END) -> str:
+    """A text with what stands between two marker comments replaced.
 
     Raises:
         ValueError: the markers are not there, each once and in order.
     """
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise ValueError(f"the text needs the lines {BEGIN!r} and {END!r} once each, in this order")
-    before, after = text.split(BEGIN)[0], text.split(END)[1]
-    return f"{before}{BEGIN}\n\n{section.strip()}\n\n{END}{after}"
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise ValueError(f"the text needs the lines {begin!r} and {end!r} once each, in this order")
+    before, after = text.split(begin)[0], text.split(end)[1]
+    return f"{before}{begin}\n\n{section.strip()}\n\n{end}{after}"
 
 
 def note(text: str) -> None:

@@ -7,7 +7,6 @@ Each group is measured in one run and makes tables of its own:
 - `random`: a hundred random closed curves,
 - `solutions`: loops that bound several minimal disks,
 - `speed`: seconds and memory of a solve,
-- `fillers`: one hole filled by this project and by other tools that are installed,
 - `paper`: the paper's curves, network and training,
 - `meshes`: every hole of every mesh file in a folder,
 - `profile`: the functions that one fill spends its time in; only where it is asked for by name.
@@ -23,35 +22,39 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from figure_curves import curves
-from figure_fillers import fillers
 from figure_loops import any_loop, random_loops
 from figure_meshes import SHIPPED, meshes, profile
 from figure_paper import Training, paper
 from figure_solutions import solutions
 from figure_speed import speed
-from figure_tables import Table, machine, replaced_section
+from figure_tables import BENCH_BEGIN, BENCH_END, replaced_section
 
+from spinor_geom.bench.machine import machine, told
+from spinor_geom.bench.page import TABLES
+from spinor_geom.bench.tables import Table
 from spinor_geom.files import atomic_path
 
 README = Path(__file__).parent / "README.md"
-USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "speed", "fillers", "paper", "meshes")
+USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "speed", "paper", "meshes")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures the groups that were asked for; returns the exit status, 0 also where a target is missed."""
     options = parsed(arguments)
+    if options.bench is not None:
+        write_whole(README, with_bench(README.read_text(encoding="utf-8"), options.bench))
+        return 0
     groups: dict[str, Callable[[], list[Table]]] = {
         "curves": lambda: curves(options.only),
         "any_loop": lambda: any_loop(options.only),
         "random": lambda: random_loops(options.only),
         "solutions": lambda: solutions(options.only),
         "speed": lambda: speed(options.only),
-        "fillers": lambda: fillers(options.only),
         "paper": lambda: paper(options.only, Training(epochs=options.epochs, checkpoint=options.checkpoint)),
         "meshes": lambda: meshes(options.only, options.data),
         "profile": lambda: profile(options.profile_mesh),
     }
-    parts = [machine()]
+    parts = [told(machine())]
     for name in dict.fromkeys(options.groups or USUAL_GROUPS):
         parts += [str(table) for table in groups[name]() if table.rows]
     section = "\n\n".join(parts) + "\n"
@@ -87,6 +90,12 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--checkpoint", type=Path, metavar="FILE", help="state of that training, from which it goes on if it is there"
     )
+    parser.add_argument(
+        "--bench",
+        type=Path,
+        metavar="RUN",
+        help="measure nothing; put the tables of a run of spinor-geom bench, a folder, into benchmarks/README.md",
+    )
     output = parser.add_mutually_exclusive_group()
     output.add_argument("-o", "--output", type=Path, metavar="FILE", help="write there instead of standard output")
     output.add_argument("--write", action="store_true", help="replace the tables in benchmarks/README.md")
@@ -100,6 +109,13 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         # before minutes of measuring, not after
         replaced_section(README.read_text(encoding="utf-8"), "")
     return options
+
+
+def with_bench(text: str, run: Path) -> str:
+    """The page with the tables of a run, but for the longest, in the place of those that were there."""
+    parts = (run / TABLES).read_text(encoding="utf-8").split("\n### ")
+    section = "\n### ".join(part for part in parts if not part.startswith("Odd rims, in full"))
+    return replaced_section(text, section, begin=BENCH_BEGIN, end=BENCH_END)
 
 
 def write_whole(path: Path, text: str) -> None:

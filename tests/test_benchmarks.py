@@ -11,7 +11,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from spinor_geom import TriangleMesh, boundary_loops, gallery
+from spinor_geom import gallery
+from spinor_geom.bench.tables import Table
 from spinor_geom.errors import SurfaceError
 from tests.exact_solutions import ENNEPER, exact_solution
 
@@ -78,13 +79,28 @@ def test_the_page_has_its_markers(tables: ModuleType) -> None:
     tables.replaced_section((BENCHMARKS / "README.md").read_text(encoding="utf-8"), "new")
 
 
+def test_the_tables_of_a_run_are_put_on_the_page(
+    figures: ModuleType, tables: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "README.md"
+    page.write_text(f"before\n{tables.BENCH_BEGIN}\nold\n{tables.BENCH_END}\nafter\n", encoding="utf-8")
+    (tmp_path / "tables.md").write_text(
+        "machine\n\n### Promises\n\none\n\n### Odd rims, in full\n\nlong\n", encoding="utf-8"
+    )
+    monkeypatch.setattr(figures, "README", page)
+    assert figures.main(["--bench", str(tmp_path)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert text == f"before\n{tables.BENCH_BEGIN}\n\nmachine\n\n### Promises\n\none\n\n{tables.BENCH_END}\nafter\n"
+    figures.with_bench((BENCHMARKS / "README.md").read_text(encoding="utf-8"), tmp_path)
+
+
 @pytest.mark.parametrize(("value", "met"), [(1e-7, True), (2e-6, False), (float("nan"), False)])
 def test_a_limit_is_met_or_missed(tables: ModuleType, value: float, met: bool) -> None:
     assert tables.Figure.at_most("loop", "error", value, 1e-6).met is met
 
 
-def test_bars_in_cells_do_not_split_them(tables: ModuleType) -> None:
-    table = tables.Table(title="t", columns=("|H|",), rows=(("1",),))
+def test_bars_in_cells_do_not_split_them() -> None:
+    table = Table(title="t", columns=("|H|",), rows=(("1",),))
     assert "| \\|H\\| |" in str(table)
 
 
@@ -98,27 +114,6 @@ def test_mistaken_options_stop_before_anything_is_measured(figures: ModuleType, 
 def test_a_limit_from_below_is_met_or_missed(tables: ModuleType) -> None:
     assert tables.Figure.at_least("loop", "order", 4.0, 3.8).met is True
     assert tables.Figure.at_least("loop", "order", float("nan"), 3.8).met is False
-
-
-def test_even_samples_lie_on_the_curve_with_equal_edges(benchmark_modules: Callable[[str], ModuleType]) -> None:
-    loop = benchmark_modules("figure_samples").evenly_sampled(gallery.ellipse(8.0), 400)
-    x, y, _ = loop.points.T
-    np.testing.assert_allclose((x / 8) ** 2 + y**2, 1, atol=1e-13)
-    # at the ends of the long axis, radius of curvature 1/8, a chord of 0.08 is shorter than its arc by 1.7 %
-    assert loop.edge_lengths.min() > 0.975 * loop.edge_lengths.max()
-    assert not loop.corners.any()
-
-
-def test_noise_is_isotropic_repeatable_and_as_large_as_stated(benchmark_modules: Callable[[str], ModuleType]) -> None:
-    samples = benchmark_modules("figure_samples")
-    loop = gallery.twisted_circle().sample(2000)
-    moved = samples.noisy_loop(loop, 0.15, seed=3)
-    moves = (moved.points - loop.points) / loop.mean_edge_length
-    # 2000 numbers: the standard error of their deviation is 1.6 %
-    np.testing.assert_allclose(moves.std(axis=0), 0.15, rtol=0.06)
-    assert np.abs(np.corrcoef(moves.T) - np.eye(3)).max() < 0.1
-    np.testing.assert_array_equal(moved.points, samples.noisy_loop(loop, 0.15, seed=3).points)
-    assert (samples.noisy_loop(loop, 0.15, seed=4).points != moved.points).all()
 
 
 def test_every_kind_of_loop_is_there_once(benchmark_modules: Callable[[str], ModuleType]) -> None:
@@ -216,33 +211,6 @@ def test_a_refused_loop_is_sent_as_such(
     receiver, sender = speed.multiprocessing.Pipe(duplex=False)
     speed.send_record(speed.cases()[0], sender)
     assert receiver.recv().refusal == "no surface"
-
-
-def test_holes_have_one_rim_and_one_outer_boundary(benchmark_modules: Callable[[str], ModuleType]) -> None:
-    holes = benchmark_modules("figure_fillers").holes()
-    assert [hole.rim for hole in holes] == [64, 256, 1000, 64]
-    for hole in holes:
-        mesh = TriangleMesh(hole.vertices, hole.faces)
-        outer, rim = boundary_loops(mesh)
-        assert (len(rim), len(outer)) == (hole.rim, hole.rim + 1)
-        np.testing.assert_array_equal(np.sort(rim.vertex_ids), np.arange(hole.rim))
-
-
-def test_our_fill_is_measured_whole(
-    benchmark_modules: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fillers = benchmark_modules("figure_fillers")
-    monkeypatch.setattr(fillers, "RUNS", 1)
-    hole = fillers.holes()[0]
-    filled = fillers.ours(hole)
-    *_, triangles, _, closed, kept = fillers.row(hole, "ours", filled)
-    assert (closed, kept) == ("yes", "yes")
-    assert int(triangles) == len(filled.faces) - len(hole.faces)
-    # chords of the rim enclose less than the rim
-    assert -0.006 < fillers.patch_area(hole, filled) / hole.area - 1 < 0
-    left_open = dataclasses.replace(filled, vertices=filled.vertices + 1e-9, faces=filled.faces[:-1])
-    *_, closed, kept = fillers.row(hole, "other", left_open)
-    assert (closed, kept) == ("no, +3 open edges", "no")
 
 
 def test_power_series_meet_their_targets_and_the_null_error_sees_a_wrong_slide(

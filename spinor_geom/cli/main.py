@@ -54,6 +54,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_fill(commands)
     _add_loops(commands)
     _add_reproduce(commands)
+    _add_bench(commands)
     return parser
 
 
@@ -126,6 +127,55 @@ def _add_reproduce(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     reproduce.add_argument(
         "-o", "--output", metavar="DIR", type=Path, required=True, help="folder of report, data and pictures"
     )
+
+
+def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    bench = commands.add_parser(
+        "bench",
+        help="measure exact minimal surfaces beside discrete ones and beside hole fillers",
+        epilog="exit status: 0 every promise of accuracy is kept, 1 some are not (they are named on standard error; "
+        "missed times are named too, but do not count), 2 the arguments cannot be used. A run that was killed goes on "
+        "where it was when the same command is given again.",
+    )
+    bench.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of the run")
+    bench.add_argument("--quick", action="store_true", help="a few cases, every tool once: less than two minutes")
+    bench.add_argument(
+        "--cases",
+        metavar="NAME[,NAME…]",
+        type=_names,
+        help="known cases, odd rims, mesh files (default: all)",
+    )
+    bench.add_argument("--methods", metavar="NAME[,NAME…]", type=_names, help="methods and tools (default: all)")
+    bench.add_argument("--repeat", metavar="N", type=_count, help="counted calls of each (default: 3, quick: 1)")
+    bench.add_argument(
+        "--time-limit", metavar="S", type=_positive, help="seconds for one measurement (default: 180, quick: 60)"
+    )
+    bench.add_argument("--data", metavar="DIR", type=Path, default=Path("data"), help="mesh files (default: data)")
+    bench.add_argument("--turn", metavar="SEED", type=int, help="turn the known cases at random")
+    bench.add_argument("--scale", metavar="S", type=_positive, default=1.0, help="scale the known cases")
+    bench.add_argument(
+        "--noise",
+        metavar="SHARE",
+        type=float,
+        default=0.0,
+        help="move their points, in mean edges; no answer then",
+    )
+    bench.add_argument(
+        "--sampling",
+        choices=("formula", "even", "uneven"),
+        default="formula",
+        help="where their points lie: by the formula's parameter, equally far apart, or with edges of random lengths",
+    )
+
+
+def _names(text: str) -> list[str]:
+    return [name for name in text.split(",") if name]
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 on")
+    return int(text)
 
 
 def _places(text: str) -> list[int]:

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
 from numpy.typing import ArrayLike
-from scipy.special import ellipk
 
 from spinor_geom.errors import OptionError
+from spinor_geom.gallery.chart import Chart
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
 from spinor_geom.mesh.curve import CurveFunction
-
-# complete elliptic integrals of modulus 1/2 and √3/2 (scipy's argument is the modulus squared)
-_K = float(ellipk(0.25))
-_K_PRIME = float(ellipk(0.75))
 
 _TENNIS_SEAM_DISKS = {
     0.8: (KnownDisk(area=4.36461878664500, stable=True, relative_error=1e-14),),
@@ -32,8 +28,9 @@ _TENNIS_SEAM_DISKS = {
         KnownDisk(area=5.5971234813, stable=False, relative_error=1e-10),
     ),
 }
+# vertices of a chart's outline
+_OUTLINE = 400
 _SCHERK_AREAS = {1.0: 1.08724596383763888, 2.0: 5.69751221158705744, 2.5: 11.4951537487130629, 3.0: 29.2319867716447538}
-_SCHWARZ = "Schwarz (1865); areas by complete elliptic integrals of modulus 1/2 and √3/2"
 
 
 def twisted_circle(radius: float = 1.0, k: int = 3, amplitude: float = 0.2) -> KnownCurve:
@@ -84,12 +81,15 @@ def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
         a: ratio of the axes.
         height: amplitude of z.
     """
+    t = 2 * np.pi * np.arange(_OUTLINE) / _OUTLINE
+    region = plane_chart(a * np.cos(t) + 1j * np.sin(t))
     return _fourier(
         name=f"ellipse {a:g}:1 height {height:g}",
         cosine={1: (a, 0.0, 0.0)},
         sine={1: (0.0, 1.0, 0.0), 2: (0.0, 0.0, height)},
         disks=(KnownDisk(area=np.pi * a, stable=True),) if height == 0 else (),
         source="area πab of the plane ellipse",
+        chart=region if height == 0 else None,
     )
 
 
@@ -118,6 +118,35 @@ def random_curve(seed: int) -> KnownCurve:
     )
 
 
+def plane_polygon(corners: ArrayLike, *, name: str) -> KnownCurve:
+    """A simple polygon in the plane z = 0, counter-clockwise; its disk is the region inside.
+
+    Args:
+        corners: (k, 2), in order.
+        name: see `KnownCurve`.
+    """
+    plane = np.asarray(corners, dtype=np.float64)
+    outline = plane[:, 0] + 1j * plane[:, 1]
+    area = 0.5 * float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
+    return polygon(
+        np.column_stack([plane, np.zeros(len(plane))]),
+        name=name,
+        disks=(KnownDisk(area=area, stable=True),),
+        source="the shoelace formula",
+        chart=plane_chart(outline),
+    )
+
+
+def plane_chart(outline: Complex[np.ndarray, " m"]) -> Chart:
+    """The region inside a simple polygon in the plane z = 0, counter-clockwise."""
+    tangents = np.eye(3)[:2]
+    return Chart(
+        position=lambda z: np.stack([z.real, z.imag, np.zeros(np.shape(z))], axis=-1),
+        tangents=lambda z: np.broadcast_to(tangents, (*np.shape(z), 2, 3)),
+        outline=outline,
+    )
+
+
 def l_shape(rise: float = 0.0) -> KnownCurve:
     """The outline of three unit squares that make an L, with straight sides on the saddle z = rise·xy.
 
@@ -125,10 +154,11 @@ def l_shape(rise: float = 0.0) -> KnownCurve:
         rise: 0 leaves it plane.
     """
     plane = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
+    if rise == 0:
+        return plane_polygon(plane, name="L-shape")
     return polygon(
         np.column_stack([plane, rise * plane.prod(axis=1)]),
-        name="L-shape" if rise == 0 else f"L-shape on z = {rise:g}xy",
-        disks=(KnownDisk(area=3.0, stable=True),) if rise == 0 else (),
+        name=f"L-shape on z = {rise:g}xy",
         source="three unit squares",
     )
 
@@ -148,34 +178,6 @@ def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
     angle = 2 * np.pi * np.arange(sides) / sides
     vertices = np.stack([np.cos(angle), np.sin(angle), height * (-1.0) ** np.arange(sides)], axis=1)
     return polygon(vertices, name=f"zigzag rim of {sides} sides")
-
-
-def schwarz_d_quadrilateral() -> KnownCurve:
-    """Four edges of the regular tetrahedron with edge 1 (corners of 60°), around a piece of Schwarz's D surface."""
-    vertices = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(8)
-    area = KnownDisk(area=_K_PRIME / (2 * _K), stable=True)
-    return polygon(vertices, name="Schwarz D quadrilateral", disks=(area,), source=_SCHWARZ)
-
-
-def schwarz_d_hexagon() -> KnownCurve:
-    """The Petrie hexagon of the unit cube (corners of 90°)."""
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1], [0, 0, 1]])
-    area = KnownDisk(area=3 * _K_PRIME / (2 * _K), stable=True)
-    return polygon(vertices, name="Schwarz D hexagon", disks=(area,), source=_SCHWARZ)
-
-
-def schwarz_p_hexagon() -> KnownCurve:
-    """The Petrie hexagon of the octahedron with vertices ±e_i (edges √2, corners of 60°)."""
-    vertices = np.concatenate([np.eye(3), -np.eye(3)])
-    area = KnownDisk(area=3 * _K / _K_PRIME, stable=True)
-    return polygon(vertices, name="Schwarz P hexagon", disks=(area,), source=_SCHWARZ)
-
-
-def schwarz_p_quadrilateral() -> KnownCurve:
-    """A sixth of the P hexagon: its centre, a mid-edge, a vertex, a mid-edge (corners of 60°, 90°, 60°, 90°)."""
-    vertices = np.array([[0, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5]])
-    area = KnownDisk(area=_K / (2 * _K_PRIME), stable=True)
-    return polygon(vertices, name="Schwarz P quadrilateral", disks=(area,), source=_SCHWARZ)
 
 
 def scherk(side: float = 2.0) -> KnownCurve:
@@ -204,6 +206,15 @@ def scherk(side: float = 2.0) -> KnownCurve:
         bend = (dx / np.cos(x)) ** 2 - (dy / np.cos(y)) ** 2
         return np.stack([np.zeros_like(bend), np.zeros_like(bend), bend], axis=-1)
 
+    def graph(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        return np.stack([z.real, z.imag, np.log(np.cos(z.imag) / np.cos(z.real))], axis=-1)
+
+    def graph_tangents(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 2 3"]:
+        one, none = np.ones(np.shape(z)), np.zeros(np.shape(z))
+        x = np.stack([one, none, np.tan(z.real)], axis=-1)
+        return np.stack([x, np.stack([none, one, -np.tan(z.imag)], axis=-1)], axis=-2)
+
+    outline = square.point(np.arange(_OUTLINE) / _OUTLINE)
     area = _SCHERK_AREAS.get(side)
     return KnownCurve(
         name=f"Scherk side {side:g}",
@@ -213,11 +224,17 @@ def scherk(side: float = 2.0) -> KnownCurve:
         corners=square.corners,
         disks=() if area is None else (KnownDisk(area=area, stable=True),),
         source="Scherk (1834), the graph is the only minimal disk over its convex square; areas by quadrature",
+        chart=Chart(position=graph, tangents=graph_tangents, outline=outline[:, 0] + 1j * outline[:, 1]),
     )
 
 
 def polygon(
-    vertices: ArrayLike, *, name: str = "polygon", disks: tuple[KnownDisk, ...] = (), source: str = "its vertices"
+    vertices: ArrayLike,
+    *,
+    name: str = "polygon",
+    disks: tuple[KnownDisk, ...] = (),
+    source: str = "its vertices",
+    chart: Chart | None = None,
 ) -> KnownCurve:
     """The closed polygon through given vertices, with a corner at each, parametrised by arc length.
 
@@ -226,6 +243,7 @@ def polygon(
         name: see `KnownCurve`.
         disks: see `KnownCurve`.
         source: see `KnownCurve`.
+        chart: see `KnownCurve`.
 
     Raises:
         OptionError: fewer than three vertices, or not (k, 3).
@@ -242,6 +260,7 @@ def polygon(
         corners=line.corners,
         disks=disks,
         source=source,
+        chart=chart,
     )
 
 
@@ -279,6 +298,7 @@ def _fourier(
     sine: Mapping[int, ArrayLike],
     disks: tuple[KnownDisk, ...],
     source: str,
+    chart: Chart | None = None,
 ) -> KnownCurve:
     """The curve Σ a_k cos 2πkt + b_k sin 2πkt."""
     modes = [(2 * np.pi * k, np.array(a), 0.0) for k, a in cosine.items()]
@@ -294,5 +314,11 @@ def _fourier(
         return value
 
     return KnownCurve(
-        name=name, point=order(0), derivative=order(1), second_derivative=order(2), disks=disks, source=source
+        name=name,
+        point=order(0),
+        derivative=order(1),
+        second_derivative=order(2),
+        disks=disks,
+        source=source,
+        chart=chart,
     )

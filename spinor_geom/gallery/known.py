@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.errors import OptionError
+from spinor_geom.gallery.chart import Chart, SurfaceFunction, null_tangents
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.surface import SpinorSurface
 
-SurfaceFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
+# points of a side, or of a curve without corners, that its length is measured by
+_LENGTH_POINTS = 1 << 9
+# vertices of a chart's outline
+_OUTLINE = 512
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,11 +44,13 @@ class KnownCurve(ClosedCurve):
         name: for tables and messages.
         disks: the minimal disks it is known to bound, smallest area first.
         source: where curve and areas come from.
+        chart: the first of those disks in exact formulas, where there are some.
     """
 
     name: str
     disks: tuple[KnownDisk, ...] = ()
     source: str
+    chart: Chart | None = None
 
     def sample(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
         """A loop of n points of the curve, its corners among them.
@@ -91,6 +98,63 @@ class KnownSurface:
         at_corners = boundary.parameters[:-1][boundary.corners]
         t, corners = sample_parameters(n, at_corners.tolist(), grading=grading)
         return BoundaryLoop.from_points(self.position(boundary.point(t)), corners=corners.tolist())
+
+    @cached_property
+    def chart(self) -> Chart:
+        """The surface as a ruler; its tangents are those of the spinors."""
+
+        def tangents(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 2 3"]:
+            p, q = np.moveaxis(np.asarray(self.surface.spinors(z)), -1, 0)
+            return null_tangents(np.stack([p**2 - q**2, -1j * (p**2 + q**2), 2 * p * q], axis=-1))
+
+        boundary = self.surface.domain.boundary
+        t = np.union1d(np.arange(_OUTLINE) / _OUTLINE, boundary.parameters[:-1][boundary.corners])
+        return Chart(position=self.position, tangents=tangents, outline=boundary.point(t))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownPatch:
+    """A minimal disk in exact formulas that is bounded by sides in its chart's plane.
+
+    Attributes:
+        name: for tables and messages.
+        chart: the disk.
+        sides: from corner to corner, each a function of t in [0, 1].
+        area: exact area.
+        source: where surface and area come from.
+    """
+
+    name: str
+    chart: Chart
+    sides: tuple[Callable[[Float[np.ndarray, " n"]], Complex[np.ndarray, " n"]], ...]
+    area: float
+    source: str
+
+    def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
+        """A loop of n points of its boundary, the corners among them, almost equally far apart on every side.
+
+        Args:
+            n: number of points.
+            grading: see `KnownCurve.sample`.
+
+        Raises:
+            OptionError: see `KnownCurve.sample`.
+        """
+        # denser at the ends of a side, where it may start like a square root
+        t = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, _LENGTH_POINTS))
+        lengths = []
+        for side in self.sides:
+            steps = np.linalg.norm(np.diff(self.chart.position(side(t)), axis=0), axis=1)
+            lengths.append(np.append(0.0, np.cumsum(steps)))
+        ends = np.cumsum([length[-1] for length in lengths])
+        starts = np.append(0.0, ends[:-1]) / ends[-1]
+        parameters, corners = sample_parameters(n, starts.tolist(), grading=grading)
+        owner = np.searchsorted(starts, parameters, side="right") - 1
+        along = (parameters - starts[owner]) * ends[-1]
+        points = np.empty((n, 3))
+        for k, (side, length) in enumerate(zip(self.sides, lengths, strict=True)):
+            points[owner == k] = self.chart.position(side(np.interp(along[owner == k], length, t)))
+        return BoundaryLoop.from_points(points, corners=corners.tolist())
 
 
 def sample_parameters(

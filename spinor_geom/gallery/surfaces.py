@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -13,7 +14,8 @@ from scipy.optimize import brentq
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import OptionError
-from spinor_geom.gallery.known import KnownSurface, SurfaceFunction
+from spinor_geom.gallery.chart import SurfaceFunction
+from spinor_geom.gallery.known import KnownSurface
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.surface import SpinorSurface
 
@@ -98,6 +100,98 @@ def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurfa
         position=position,
         area=math.pi * (mass(p2) + mass(q2) + 2 * mass(pq)),
         source="orthogonality of the powers on the disk",
+    )
+
+
+def random_polynomial(seed: int, *, degree: int = 4) -> KnownSurface:
+    """The surface of random polynomials p, q on the unit disk; its rim bounds a stable disk.
+
+    p = 1 + Σ a_k z^k with Σ |a_k| = 1/2, so it has no zero; q has normal coefficients of deviation 1/(k + 1), scaled so
+    that |q/p| ≤ 0.8: the normals stay in a hemisphere.
+
+    Args:
+        seed: of numpy's default generator.
+        degree: of both.
+
+    Raises:
+        OptionError: the degree is below 1.
+    """
+    if degree < 1:
+        raise OptionError(f"random polynomials need a degree of at least 1, got {degree}")
+    random = np.random.default_rng(seed)
+    coefficients = random.normal(size=(2, degree + 1, 2)) @ np.array([1, 1j]) / np.arange(1, degree + 2)
+    p, q = coefficients
+    p = np.append(1.0, 0.5 * p[1:] / np.abs(p[1:]).sum())
+    circle = np.exp(2j * np.pi * np.arange(720) / 720)
+    q *= 0.8 / np.abs(poly.polyval(circle, q) / poly.polyval(circle, p)).max()
+    known = polynomial(p, q)
+    return replace(known, name=f"random polynomials {seed} of degree {degree}")
+
+
+def henneberg(centre: complex = 2.0, radius: float = 0.6) -> KnownSurface:
+    """A disk of Henneberg's surface, φ = ½(1 − z⁻⁴)(z² − 1, −i(z² + 1), 2z), away from its branch points z⁴ = 1.
+
+    p and q are power series in w = z − centre, |w| < R; the area is that of a disk, by the coefficients of their
+    products.
+
+    Args:
+        centre: of the disk.
+        radius: R.
+
+    Raises:
+        OptionError: the disk reaches a branch point or the pole 0, or its normals pass the equator |z| = 1, which may
+            cost the disk its stability.
+    """
+    if not 0 < radius < abs(centre) - 1:
+        raise OptionError(f"a disk of Henneberg's surface outside |z| = 1 needs 0 < R < |centre| − 1, got {radius}")
+    reach = abs(centre) - 1  # where the series of p and q end to converge, or farther away
+    count = max(64, 2 * math.ceil(math.log(_NEGLIGIBLE) / math.log(radius / reach)))
+    # the coefficients by values on a circle between those of the disk and of the singularities
+    circle = math.sqrt(radius * reach)
+    z = centre + circle * np.exp(2j * np.pi * np.arange(count) / count)
+    q = np.sqrt((1 - z**-4) / 2)
+    scale = (radius / circle) ** np.arange(count // 2)
+    terms = np.stack([np.fft.fft(f)[: count // 2] / count * scale for f in (z * q, q)], axis=1)
+    known = polynomial(terms[:, 0], terms[:, 1])
+
+    def position(w: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        z = centre + np.asarray(w)
+        # ∫ z^k (1 − z⁻⁴)/2 for k = 2, 0, 1
+        square, one, first = z**3 / 6 + 1 / (2 * z), z / 2 + z**-3 / 6, z**2 / 4 + z**-2 / 4
+        return np.stack([square - one, -1j * (square + one), 2 * first], axis=-1).real
+
+    model = PowerSeries(torch.from_numpy(terms), radius=radius)
+    return KnownSurface(
+        name=f"Henneberg |z − {centre:g}| < {radius:g}",
+        surface=_surface(model, PlaneDomain.disk(radius), position),
+        position=position,
+        area=known.area * radius**2,
+        source="Henneberg (1875); area by orthogonality of the powers on the disk",
+    )
+
+
+def associate(angle: float = math.pi / 4, *, reach: float = 1.0, turn: float = math.pi) -> KnownSurface:
+    """A member of the family between catenoid (angle 0) and helicoid (π/2): Re e^{iα}(cosh z, −i sinh z, z).
+
+    Over |x| < U, 0 < y < turn; all members are isometric, of the area turn·(U + sinh U cosh U).
+
+    Args:
+        angle: α, in radians.
+        reach: U.
+        turn: in radians.
+
+    Raises:
+        OptionError: the reach or the turn is not positive.
+    """
+    if not (reach > 0 and turn > 0):
+        raise OptionError(f"a piece of the catenoid's family needs a positive reach and turn, got {reach} and {turn}")
+    return _catenoid_associate(
+        name=f"associate of the catenoid, {math.degrees(angle):.0f}°",
+        angle=angle,
+        scale=1.0,
+        box=(-reach, reach, 0.0, turn),
+        area=turn * (reach + math.sinh(reach) * math.cosh(reach)),
+        source="Bonnet (1853)",
     )
 
 

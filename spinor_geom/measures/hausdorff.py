@@ -85,6 +85,64 @@ def hausdorff_distance(
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfaceSamples:
+    """Points of a mesh or another surface.
+
+    Attributes:
+        points: in mesh units.
+        areas: the area that each stands for.
+        spacing: no point of the surface is farther than this from one of them.
+    """
+
+    points: Float[np.ndarray, "k 3"]
+    areas: Float[np.ndarray, " k"]
+    spacing: float
+
+    def summary(self, distance: Float[np.ndarray, " k"]) -> OneSidedDistance:
+        """Distances of the points, one each, as one figure."""
+        return OneSidedDistance(
+            max=float(distance.max()),
+            mean=float(distance @ self.areas / self.areas.sum()) if self.areas.sum() > 0 else float(distance.mean()),
+            samples=len(distance),
+            spacing=self.spacing,
+        )
+
+
+def mesh_samples(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], count: int) -> SurfaceSamples:
+    """The vertices of a mesh whose faces are divided into four, equally often, until it has at least `count` faces."""
+    import igl
+
+    vertices, faces = np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
+    times = int(np.clip(np.ceil(np.log(count / len(faces)) / np.log(4)), 1, MAX_SUBDIVISIONS))
+    fine, fine_faces = igl.upsample(vertices, faces, times)
+    fine_faces = fine_faces.astype(np.int64)  # libigl's own kind of 64-bit integers is not numpy's int64
+    used = np.unique(fine_faces)
+    corners = fine[fine_faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+    return SurfaceSamples(
+        points=np.ascontiguousarray(fine[used]),
+        areas=mass_matrix(fine, fine_faces, "barycentric").diagonal()[used],
+        # a triangle with longest edge l is covered by disks of radius l/√3 about its corners
+        spacing=float(longest / np.sqrt(3)),
+    )
+
+
+def distances_to_mesh(
+    points: Float[np.ndarray, "k 3"], vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
+) -> Float[np.ndarray, " k"]:
+    """Exact distances of points from a mesh, to its faces and not only its vertices."""
+    import igl
+
+    squared, _, _ = igl.point_mesh_squared_distance(
+        np.ascontiguousarray(points, dtype=np.float64),
+        np.ascontiguousarray(vertices, dtype=np.float64),
+        np.ascontiguousarray(faces, dtype=np.int64),
+    )
+    # round-off may leave a tiny negative square where the meshes touch
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
+
+
 def _one_sided(
     vertices: Float[np.ndarray, "na 3"],
     faces: Int[np.ndarray, "fa 3"],
@@ -92,27 +150,5 @@ def _one_sided(
     other_faces: Int[np.ndarray, "fb 3"],
     samples: int,
 ) -> OneSidedDistance:
-    import igl
-
-    vertices, faces = np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
-    times = int(np.clip(np.ceil(np.log(samples / len(faces)) / np.log(4)), 1, MAX_SUBDIVISIONS))
-    fine, fine_faces = igl.upsample(vertices, faces, times)
-    fine_faces = fine_faces.astype(np.int64)  # libigl's own kind of 64-bit integers is not numpy's int64
-    used = np.unique(fine_faces)
-    squared, _, _ = igl.point_mesh_squared_distance(
-        np.ascontiguousarray(fine[used]),
-        np.ascontiguousarray(other_vertices, dtype=np.float64),
-        np.ascontiguousarray(other_faces, dtype=np.int64),
-    )
-    # round-off may leave a tiny negative square where the meshes touch
-    distance = np.sqrt(np.maximum(squared, 0.0))
-    area = mass_matrix(fine, fine_faces, "barycentric").diagonal()[used]
-    corners = fine[fine_faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
-    return OneSidedDistance(
-        max=float(distance.max()),
-        mean=float(distance @ area / area.sum()) if area.sum() > 0 else float(distance.mean()),
-        samples=len(used),
-        # a triangle with longest edge l is covered by disks of radius l/√3 about its corners
-        spacing=float(longest / np.sqrt(3)),
-    )
+    here = mesh_samples(vertices, faces, samples)
+    return here.summary(distances_to_mesh(here.points, other_vertices, other_faces))

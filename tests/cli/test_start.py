@@ -16,7 +16,8 @@ HEAVY = ("torch", "trimesh", "scipy", "igl", "numpy", "pymeshlab", "pyvista", "r
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["fill", "--help"], ["loops", "--help"], ["reproduce", "--help"], ["fill"]]
+    "arguments",
+    [["--help"], ["fill", "--help"], ["loops", "--help"], ["reproduce", "--help"], ["bench", "--help"], ["fill"]],
 )
 def test_help_and_usage_errors_import_nothing_heavy(arguments: list[str]) -> None:
     program = (

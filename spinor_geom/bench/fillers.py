@@ -1,0 +1,54 @@
+"""All hole fillers by name: ours and the peers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from spinor_geom.bench.holes import Hole
+from spinor_geom.bench.peers import PEERS, Filled, Peer
+from spinor_geom.fill.fill_hole import fill_hole
+
+OURS = "spinor-fill"
+
+
+def _prepare(hole: Hole) -> Any:
+    return (hole.vertices, hole.faces), hole.places
+
+
+def _fill(state: Any) -> Any:
+    mesh, places = state
+    return fill_hole(mesh, places, return_report=True)
+
+
+def _finish(state: Any, answer: Any) -> Filled:
+    (vertices, faces), report = answer
+    requested = [outcome for outcome in report.loops if outcome.requested]
+    said = [outcome.reason for outcome in requested if outcome.reason]
+    said += [note for outcome in requested for note in outcome.notes]
+    filled = sum(outcome.filled for outcome in requested)
+    return Filled(
+        vertices=vertices,
+        faces=faces,
+        told="; ".join([f"{filled} of {len(requested)} filled", *dict.fromkeys(said)]),
+        succeeded=all(outcome.converged for outcome in requested) and report.intersection_free,
+        area=sum(outcome.solution.area for outcome in requested if outcome.solution is not None and outcome.filled),
+    )
+
+
+FILLERS: Mapping[str, Peer] = {
+    peer.name: peer
+    for peer in (
+        Peer(
+            name=OURS,
+            package="spinor_geom",
+            distribution="spinor-geom",
+            options="fill_hole with its defaults; the whole of it is timed: finding loops, solving, meshing, stitching",
+            prepare=_prepare,
+            fill=_fill,
+            finish=_finish,
+        ),
+        *PEERS,
+    )
+}
+"""Ours first."""

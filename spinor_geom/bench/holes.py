@@ -1,0 +1,260 @@
+"""Meshes with holes for the hole fillers: a collar around a known rim, odd rims, mesh files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinor_geom.adapters import read_mesh
+from spinor_geom.adapters.mesh_files import FORMATS
+from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
+from spinor_geom.errors import OptionError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+# width of a collar per edge of the rim: the height of an equilateral triangle
+_COLLAR = math.sqrt(0.75)
+# of the squares of odd rims, on a side
+_GRID = 12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hole:
+    """A mesh with one or more rims to be closed; its other boundaries, which are longer, are to be left open.
+
+    Attributes:
+        name: for tables.
+        vertices: of the mesh.
+        faces: of the mesh.
+        rim: ids of the vertices of the rims.
+        expected: what a tool should do, in a few words; empty where it is to close the rims.
+    """
+
+    name: str
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "f 3"]
+    rim: Int[np.ndarray, " r"]
+    expected: str = ""
+
+    @cached_property
+    def rim_edges(self) -> Int[np.ndarray, "e 2"]:
+        """The edges to be closed."""
+        edges = boundary_edges(self.faces)
+        return edges[np.isin(edges, self.rim).all(axis=1)]
+
+    @cached_property
+    def outer_edges(self) -> Int[np.ndarray, "e 2"]:
+        """The boundary edges to be left open."""
+        edges = boundary_edges(self.faces)
+        return edges[~np.isin(edges, self.rim).all(axis=1)]
+
+    @cached_property
+    def loops(self) -> list[BoundaryLoop]:
+        """All boundary loops, longest first."""
+        return find_boundary_loops(TriangleMesh(self.vertices, self.faces))
+
+    @cached_property
+    def places(self) -> list[int]:
+        """Which of the loops are rims to be closed."""
+        return [place for place, loop in enumerate(self.loops) if np.isin(loop.vertex_ids, self.rim).all()]
+
+    @cached_property
+    def edge_limit(self) -> int:
+        """Number of edges that all rims together, which some tools walk around as one, do not exceed.
+
+        Where another boundary is as short it is one edge shorter than that, which still lets each single rim pass.
+        """
+        inner = [len(self.loops[place]) for place in self.places]
+        outer = [len(loop) for place, loop in enumerate(self.loops) if place not in self.places]
+        return min([sum(inner), *(count - 1 for count in outer)])
+
+    @cached_property
+    def mean_edge(self) -> float:
+        """Mean length of the edges to be closed."""
+        start, end = self.vertices[self.rim_edges].swapaxes(0, 1)
+        return float(np.linalg.norm(end - start, axis=1).mean())
+
+
+def hole_over(name: str, loop: BoundaryLoop) -> Hole:
+    """A collar one triangle wide around a loop; its outer boundary has one point more, so that tools can tell them.
+
+    The collar goes on as the discrete minimal surface over the loop ends, so that a filler that continues the mesh
+    smoothly is led the right way.
+    """
+    n = len(loop)
+    disk = discrete_minimal_surface(loop)
+    a, b, c = (disk.vertices[disk.faces[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a)
+    normal = np.zeros((len(disk.vertices), 3))
+    for k in range(3):
+        np.add.at(normal, disk.faces[:, k], area)
+    tangent = np.roll(loop.points, -1, axis=0) - np.roll(loop.points, 1, axis=0)
+    outward = np.cross(tangent, normal[:n])
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    outer = loop.points + _COLLAR * loop.mean_edge_length * outward
+    return collar(name, loop.points, np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0))
+
+
+def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n+1 3"], *, expected: str = "") -> Hole:
+    """Triangles between a rim and an outer curve that has one point more, its second."""
+    n = len(rim)
+    i = np.arange(n)
+    after = (i + 1) % n
+    across = np.append(n, n + 2 + np.arange(n - 1))
+    first = np.stack([i, across, across[after]], axis=1)
+    second = np.stack([i, across[after], after], axis=1)
+    split = np.array([[0, n, n + 1], [0, n + 1, n + 2]])
+    faces = np.concatenate([first[1:], second, split])
+    return Hole(name=name, vertices=np.concatenate([rim, outer]), faces=faces, rim=i, expected=expected)
+
+
+# --- odd rims ---------------------------------------------------------------------------------------------------------
+
+
+def figure_eight(n: int = 64) -> Hole:
+    """A plane curve that crosses itself in the middle of two edges."""
+    t = 2 * np.pi * (np.arange(n) + 0.5) / n
+    return _upright("figure-eight", np.stack([np.sin(t), np.sin(2 * t) / 2, 0 * t], axis=1), "bounds no embedded disk")
+
+
+def knot(n: int = 48) -> Hole:
+    """A trefoil."""
+    t = 2 * np.pi * np.arange(n) / n
+    r = 2 + np.cos(3 * t)
+    points = np.stack([r * np.cos(2 * t), r * np.sin(2 * t), np.sin(3 * t)], axis=1)
+    return _upright("knot", points, "every disk over it crosses itself")
+
+
+def _upright(name: str, points: Float[np.ndarray, "n 3"], expected: str) -> Hole:
+    """A collar that goes down and outwards."""
+    outer = points * [1.15, 1.15, 1.0] - [0, 0, 0.25]
+    return collar(name, points, np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0), expected=expected)
+
+
+def bow_tie() -> Hole:
+    """Two square holes of a plane grid that touch in a vertex."""
+    cells = [(x, y) for x in range(3, 6) for y in range(3, 6)] + [(x, y) for x in range(6, 9) for y in range(6, 9)]
+    return _pierced("bow-tie", cells, "two patches that share a vertex")
+
+
+def island() -> Hole:
+    """A hole of a plane grid with an island of faces in it."""
+    cells = [(x, y) for x in range(3, 9) for y in range(3, 9) if not (x in (5, 6) and y in (5, 6))]
+    return _pierced("island", cells, "one patch with a hole for the island")
+
+
+def slit() -> Hole:
+    """A plane grid cut open along a line: a rim of zero width."""
+    vertices, faces = _grid()
+    line = [_GRID // 2 * (_GRID + 1) + x for x in range(3, 10)]
+    copies = {old: len(vertices) + k for k, old in enumerate(line[1:-1])}
+    above = vertices[faces].mean(axis=1)[:, 1] > _GRID // 2
+    cut = faces.copy()
+    cut[above] = np.vectorize(lambda v: copies.get(v, v))(faces[above])
+    points = np.concatenate([vertices, vertices[line[1:-1]]])
+    rim = np.array([*line, *copies.values()])
+    return Hole(name="slit", vertices=points, faces=cut, rim=rim, expected="merge its sides: there is nothing to fill")
+
+
+def facing_rims(height: float, n: int = 48) -> Hole:
+    """Two unit circles at z = ±h with collars that lead away from each other."""
+    t = 2 * np.pi * np.arange(n) / n
+    circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
+    outer = 1.1 * circle + np.array([0, 0, 0.1])
+    lift = np.array([0, 0, height])
+    upper = collar("", circle + lift, np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0) + lift)
+    lower = upper.vertices * [1, 1, -1]
+    expected = (
+        "the catenoid between them has less area than two disks"
+        if height < 0.5277
+        else "a catenoid between them is a local minimum, two disks have less area"
+        if height < 0.66274
+        else "no minimal annulus between them: two disks"
+    )
+    return Hole(
+        name=f"facing rims at ±{height:g}",
+        vertices=np.concatenate([upper.vertices, lower]),
+        faces=np.concatenate([upper.faces, upper.faces[:, ::-1] + len(lower)]),
+        rim=np.concatenate([upper.rim, upper.rim + len(lower)]),
+        expected=expected,
+    )
+
+
+def _pierced(name: str, cells: list[tuple[int, int]], expected: str) -> Hole:
+    vertices, faces = _grid()
+    gone = np.zeros(2 * _GRID**2, dtype=bool)
+    for x, y in cells:
+        gone[2 * (y * _GRID + x) : 2 * (y * _GRID + x) + 2] = True
+    faces = faces[~gone]
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices = vertices[used]
+    edges = boundary_edges(faces.reshape(-1, 3))
+    inside = ((vertices[:, :2] > 0.5) & (vertices[:, :2] < _GRID - 0.5)).all(axis=1)
+    rim = np.unique(edges)
+    return Hole(name=name, vertices=vertices, faces=faces.reshape(-1, 3), rim=rim[inside[rim]], expected=expected)
+
+
+def _grid() -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+    side = np.arange(_GRID + 1, dtype=np.float64)
+    x, y = np.meshgrid(side, side)
+    vertices = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
+    low = (np.arange(_GRID) + (_GRID + 1) * np.arange(_GRID)[:, None]).ravel()
+    up = low + _GRID + 1
+    pairs = np.stack([np.stack([low, low + 1, up + 1], axis=1), np.stack([low, up + 1, up], axis=1)], axis=1)
+    return vertices, pairs.reshape(-1, 3)
+
+
+ODD: Mapping[str, Callable[[], Hole]] = {
+    "figure-eight": figure_eight,
+    "knot": knot,
+    "bow-tie": bow_tie,
+    "island": island,
+    "slit": slit,
+    "facing-0.5": lambda: facing_rims(0.5),
+    "facing-0.6": lambda: facing_rims(0.6),
+    "facing-0.7": lambda: facing_rims(0.7),
+}
+"""Rims that are no ordinary holes."""
+
+
+def odd_hole(name: str) -> Hole:
+    """The odd rim of a name.
+
+    Raises:
+        OptionError: there is none.
+    """
+    if name not in ODD:
+        raise OptionError(f"there is no odd rim {name!r}; choose from: {', '.join(ODD)}")
+    return ODD[name]()
+
+
+# --- mesh files -------------------------------------------------------------------------------------------------------
+
+
+def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:
+    """The mesh files of a folder that have faces and holes, or those of them that are named."""
+    if not folder.is_dir():
+        return []
+    found = []
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() in FORMATS and (not names or path.name in names):
+            mesh = read_mesh(path).mesh
+            if len(mesh.faces) and len(boundary_edges(mesh.faces)):
+                found.append(path)
+    return found
+
+
+def file_hole(path: Path) -> Hole:
+    """A mesh file whose every boundary loop is to be closed; the triangles of an STL file are merged."""
+    file = read_mesh(path)
+    mesh = (file.merged() if path.suffix.lower() == ".stl" else file).mesh
+    rim = np.unique(boundary_edges(mesh.faces))
+    return Hole(name=path.name, vertices=mesh.vertices, faces=mesh.faces, rim=rim)

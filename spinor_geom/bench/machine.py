@@ -1,0 +1,62 @@
+"""What figures were measured with: cores, system, versions."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+from pathlib import Path
+from typing import Any
+
+PACKAGES = (
+    "spinor-geom",
+    "numpy",
+    "scipy",
+    "torch",
+    "libigl",
+    "pythoncdt",
+    "trimesh",
+    "pymeshlab",
+    "meshlib",
+    "pymeshfix",
+    "cgal",
+    "vtk",
+    "open3d-cpu",
+)
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores, system, load, and the versions of what is compared; None for a package that is not there."""
+    return {
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "threads": os.environ.get("OMP_NUM_THREADS"),
+        "versions": {name: _version(name) for name in PACKAGES},
+    }
+
+
+def told(here: dict[str, Any]) -> str:
+    """The same in one sentence."""
+    versions = ", ".join(f"{name} {version or 'not installed'}" for name, version in here["versions"].items())
+    threads = "" if here["threads"] is None else f", OMP_NUM_THREADS={here['threads']}"
+    load = "" if here["load"] is None else f", load {here['load']:.1f} before the run"
+    cores = f"{here['processor']}, {here['cores']} cores ({here['system']})"
+    return f"{cores}{threads}{load}; Python {here['python']}, {versions}."
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None

@@ -1,0 +1,182 @@
+"""What is measured of a disk or a filled hole; every figure has one definition, see docs/benchmark.md."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from spinor_geom.bench.cases import Case, diameter_of
+from spinor_geom.bench.holes import Hole
+from spinor_geom.bench.methods import Spanned
+from spinor_geom.bench.peers import Filled
+from spinor_geom.gallery.chart import Chart
+from spinor_geom.measures.mean_curvature import discrete_mean_curvature
+from spinor_geom.measures.quality import triangle_quality
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.intersections import self_intersections
+from spinor_geom.mesh.operators import face_areas
+from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
+from spinor_geom.plateau.solution import PlateauSolution
+
+# of the exact |H|: second derivatives cost some milliseconds a point
+_CURVATURE_POINTS = 100
+# at least so many points of the mesh and of the surface
+_DISTANCE_SAMPLES = 5_000
+# crossings of more faces than this are not counted: the exact predicates take minutes
+_MOST_CROSSING_FACES = 300_000
+# vertices nearer than this share of the diagonal are the same: room for tools that keep single precision
+_SAME = 1e-6
+
+Figures = dict[str, Any]
+
+
+def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Figures:
+    """The figures of a disk over a bare loop."""
+    diameter = diameter_of(loop) if case is None else case.diameter
+    vertices, faces = spanned.vertices, spanned.faces
+    figures = patch_figures(vertices, faces, diameter, None if case is None else case.chart)
+    exact = None if case is None else case.area
+    edges = {tuple(edge) for edge in boundary_edges(faces).tolist()}
+    n = len(loop)
+    figures |= {
+        "area": spanned.area,
+        "area_error": None if exact is None else abs(spanned.area / exact - 1),
+        "mesh_area_error": None if exact is None else abs(figures["mesh_area"] / exact - 1),
+        "rim_kept": bool((vertices[:n] == loop.points).all()),
+        "open_edges": len(edges ^ {(k, (k + 1) % n) for k in range(n)}),
+        "converged": spanned.converged,
+        "told": spanned.told,
+    }
+    if spanned.solution is not None:
+        solution = spanned.solution
+        figures["solve_seconds"] = sum(solution.timings.values())
+        figures["residual_per_edge"] = solution.boundary_residual.rms_per_edge
+        figures |= _exact_curvature(solution, diameter)
+    return figures
+
+
+def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
+    """The figures of a mesh with its rims closed, or not."""
+    old, vertex_of = _old_faces(filled, hole)
+    # sides of old triangles that a tool divided or moved are no part of the patch, nor are caps on other boundaries
+    elsewhere = np.setdiff1d(np.arange(len(hole.vertices)), hole.rim)
+    patch = filled.faces[~old & ~np.isin(vertex_of[filled.faces], elsewhere).any(axis=1)]
+    diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
+    rim_left = _open(filled.faces, vertex_of, hole.rim_edges)
+    half = HalfEdges.of(filled.faces)
+    new_open = int((half.counts == 1).sum()) - rim_left - _open(filled.faces, vertex_of, hole.outer_edges)
+    figures: Figures = {
+        "open_rim_edges": rim_left,
+        "new_open_edges": new_open,
+        "outer_kept_open": _open(filled.faces, vertex_of, hole.outer_edges) == len(hole.outer_edges),
+        "nonmanifold_edges": int((half.counts > 2).sum()),
+        "old_faces_kept": int(old.sum()) == len(hole.faces),
+        "rim_kept": _contains_rows(filled.vertices, hole.vertices[hole.rim]),
+        "triangles": len(patch),
+        "told": filled.told,
+        "succeeded": filled.succeeded,
+    }
+    if not len(patch):
+        return figures
+    used, faces = np.unique(patch, return_inverse=True)
+    vertices = filled.vertices[used]
+    diameter = diagonal if case is None else case.diameter
+    chart = None if case is None else case.chart
+    figures |= patch_figures(vertices, faces.reshape(-1, 3), diameter, chart)
+    figures["area"] = figures["mesh_area"] if filled.area is None else filled.area
+    if case is not None and case.area is not None:
+        figures["area_error"] = abs(figures["area"] / case.area - 1)
+        figures["mesh_area_error"] = abs(figures["mesh_area"] / case.area - 1)
+        figures["area_excess"] = figures["mesh_area"] / case.area - 1
+    figures["patches"] = 1 + int(face_components(patch).max())
+    return figures
+
+
+def patch_figures(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], diameter: float, chart: Chart | None
+) -> Figures:
+    """The figures of a triangle mesh, in units of the diameter where they are lengths."""
+    curvature = discrete_mean_curvature(vertices, faces)
+    figures: Figures = {
+        "triangles": len(faces),
+        "vertices": len(vertices),
+        "mesh_area": float(face_areas(vertices, faces).sum()),
+        "curvature_max": curvature.max * diameter,
+        "curvature_rms": curvature.rms * diameter,
+        "min_angle": triangle_quality(vertices, faces).min,
+        "nonmanifold_edges": int((HalfEdges.of(faces).counts > 2).sum()),
+        "crossings": len(self_intersections(vertices, faces)) if len(faces) <= _MOST_CROSSING_FACES else None,
+    }
+    if chart is not None and len(faces) <= _MOST_CROSSING_FACES:
+        distance = chart.hausdorff(vertices, faces, samples=_DISTANCE_SAMPLES)
+        figures["distance_max"] = distance.max / diameter
+        figures["distance_mean"] = distance.mean / diameter
+    return figures
+
+
+def vertex_fields(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], diameter: float, chart: Chart | None
+) -> dict[str, Float[np.ndarray, " n"]]:
+    """What the views colour a mesh by: distance from the exact surface per diameter, and |H| times the diameter."""
+    curvature = discrete_mean_curvature(vertices, faces)
+    bend = np.full(len(vertices), np.nan)
+    bend[curvature.vertices] = curvature.values * diameter
+    fields = {"mean curvature · diameter": bend}
+    if chart is not None:
+        fields["distance / diameter"] = chart.distances(vertices) / diameter
+    return fields
+
+
+def _exact_curvature(solution: PlateauSolution, diameter: float) -> Figures:
+    """|H| of the surface at inner points, by automatic differentiation of its position."""
+    inner = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
+    if not len(inner):
+        return {}
+    inner = inner[np.linspace(0, len(inner) - 1, min(len(inner), _CURVATURE_POINTS)).astype(int)]
+    values = np.abs(np.asarray(solution.surface.mean_curvature(inner))) * diameter
+    values = values[np.isfinite(values)]
+    return {"exact_curvature_median": float(np.median(values)), "exact_curvature_max": float(values.max(initial=0))}
+
+
+def _old_faces(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " n"]]:
+    """Which faces were there before, and for each vertex the one of the hole's mesh it is, or −1.
+
+    By positions: some tools renumber, and some keep single precision only.
+    """
+    diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
+    distance, nearest = cKDTree(hole.vertices).query(filled.vertices)
+    kept = len(filled.vertices) >= len(hole.vertices) and bool(
+        (np.abs(filled.vertices[: len(hole.vertices)] - hole.vertices) <= _SAME * diagonal).all()
+    )
+    vertex_of = np.where(np.asarray(distance) <= _SAME * diagonal, np.asarray(nearest), -1)
+    if kept:
+        # vertices of equal position are told apart where the order was kept
+        vertex_of[: len(hole.vertices)] = np.arange(len(hole.vertices))
+    mapped = vertex_of[filled.faces]
+    count = len(hole.vertices)
+    keys = _face_keys(hole.faces, count)
+    old = (mapped >= 0).all(axis=1) & np.isin(_face_keys(np.maximum(mapped, 0), count), keys)
+    return old, vertex_of
+
+
+def _face_keys(faces: Int[np.ndarray, "f 3"], count: int) -> Int[np.ndarray, " f"]:
+    """One number for each set of three vertices."""
+    a, b, c = np.sort(faces, axis=1).astype(np.int64).T
+    # meshes have fewer than two million vertices here
+    return np.asarray((a * count + b) * count + c)
+
+
+def _open(faces: Int[np.ndarray, "f 3"], vertex_of: Int[np.ndarray, " n"], edges: Int[np.ndarray, "e 2"]) -> int:
+    """How many of some edges of the hole's mesh are still boundary edges."""
+    ends = np.sort(vertex_of[boundary_edges(faces)], axis=1)
+    still = {tuple(edge) for edge in ends.tolist()}
+    return sum(tuple(edge) in still for edge in np.sort(edges, axis=1).tolist())
+
+
+def _contains_rows(points: Float[np.ndarray, "n 3"], wanted: Float[np.ndarray, "k 3"]) -> bool:
+    """Whether rows are among others, bit for bit."""
+    there = {row.tobytes() for row in np.ascontiguousarray(points, dtype=np.float64)}
+    return all(row.tobytes() in there for row in np.ascontiguousarray(wanted))

@@ -1,0 +1,155 @@
+"""What a run leaves: CSV, JSON, plots, markdown, and one page with everything in it."""
+
+from __future__ import annotations
+
+import csv
+import html
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from spinor_geom.bench.isolate import Record
+from spinor_geom.bench.machine import told
+from spinor_geom.bench.runner import VIEWS, Run
+from spinor_geom.bench.scaling import fits
+from spinor_geom.bench.tables import Table, option_table, tables
+from spinor_geom.experiments.drawing import log_log
+from spinor_geom.files import atomic_path, write_json
+from spinor_geom.render.viewer import MeshView, Views, page, picture
+
+PAGE, TABLES, CSV, JSON, PLOTS = "report.html", "tables.md", "records.csv", "records.json", "plots"
+_RESOLUTION = 110
+# errors of zero have no place on a logarithmic axis
+_ROUNDING = 1e-17
+_MOST_VIEWS = 12
+
+
+def write(run: Run) -> None:
+    """Writes all files of a run beside its records, each whole or not at all."""
+    made = tables(run.records)
+    pictures = plots(run.records)
+    _text(run.folder / TABLES, markdown(run, made))
+    _text(run.folder / CSV, table_of(run.records))
+    write_json(run.folder / JSON, {**run.description, "records": list(run.records)})
+    (run.folder / PLOTS).mkdir(exist_ok=True)
+    images = {name: _drawn(figure, run.folder / PLOTS / name) for name, figure in pictures.items()}
+    _text(run.folder / PAGE, report(run, made, images))
+
+
+def markdown(run: Run, made: Sequence[Table]) -> str:
+    """All tables, below what they were measured with."""
+    return "\n\n".join([told(run.description["machine"]), *map(str, made), str(option_table())]) + "\n"
+
+
+def table_of(records: Sequence[Record]) -> str:
+    """The records as CSV: a line a record, a column a field."""
+    flat = [{k: v for k, v in r.items() if k not in ("key", "variation")} for r in records]
+    columns = list(dict.fromkeys(name for record in flat for name in record))
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(flat)
+    return buffer.getvalue()
+
+
+def plots(records: Sequence[Record]) -> dict[str, Figure]:
+    """Error against time and against edge length for each known case, and how the time grows."""
+    made: dict[str, Figure] = {}
+    lines: dict[str, tuple[Sequence[float], Sequence[float]]]
+    loops = [
+        r
+        for r in records
+        if r["suite"] == "loop" and r["status"] == "done" and not r.get("scaling") and r.get("area_error") is not None
+    ]
+    for case in dict.fromkeys(r["case"] for r in loops):
+        here = [r for r in loops if r["case"] == case]
+        for x, label, name in (("seconds", "seconds", "time"), ("edge", "mean edge of the loop", "edge")):
+            lines = {}
+            for method in dict.fromkeys(r["method"] for r in here):
+                points = sorted((r[x], max(r["area_error"], _ROUNDING)) for r in here if r["method"] == method)
+                lines[method] = ([p[0] for p in points], [p[1] for p in points])
+            figure = log_log(lines, x=label, y="relative error of the area")
+            figure.suptitle(case, fontsize="medium")
+            made[f"{case}-error-{name}"] = figure
+    found = fits(records)
+    for size in dict.fromkeys(fit.size for fit in found):
+        lines = {
+            fit.method + ("" if fit.exponent is None else f", exponent {fit.exponent:.2f}"): (fit.sizes, fit.seconds)
+            for fit in found
+            if fit.size == size and fit.sizes
+        }
+        if lines:
+            made[f"scaling-{size}"] = log_log(lines, x=size, y="seconds")
+    return made
+
+
+def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
+    """The page."""
+    settings: Mapping[str, Any] = run.description["settings"]
+    views = Views()
+    body = [
+        "<h1>Minimal surfaces: exact, discrete, and every hole filler</h1>",
+        f"<p>{'Quick' if settings['quick'] else 'Full'} run, {len(run.records)} records. "
+        f"{html.escape(told(run.description['machine']))}</p>",
+        "<p>Areas and distances are measured against exact formulas; the definition of every column is in "
+        "<code>docs/benchmark.md</code>. A row in red misses a promise, or leaves edges open without saying so.</p>",
+        *_rows(made[:2]),
+        "<h2>Disks to turn</h2><p>Drag to turn, wheel to zoom, double click to set it spinning again.</p>",
+        *_figures(run, views),
+        "<h2>Error against cost</h2>",
+        *(f"<figure>{picture(data, name)}<figcaption>{name}</figcaption></figure>" for name, data in images.items()),
+        "<h2>Figures</h2>",
+        *_rows(made[2:]),
+        *_rows([option_table()]),
+    ]
+    return page("spinor-geom bench", body, views)
+
+
+def _figures(run: Run, views: Views) -> list[str]:
+    found = []
+    for path in sorted((run.folder / VIEWS).glob("*.npz"))[:_MOST_VIEWS]:
+        with np.load(path) as arrays:
+            fields = {name[len("field/") :]: arrays[name] for name in arrays if name.startswith("field/")}
+            # the distance first
+            ordered = dict(sorted(fields.items(), key=lambda item: not item[0].startswith("distance")))
+            view = MeshView(title=path.stem, vertices=arrays["vertices"], faces=arrays["faces"], fields=ordered)
+        found.append(views.figure(view))
+    return found
+
+
+def _rows(made: Sequence[Table]) -> list[str]:
+    """Tables in HTML."""
+    parts = []
+    for table in made:
+        parts.append(f"<h3>{html.escape(table.title)}</h3>")
+        if table.note:
+            parts.append(f"<p>{html.escape(table.note)}</p>")
+        head = "".join(f"<th>{html.escape(column)}</th>" for column in table.columns)
+        lines = []
+        for k, row in enumerate(table.rows):
+            cells = "".join(_cell(cell) for cell in row)
+            lines.append(f"<tr{' class=missed' if k in table.marked else ''}>{cells}</tr>")
+        parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>")
+    return parts
+
+
+def _cell(text: str) -> str:
+    plain = html.escape(text.strip("*"))
+    return f'<td class="long">{plain}</td>' if len(text) > 60 else f"<td>{plain}</td>"
+
+
+def _drawn(figure: Figure, path: Path) -> bytes:
+    """Saves a plot as PNG and PDF; returns the PNG."""
+    for suffix in (".png", ".pdf"):
+        with atomic_path(path.with_name(path.name + suffix)) as temporary:
+            figure.savefig(temporary, dpi=_RESOLUTION)
+    return path.with_name(path.name + ".png").read_bytes()
+
+
+def _text(path: Path, text: str) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,428 @@
+"""Hole fillers of other projects, each through its own Python package and with options that serve it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinor_geom.bench.holes import Hole
+
+# radius of holes for tools that cannot tell ours from the others by it
+_EVERY_SIZE = 1e6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Filled:
+    """What a filler left.
+
+    Attributes:
+        vertices: of the whole mesh.
+        faces: of the whole mesh.
+        told: what the call returned, in words; empty where it returns nothing.
+        succeeded: whether the tool says that it filled; None where it says nothing, which users take for a yes.
+        area: of the surface that the patches are meshes of, where there is one.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "f 3"]
+    told: str = ""
+    succeeded: bool | None = None
+    area: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Peer:
+    """A hole filler.
+
+    Attributes:
+        name: on the command line and in tables.
+        package: the module it is imported from.
+        distribution: the package that holds it, whose version is told.
+        options: which are not the defaults, for the documents.
+        prepare: hands the mesh over; not timed.
+        fill: the call that fills; timed.
+        finish: takes the mesh back; not timed.
+    """
+
+    name: str
+    package: str
+    distribution: str
+    options: str
+    prepare: Callable[[Hole], Any]
+    fill: Callable[[Any], Any]
+    finish: Callable[[Any, Any], Filled]
+
+
+# --- MeshLab ----------------------------------------------------------------------------------------------------------
+
+
+def _meshlab(refine: bool) -> tuple[Callable[[Hole], Any], Callable[[Any], Any], Callable[[Any, Any], Filled]]:
+    def prepare(hole: Hole) -> Any:
+        import pymeshlab
+
+        meshes = pymeshlab.MeshSet(verbose=False)
+        meshes.add_mesh(pymeshlab.Mesh(hole.vertices, hole.faces.astype(np.int32)))
+        # it fills what has fewer edges than the limit
+        return meshes, hole.edge_limit + 1, pymeshlab.PureValue(hole.mean_edge)
+
+    def fill(state: Any) -> Any:
+        meshes, limit, length = state
+        if refine:
+            return meshes.meshing_close_holes(maxholesize=limit, refinehole=True, refineholeedgelen=length)
+        return meshes.meshing_close_holes(maxholesize=limit, refinehole=False)
+
+    def finish(state: Any, answer: Any) -> Filled:
+        mesh = state[0].current_mesh()
+        told = ", ".join(f"{key} {value}" for key, value in (answer or {}).items())
+        closed = (answer or {}).get("closed_holes")
+        return Filled(
+            vertices=mesh.vertex_matrix(),
+            faces=mesh.face_matrix().astype(np.int64),
+            told=told,
+            succeeded=None if closed is None else bool(closed),
+        )
+
+    return prepare, fill, finish
+
+
+# --- MeshLib ----------------------------------------------------------------------------------------------------------
+
+
+def _meshlib_prepare(hole: Hole) -> Any:
+    from meshlib import mrmeshnumpy
+
+    mesh = mrmeshnumpy.meshFromFacesVerts(hole.faces.astype(np.int32), hole.vertices)
+    return mesh, _meshlib_edges(mesh, hole), hole
+
+
+def _meshlib_edges(mesh: Any, hole: Hole) -> list[Any]:
+    """An edge of every rim."""
+    rim = set(hole.rim.tolist())
+    topology = mesh.topology
+    return [edge for edge in topology.findHoleRepresentiveEdges() if topology.org(edge).get() in rim]
+
+
+def _meshlib_plain(metric: str) -> Callable[[Any], Any]:
+    def fill(state: Any) -> Any:
+        from meshlib import mrmeshpy
+
+        mesh, edges, _ = state
+        for edge in edges:
+            parameters = mrmeshpy.FillHoleParams()
+            parameters.metric = getattr(mrmeshpy, metric)(mesh)
+            mrmeshpy.fillHole(mesh, edge, parameters)
+
+    return fill
+
+
+def _meshlib_nicely(fine: bool) -> Callable[[Any], Any]:
+    def fill(state: Any) -> Any:
+        from meshlib import mrmeshpy
+
+        mesh, edges, hole = state
+        for edge in edges:
+            settings = mrmeshpy.FillHoleNicelySettings()
+            if fine:
+                settings.subdivideSettings.maxEdgeLen = hole.mean_edge
+                settings.subdivideSettings.maxEdgeSplits = 1_000_000
+            mrmeshpy.fillHoleNicely(mesh, edge, settings)
+
+    return fill
+
+
+def _meshlib_finish(state: Any, answer: Any) -> Filled:
+    from meshlib import mrmeshnumpy
+
+    mesh, _, hole = state
+    left = len(_meshlib_edges(mesh, hole))
+    return Filled(
+        vertices=mrmeshnumpy.getNumpyVerts(mesh),
+        faces=mrmeshnumpy.getNumpyFaces(mesh.topology).astype(np.int64),
+        told=f"{left} holes left" if left else "",
+        succeeded=None,
+    )
+
+
+# --- CGAL -------------------------------------------------------------------------------------------------------------
+
+
+def _cgal_prepare(hole: Hole) -> Any:
+    from CGAL.CGAL_Kernel import Point_3
+    from CGAL.CGAL_Polyhedron_3 import Polyhedron_3, Polyhedron_modifier
+
+    modifier = Polyhedron_modifier()
+    modifier.begin_surface(len(hole.vertices), len(hole.faces))
+    for x, y, z in hole.vertices.tolist():
+        modifier.add_vertex(Point_3(x, y, z))
+    for face in hole.faces.tolist():
+        modifier.begin_facet()
+        for vertex in face:
+            modifier.add_vertex_to_facet(vertex)
+        modifier.end_facet()
+    modifier.end_surface()
+    polyhedron = Polyhedron_3()
+    polyhedron.delegate(modifier)
+    if polyhedron.size_of_vertices() != len(hole.vertices):
+        raise ValueError("CGAL's Polyhedron_3 does not take this mesh")
+    for k, vertex in enumerate(polyhedron.vertices()):
+        vertex.set_id(k)
+    return polyhedron, _cgal_rims(polyhedron, set(hole.rim.tolist()))
+
+
+def _cgal_rims(polyhedron: Any, rim: set[int]) -> list[Any]:
+    """A halfedge of every rim."""
+    polyhedron.normalize_border()
+    seen: set[tuple[int, int]] = set()
+    found = []
+    for halfedge in polyhedron.halfedges():
+        if not halfedge.is_border():
+            continue
+        ends = halfedge.opposite().vertex().id(), halfedge.vertex().id()
+        if ends in seen:
+            continue
+        around, walk = [], halfedge
+        while True:
+            pair = walk.opposite().vertex().id(), walk.vertex().id()
+            if pair in seen:
+                break
+            seen.add(pair)
+            around.append(pair[0])
+            walk = walk.next()
+        if set(around) <= rim:
+            found.append(halfedge)
+    return found
+
+
+def _cgal(function: str, outputs: int) -> Callable[[Any], Any]:
+    def fill(state: Any) -> Any:
+        from CGAL import CGAL_Polygon_mesh_processing
+
+        call = getattr(CGAL_Polygon_mesh_processing, function)
+        return [call(state[0], halfedge, *([] for _ in range(outputs))) for halfedge in state[1]]
+
+    return fill
+
+
+def _cgal_finish(state: Any, answer: Any) -> Filled:
+    polyhedron = state[0]
+    points = []
+    for k, vertex in enumerate(polyhedron.vertices()):
+        vertex.set_id(k)
+        point = vertex.point()
+        points.append((point.x(), point.y(), point.z()))
+    faces = []
+    for facet in polyhedron.facets():
+        first = facet.halfedge()
+        faces.append((first.vertex().id(), first.next().vertex().id(), first.next().next().vertex().id()))
+    said = [value for value in answer if isinstance(value, bool)]
+    return Filled(
+        vertices=np.array(points),
+        faces=np.array(faces, dtype=np.int64),
+        told=", ".join(str(value) for value in answer if value is not None),
+        succeeded=all(said) if said else None,
+    )
+
+
+# --- VTK, Open3D ------------------------------------------------------------------------------------------------------
+
+
+def _vtk_prepare(hole: Hole) -> Any:
+    import pyvista
+
+    return pyvista.PolyData.from_regular_faces(hole.vertices, hole.faces)
+
+
+def _vtk_finish(state: Any, answer: Any) -> Filled:
+    triangles = answer.triangulate()
+    return Filled(
+        vertices=np.asarray(triangles.points, dtype=np.float64), faces=triangles.regular_faces.astype(np.int64)
+    )
+
+
+def _open3d_prepare(hole: Hole) -> Any:
+    import open3d
+
+    tensor: Any = open3d.core.Tensor  # its stubs do not know that arrays may come without a dtype
+    return open3d.t.geometry.TriangleMesh(tensor(hole.vertices), tensor(hole.faces))
+
+
+def _open3d_finish(state: Any, answer: Any) -> Filled:
+    return Filled(
+        vertices=answer.vertex.positions.numpy().astype(np.float64),
+        faces=answer.triangle.indices.numpy().astype(np.int64),
+    )
+
+
+# --- PyMeshFix, trimesh -----------------------------------------------------------------------------------------------
+
+
+def _meshfix_prepare(hole: Hole) -> Any:
+    import pymeshfix
+
+    mesh = pymeshfix.PyTMesh()
+    mesh.set_quiet(True)
+    mesh.load_array(hole.vertices, hole.faces.astype(np.int32))
+    return mesh, hole.edge_limit
+
+
+def _meshfix_finish(state: Any, answer: Any) -> Filled:
+    vertices, faces = state[0].return_arrays()
+    return Filled(
+        vertices=np.asarray(vertices, dtype=np.float64),
+        faces=np.asarray(faces, dtype=np.int64),
+        told="" if answer is None else f"{answer} filled",
+        succeeded=None if answer is None else bool(answer),
+    )
+
+
+def _trimesh_prepare(hole: Hole) -> Any:
+    import trimesh
+
+    return trimesh.Trimesh(hole.vertices, hole.faces, process=False)
+
+
+def _trimesh_stitch(mesh: Any) -> Any:
+    import trimesh
+
+    stitch: Any = trimesh.repair.stitch
+    return stitch(mesh)
+
+
+def _trimesh_finish(mesh: Any, answer: Any) -> Filled:
+    return Filled(
+        vertices=np.asarray(mesh.vertices, dtype=np.float64),
+        faces=np.asarray(mesh.faces, dtype=np.int64),
+        told=f"returned {answer}",
+        succeeded=bool(answer),
+    )
+
+
+def _trimesh_stitched(mesh: Any, answer: Any) -> Filled:
+    faces = np.asarray(answer, dtype=np.int64).reshape(-1, 3)
+    return Filled(
+        vertices=np.asarray(mesh.vertices, dtype=np.float64),
+        faces=np.concatenate([np.asarray(mesh.faces, dtype=np.int64), faces]),
+        told=f"{len(faces)} faces",
+    )
+
+
+def _peers() -> tuple[Peer, ...]:
+    meshlab_plain, meshlab_fine = _meshlab(False), _meshlab(True)
+    return (
+        Peer(
+            name="meshlab-close",
+            package="pymeshlab",
+            distribution="pymeshlab",
+            options="maxholesize above the rim's edges",
+            prepare=meshlab_plain[0],
+            fill=meshlab_plain[1],
+            finish=meshlab_plain[2],
+        ),
+        Peer(
+            name="meshlab-close-refined",
+            package="pymeshlab",
+            distribution="pymeshlab",
+            options="the same, refinehole=True with the rim's mean edge",
+            prepare=meshlab_fine[0],
+            fill=meshlab_fine[1],
+            finish=meshlab_fine[2],
+        ),
+        *(
+            Peer(
+                name=name,
+                package="meshlib",
+                distribution="meshlib",
+                options=options,
+                prepare=_meshlib_prepare,
+                fill=fill,
+                finish=_meshlib_finish,
+            )
+            for name, options, fill in (
+                ("meshlib-universal", "fillHole with the universal metric", _meshlib_plain("getUniversalMetric")),
+                ("meshlib-min-area", "fillHole with the minimum-area metric", _meshlib_plain("getMinAreaMetric")),
+                ("meshlib-nicely", "fillHoleNicely with its defaults", _meshlib_nicely(False)),
+                (
+                    "meshlib-nicely-fine",
+                    "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",
+                    _meshlib_nicely(True),
+                ),
+            )
+        ),
+        *(
+            Peer(
+                name=name,
+                package="CGAL",
+                distribution="cgal",
+                options=function,
+                prepare=_cgal_prepare,
+                fill=_cgal(function, outputs),
+                finish=_cgal_finish,
+            )
+            for name, function, outputs in (
+                ("cgal", "triangulate_hole", 1),
+                ("cgal-refine", "triangulate_and_refine_hole", 2),
+                ("cgal-fair", "triangulate_refine_and_fair_hole", 2),
+            )
+        ),
+        Peer(
+            name="vtk",
+            package="pyvista",
+            distribution="vtk",
+            options="vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too",
+            prepare=_vtk_prepare,
+            fill=lambda mesh: mesh.fill_holes(_EVERY_SIZE),
+            finish=_vtk_finish,
+        ),
+        Peer(
+            name="open3d",
+            package="open3d",
+            distribution="open3d-cpu",
+            options="t.geometry fill_holes, any size, as for VTK, which it calls",
+            prepare=_open3d_prepare,
+            fill=lambda mesh: mesh.fill_holes(hole_size=_EVERY_SIZE),
+            finish=_open3d_finish,
+        ),
+        Peer(
+            name="pymeshfix",
+            package="pymeshfix",
+            distribution="pymeshfix",
+            options="fill_small_boundaries up to the rim's edges, refine=False",
+            prepare=_meshfix_prepare,
+            fill=lambda state: state[0].fill_small_boundaries(state[1], False),
+            finish=_meshfix_finish,
+        ),
+        Peer(
+            name="pymeshfix-refined",
+            package="pymeshfix",
+            distribution="pymeshfix",
+            options="the same, refine=True",
+            prepare=_meshfix_prepare,
+            fill=lambda state: state[0].fill_small_boundaries(state[1], True),
+            finish=_meshfix_finish,
+        ),
+        Peer(
+            name="trimesh",
+            package="trimesh",
+            distribution="trimesh",
+            options="fill_holes",
+            prepare=_trimesh_prepare,
+            fill=lambda mesh: mesh.fill_holes(),
+            finish=_trimesh_finish,
+        ),
+        Peer(
+            name="trimesh-stitch",
+            package="trimesh",
+            distribution="trimesh",
+            options="repair.stitch, which closes every boundary, the outer ones too",
+            prepare=_trimesh_prepare,
+            fill=_trimesh_stitch,
+            finish=_trimesh_stitched,
+        ),
+    )
+
+
+PEERS = _peers()

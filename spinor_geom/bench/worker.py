@@ -1,0 +1,149 @@
+"""The process that runs tasks: `python -m spinor_geom.bench.worker`, spoken to by `isolate`."""
+
+from __future__ import annotations
+
+import gc
+import importlib.util
+import statistics
+import time
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spinor_geom.bench.isolate import Record, Task, forget_peak_memory, peak_memory, serve
+
+# repeats end when they have taken this long together
+_ENOUGH_SECONDS = 20.0
+
+_calls = 0
+
+
+def run(task: Task) -> Record:
+    """Runs a task and measures what it left; nothing that goes wrong in a tool ends the process by itself."""
+    from spinor_geom.errors import SpinorGeomError
+
+    gc.collect()
+    forget_peak_memory()
+    package = task["package"]
+    if importlib.util.find_spec(package) is None:
+        return {"status": "missing", "reason": f"{package} is not installed"}
+    try:
+        return {"status": "done", **_suite(task["suite"])(task)}
+    except SpinorGeomError as error:
+        return {"status": "refused", "reason": _sentence(error)}
+    except Exception as error:  # another project's exception: its row says so
+        return {"status": "failed", "reason": f"{type(error).__name__}: {_sentence(error)}"}
+
+
+def _suite(name: str) -> Callable[[Task], Record]:
+    return {"loop": _span, "hole": _fill, "odd": _fill, "file": _fill, "file loop": _span}[name]
+
+
+def _span(task: Task) -> Record:
+    from spinor_geom.bench.measure import disk_figures, vertex_fields
+    from spinor_geom.bench.methods import LOOP_METHODS, Problem
+
+    case, loop = None, None
+    if task["suite"] == "file loop":
+        loop = _file(task["case"]).loops[task["place"]]
+    else:
+        case = _case(task)
+        loop = case.loop(task["n"])
+    problem = Problem(loop=loop, edge=task.get("edge"), case=case)
+    method = LOOP_METHODS[task["method"]]
+    timed, spanned = _timed(lambda: None, lambda _: method.span(problem), task["repeat"])
+    figures = disk_figures(spanned, loop, case)
+    if task.get("view") and case is not None:
+        fields = vertex_fields(spanned.vertices, spanned.faces, case.diameter, case.chart)
+        _keep(task["view"], spanned.vertices, spanned.faces, fields)
+    return {**timed, **figures, "edge": loop.mean_edge_length if task.get("edge") is None else task["edge"]}
+
+
+def _fill(task: Task) -> Record:
+    from spinor_geom.bench.fillers import FILLERS
+    from spinor_geom.bench.holes import hole_over, odd_hole
+    from spinor_geom.bench.measure import hole_figures
+
+    case = None
+    if task["suite"] == "hole":
+        case = _case(task)
+        hole = hole_over(case.name, case.loop(task["n"]))
+    elif task["suite"] == "odd":
+        hole = odd_hole(task["case"])
+    else:
+        hole = _file(task["case"])
+    tool = FILLERS[task["method"]]
+    state: Any = None
+
+    def prepare() -> Any:
+        nonlocal state
+        state = tool.prepare(hole)
+        return state
+
+    timed, answer = _timed(prepare, tool.fill, task["repeat"])
+    filled = tool.finish(state, answer)
+    return {**timed, **hole_figures(filled, hole, case), "expected": hole.expected, "rims": len(hole.places)}
+
+
+def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) -> tuple[Record, Any]:
+    """Seconds of a call: the first of the process with its imports ("cold"), and the median of those after one.
+
+    The first call of a task is not counted among the repeats, unless it takes so long that there are none.
+    """
+    global _calls
+    begin = time.perf_counter()
+    seconds: list[float] = []
+    answer = None
+    while len(seconds) < repeat + 1 and (len(seconds) < 1 or sum(seconds) < _ENOUGH_SECONDS):
+        state = prepare()
+        start = time.perf_counter()
+        answer = work(state)
+        seconds.append(time.perf_counter() - start)
+        if len(seconds) == 1:
+            cold = time.perf_counter() - begin if _calls == 0 else None
+            _calls += 1
+    counted = seconds[1:] or seconds
+    return {
+        "seconds": statistics.median(counted),
+        "seconds_all": counted,
+        "cold_seconds": cold,
+        "memory_mib": peak_memory(),
+    }, answer
+
+
+def _case(task: Task) -> Any:
+    return _made_case(task["case"], tuple(sorted(task["variation"].items())))
+
+
+@lru_cache(maxsize=4)
+def _made_case(name: str, variation: tuple[tuple[str, Any], ...]) -> Any:
+    from spinor_geom.bench.cases import Variation, known_case
+
+    return known_case(name, Variation(**dict(variation)))
+
+
+@lru_cache(maxsize=2)
+def _file(path: str) -> Any:
+    from spinor_geom.bench.holes import file_hole
+
+    return file_hole(Path(path))
+
+
+def _keep(path: str, vertices: Any, faces: Any, fields: dict[str, Any]) -> None:
+    from spinor_geom.files import atomic_path
+
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(path) as temporary, open(temporary, "wb") as file:
+        arrays = {f"field/{name}": values.astype(np.float32) for name, values in fields.items()}
+        np.savez_compressed(file, vertices=vertices.astype(np.float32), faces=faces.astype(np.int32), **arrays)
+
+
+def _sentence(error: BaseException) -> str:
+    return " ".join(str(error).split())
+
+
+if __name__ == "__main__":
+    serve(run)

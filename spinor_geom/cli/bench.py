@@ -1,0 +1,54 @@
+"""`spinor-geom bench`: measures exact minimal surfaces beside discrete ones and beside hole fillers."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
+from spinor_geom.optional import require
+
+
+def run(arguments: argparse.Namespace) -> ExitStatus:
+    """Measures, writes the run's files, and says which promises of accuracy are not kept."""
+    require("matplotlib", extra="bench")
+    from spinor_geom.bench.cases import Variation
+    from spinor_geom.bench.claims import claims
+    from spinor_geom.bench.page import PAGE, write
+    from spinor_geom.bench.runner import Settings, measure
+    from spinor_geom.bench.tables import claim_table, hole_table, odd_summary, reach_table, scaling_table, trouble_table
+
+    variation = Variation(
+        turn=arguments.turn, scale=arguments.scale, noise=arguments.noise, sampling=arguments.sampling
+    )
+    chosen: dict[str, Any] = {
+        "cases": tuple(arguments.cases or ()),
+        "methods": tuple(arguments.methods or ()),
+        "variation": variation,
+        "data": arguments.data,
+    }
+    if arguments.repeat is not None:
+        chosen["repeat"] = arguments.repeat
+    if arguments.time_limit is not None:
+        chosen["time_limit"] = arguments.time_limit
+    settings = Settings.short(**chosen) if arguments.quick else Settings(**chosen)
+    with progress("measuring") as advance:
+        result = measure(settings, arguments.output, on_record=lambda _, done, total: advance(done, total))
+    write(result)
+    found = claims(result.records)
+    for table in (
+        claim_table(found),
+        reach_table(result.records),
+        hole_table(result.records),
+        odd_summary(result.records),
+        scaling_table(result.records),
+        trouble_table(result.records),
+    ):
+        if table.rows:
+            show_lines(table.title, piped=False)
+            show_table(table.columns, [[cell.strip("*") for cell in row] for row in table.rows], piped=False)
+    show_lines(f"report: {arguments.output / PAGE}", piped=False)
+    missed = [claim for claim in found if not claim.met]
+    for claim in missed:
+        complain(f"{claim.case}: missed ({claim.kind}): {claim.text}: {claim.measured}")
+    return ExitStatus.IMPERFECT if any(claim.kind == "accuracy" for claim in missed) else ExitStatus.DONE

@@ -1,0 +1,139 @@
+"""A surface in exact formulas as the ruler that meshes are measured with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+from scipy.spatial import cKDTree
+
+from spinor_geom.domain.lattice import lattice_inside
+from spinor_geom.measures.hausdorff import HausdorffDistance, SurfaceSamples, distances_to_mesh, mesh_samples
+
+SurfaceFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
+TangentFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 2 3"]]
+
+# points where the projection of a point onto the surface may start
+_STARTS = 3000
+_STEPS = 60
+# points whose projections are iterated together
+_BLOCK = 1 << 14
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chart:
+    """A piece of a surface over a polygon in the plane of z = x + iy, in formulas that also hold a little outside it.
+
+    Attributes:
+        position: r(z).
+        tangents: r_x and r_y.
+        outline: the polygon, counter-clockwise, so dense that its chords do not matter.
+        symmetries: orthogonal maps of space whose images of that piece make the whole; the identity alone by default.
+    """
+
+    position: SurfaceFunction
+    tangents: TangentFunction
+    outline: Complex[np.ndarray, " m"]
+    symmetries: tuple[Float[np.ndarray, "3 3"], ...] = (np.eye(3),)
+
+    def samples(self, count: int) -> SurfaceSamples:
+        """About `count` points spread evenly over the polygon, each with the area that it stands for.
+
+        The points are dense where the plane is stretched least; their areas say so.
+        """
+        wanted = -(-count // len(self.symmetries))
+        z, cell = self.lattice(wanted), self._spacing(wanted)
+        points, areas, t = self.position(z), self.stretch(z), self.tangents(z)
+        return SurfaceSamples(
+            points=np.concatenate([points @ m.T for m in self.symmetries]),
+            areas=np.tile(areas, len(self.symmetries)) * cell**2 * 3**0.5 / 2,
+            # every point of the plane is within a lattice triangle's circumradius of a lattice point
+            spacing=float(np.linalg.norm(t, axis=2).max() * cell / 3**0.5),
+        )
+
+    def hausdorff(
+        self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, samples: int = 20_000
+    ) -> HausdorffDistance:
+        """Symmetric Hausdorff distance of a mesh from the surface, forward from the mesh, as `hausdorff_distance`."""
+        here, there = mesh_samples(vertices, faces, samples), self.samples(samples)
+        return HausdorffDistance(
+            forward=here.summary(self.distances(here.points)),
+            backward=there.summary(distances_to_mesh(there.points, vertices, faces)),
+        )
+
+    def lattice(self, count: int) -> Complex[np.ndarray, " k"]:
+        """About `count` points of a triangular lattice inside the polygon."""
+        # no row along a straight side, where corners may be singular
+        spacing = self._spacing(count)
+        shift = (0.3 + 0.4j) * spacing
+        return lattice_inside(self.outline + shift, spacing) - shift
+
+    def _spacing(self, count: int) -> float:
+        v = self.outline
+        area = 0.5 * float(np.imag(np.conj(v) * np.roll(v, -1)).sum())
+        return float((area / count * 2 / 3**0.5) ** 0.5)
+
+    def stretch(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """|r_x × r_y|: area in space per area in the plane."""
+        t = self.tangents(z)
+        return np.asarray(np.linalg.norm(np.cross(t[:, 0], t[:, 1]), axis=1))
+
+    def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """Distances of points from the nearest points of the surface, continued a little beyond the polygon's image.
+
+        Each is found by Gauss-Newton steps in the plane from the nearest of 3000 points, shortened until the distance
+        falls.
+        """
+        blocks = np.array_split(points, -(-len(points) // _BLOCK)) if len(points) else [points]
+        images = [
+            np.concatenate([self._distances(block @ symmetry) for block in blocks]) for symmetry in self.symmetries
+        ]
+        return np.asarray(np.min(images, axis=0))
+
+    @cached_property
+    def _starts(self) -> tuple[Complex[np.ndarray, " k"], cKDTree, Float[np.ndarray, "c 3"]]:
+        """Points to start from, a tree of their positions, and the positions of corners without tangents."""
+        z = np.concatenate([self.lattice(_STARTS), self.outline])
+        with np.errstate(all="ignore"):
+            regular = np.isfinite(self.tangents(z)).all(axis=(1, 2))
+        return z[regular], cKDTree(self.position(z[regular])), self.position(z[~regular])
+
+    def _distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        starts, tree, corners = self._starts
+        distance, nearest = tree.query(points)
+        z, best, share = starts[nearest], np.asarray(distance), np.ones(len(points))
+        active = np.arange(len(points))
+        for _ in range(_STEPS):
+            if not len(active):
+                break
+            here = z[active]
+            with np.errstate(all="ignore"):  # where a trial has no position it is not nearer
+                trial = here + share[active] * _step(self.tangents(here), points[active] - self.position(here))
+                reached = np.linalg.norm(points[active] - self.position(trial), axis=1)
+            nearer: Bool[np.ndarray, " n"] = reached < best[active]
+            gain = np.where(nearer, best[active] - reached, np.inf)
+            z[active] = np.where(nearer, trial, here)
+            best[active] = np.where(nearer, reached, best[active])
+            share[active] = np.where(nearer, np.minimum(2 * share[active], 1.0), share[active] / 4)
+            # a full step that gains nothing more, or no step however short, is the end
+            active = active[(share[active] > 1e-4) & ~(nearer & (gain <= 1e-15 * (1 + best[active])))]
+        if len(corners):
+            best = np.minimum(best, cKDTree(corners).query(points)[0])
+        return best
+
+
+def _step(tangents: Float[np.ndarray, "n 2 3"], away: Float[np.ndarray, "n 3"]) -> Complex[np.ndarray, " n"]:
+    """The step in the plane whose image is nearest to a given one."""
+    x, y = tangents[:, 0], tangents[:, 1]
+    xx, xy, yy = (np.einsum("nk,nk->n", a, b) for a, b in ((x, x), (x, y), (y, y)))
+    dx, dy = np.einsum("nk,nk->n", x, away), np.einsum("nk,nk->n", y, away)
+    det = xx * yy - xy**2
+    return np.asarray(((yy * dx - xy * dy) + 1j * (xx * dy - xy * dx)) / det)
+
+
+def null_tangents(phi: Complex[np.ndarray, "*pts 3"]) -> Float[np.ndarray, "*pts 2 3"]:
+    """r_x = Re φ and r_y = −Im φ of a null curve's derivative."""
+    return np.stack([phi.real, -phi.imag], axis=-2)

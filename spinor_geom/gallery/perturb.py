@@ -1,0 +1,44 @@
+"""Loops as meshes have them: with edges of one length or of many, and with noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spinor_geom.gallery.known import KnownCurve
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+
+_DENSE = 1 << 14
+
+
+def evenly_sampled(curve: KnownCurve, n: int) -> BoundaryLoop:
+    """A loop of n points of a curve without corners, equally far apart along it; its corners are none."""
+    return _at_shares(curve, np.arange(n) / n)
+
+
+def unevenly_sampled(curve: KnownCurve, n: int, *, seed: int, spread: float = 0.8) -> BoundaryLoop:
+    """A loop of n points of a curve without corners whose edges differ in length at random; its corners are none.
+
+    Args:
+        curve: without corners.
+        n: number of points.
+        seed: of numpy's default generator.
+        spread: edges are in proportion to numbers uniform in [1 − spread, 1 + spread], below 1.
+    """
+    edges = np.random.default_rng(seed).uniform(1 - spread, 1 + spread, n)
+    return _at_shares(curve, (np.cumsum(edges) - edges) / edges.sum())
+
+
+def noisy_loop(loop: BoundaryLoop, share: float, *, seed: int) -> BoundaryLoop:
+    """A loop whose points are moved by isotropic normal vectors, `share` of its mean edge in each coordinate.
+
+    Corners are left to the rule that finds them, which must not take noise for corners.
+    """
+    moves = share * loop.mean_edge_length * np.random.default_rng(seed).normal(size=loop.points.shape)
+    return BoundaryLoop.from_points(loop.points + moves)
+
+
+def _at_shares(curve: KnownCurve, shares: np.ndarray) -> BoundaryLoop:
+    t = np.arange(_DENSE + 1) / _DENSE
+    speed = np.linalg.norm(curve.derivative(t), axis=1)
+    length = np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2))
+    return BoundaryLoop.from_points(curve.point(np.interp(shares * length[-1], length, t)), corners=())

@@ -1,0 +1,318 @@
+"""Minimal surfaces whose spinors are square roots of polynomials: Schwarz's, over polygons of great circles.
+
+In a parameter s with Gauss map g = s^k they have
+φ ds = e^{iα}(s^{2k} − 1, −i(s^{2k} + 1), 2s^k)·Π(1 − s/s_j)^{−1/2} ds.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Complex, Float
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipk, ellipkm1
+
+from spinor_geom.errors import OptionError
+from spinor_geom.gallery.chart import Chart, null_tangents
+from spinor_geom.gallery.curves import polygon
+from spinor_geom.gallery.known import KnownCurve, KnownDisk, KnownPatch
+
+# Gauss-Legendre nodes on a way from 0 that the square root at its end is taken out of: to round-off
+_NODES, _WEIGHTS = (0.5 * a for a in np.polynomial.legendre.leggauss(24))
+# of an outline, for every great circle
+_SIDE_POINTS = 48
+# complete elliptic integrals of modulus 1/2 and √3/2 (scipy's argument is the modulus squared)
+_K, _K_PRIME = float(ellipk(0.25)), float(ellipk(0.75))
+_SOURCE = "Schwarz (1865); areas by complete elliptic integrals of modulus 1/2 and √3/2"
+# normals at the flat points of the D and P surfaces
+_CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) / math.sqrt(3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RootSurface:
+    """A minimal surface with φ as above, from its position 0 at s = 0.
+
+    Attributes:
+        degree: k, of the Gauss map.
+        roots: s_j.
+        angle: α, of the associate family.
+        cuts: for each root by how much its cut is turned from the ray that leads away from 0; none is by default.
+    """
+
+    degree: int
+    roots: Complex[np.ndarray, " r"]
+    angle: float = 0.0
+    cuts: Float[np.ndarray, " r"] | float = 0.0
+
+    def null(self, s: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts 3"]:
+        """φ(s)."""
+        return np.asarray(self._vector(s) / self._roots(s).prod(axis=-1)[..., None])
+
+    def complex_position(self, s: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts 3"]:
+        """∫φ ds from 0, whose real part is the position and whose imaginary part is that of the conjugate surface.
+
+        With v = (1 − s/s_j)^{1/2} for the nearest root s_j the integrand has no singularity on the way, also where s is
+        that root.
+        """
+        s = np.asarray(s, dtype=np.complex128)
+        nearest = np.abs(s[..., None] - self.roots).argmin(axis=-1)
+        root = self.roots[nearest]
+        end = np.take_along_axis(self._roots(s), nearest[..., None], axis=-1)[..., 0]
+        v = 1 + (end - 1)[..., None] * (_NODES + 0.5)
+        here = root[..., None] * (1 - v**2)
+        others = self._roots(here)
+        # the factor of the root itself is v, to round-off: exactly so
+        own = root[..., None, None] == self.roots
+        density = np.where(own, 1.0, others).prod(axis=-1)
+        # ds = −2 v s_j dv, and v cancels
+        values = self._vector(here) * (-2 * root[..., None] / density)[..., None]
+        return np.asarray(((end - 1)[..., None, None] * values * _WEIGHTS[:, None]).sum(axis=-2))
+
+    def _vector(self, s: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts 3"]:
+        g = s**self.degree
+        turn = np.exp(1j * self.angle)
+        return np.asarray(turn * np.stack([g**2 - 1, -1j * (g**2 + 1), 2 * g], axis=-1))
+
+    def _roots(self, s: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts r"]:
+        turn = np.exp(1j * np.asarray(self.cuts))
+        return np.asarray(np.sqrt(turn) * np.sqrt((self.roots - s[..., None]) / self.roots / turn))
+
+
+def polygon_chart(vertices: ArrayLike, *, axis: ArrayLike, degree: int, flat: ArrayLike = _CUBE) -> Chart:
+    """The minimal disk over a skew polygon whose corner normals are known from its edges alone.
+
+    Along a straight edge the normals lie on a great circle, so the Gauss image is the spherical polygon of the corners'
+    normals. Size, place and α are those that bring the corners to the vertices.
+
+    Args:
+        vertices: (c, 3), in order.
+        axis: normal at the surface's centre, where s = 0.
+        degree: of the Gauss map at the centre: 2 where the surface is flat there, like a monkey saddle.
+        flat: (r, 3) unit normals of the points where the whole surface is flat.
+
+    Raises:
+        OptionError: the surface of these normals does not have these corners.
+    """
+    corners = np.asarray(vertices, dtype=np.float64)
+    up = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+    to_axis, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [up])
+    normals = np.cross(np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners)
+    normals *= np.sign(normals @ up)[:, None] / np.linalg.norm(normals, axis=1)[:, None]
+    others = np.asarray(flat)[np.abs(np.abs(np.asarray(flat) @ up) - 1) > 1e-9]
+    g = _stereographic(to_axis.apply(others))
+    roots = (g ** (1 / degree))[:, None] * np.exp(2j * np.pi * np.arange(degree) / degree)
+    parameters = _continuous_root(_stereographic(to_axis.apply(normals)), degree)
+    # positions go like a square root of the distance from a root: round-off there would cost half the digits
+    nearest = roots.ravel()[np.abs(parameters[:, None] - roots.ravel()).argmin(axis=1)]
+    parameters = np.where(np.abs(parameters - nearest) < 1e-12, nearest, parameters)
+    first, second = RootSurface(degree=degree, roots=roots.ravel()).complex_position(parameters[:2])
+    # along a straight side the flux Im ∆ is perpendicular to the displacement Re ∆, so e^{2iα}∆·∆ is real
+    real = -0.5 * float(np.angle(((second - first) ** 2).sum()))
+    fits = []
+    for angle in real + np.pi / 2 * np.arange(4):
+        surface = RootSurface(degree=degree, roots=roots.ravel(), angle=float(angle))
+        found = surface.complex_position(parameters).real
+        fits.append((surface, *_similarity(found, corners)))
+    surface, scale, rotation, shift, error = min(fits, key=lambda fit: fit[-1])
+    if error > 1e-10:
+        raise OptionError(f"no surface with these flat points has these corners: they are missed by {error:.1e}")
+    return _chart(surface, great_circles(parameters, degree), scale, rotation, shift)
+
+
+def schwarz_d_quadrilateral() -> KnownCurve:
+    """Four edges of the regular tetrahedron with edge 1 (corners of 60°), around a piece of Schwarz's D surface."""
+    vertices = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(8)
+    chart = polygon_chart(vertices, axis=(0, 1, 0), degree=1)
+    return _polygon("Schwarz D quadrilateral", vertices, _K_PRIME / (2 * _K), chart)
+
+
+def schwarz_d_hexagon() -> KnownCurve:
+    """The Petrie hexagon of the unit cube (corners of 90°)."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1], [0, 0, 1]])
+    chart = polygon_chart(vertices, axis=(1, -1, 1), degree=2)
+    return _polygon("Schwarz D hexagon", vertices, 3 * _K_PRIME / (2 * _K), chart)
+
+
+def schwarz_p_hexagon() -> KnownCurve:
+    """The Petrie hexagon of the octahedron with vertices ±e_i (edges √2, corners of 60°)."""
+    vertices = np.concatenate([np.eye(3), -np.eye(3)])
+    chart = polygon_chart(vertices, axis=(1, -1, 1), degree=2)
+    return _polygon("Schwarz P hexagon", vertices, 3 * _K / _K_PRIME, chart)
+
+
+def schwarz_p_quadrilateral() -> KnownCurve:
+    """A sixth of the P hexagon: its centre, a mid-edge, a vertex, a mid-edge (corners of 60°, 90°, 60°, 90°)."""
+    vertices = np.array([[0, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5]])
+    chart = polygon_chart(vertices, axis=(1, -1, 1), degree=2)
+    return _polygon("Schwarz P quadrilateral", vertices, _K / (2 * _K_PRIME), chart)
+
+
+def _polygon(name: str, vertices: Float[np.ndarray, "c 3"], area: float, chart: Chart) -> KnownCurve:
+    disks = (KnownDisk(area=area, stable=True),)
+    return polygon(vertices, name=name, disks=disks, source=_SOURCE, chart=chart)
+
+
+def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
+    """The minimal disk over eight edges of a square prism: every second side of its bases, and its four upright edges.
+
+    It is a piece of the tetragonal relatives of the D surface, with which Schwarz solved Gergonne's problem: φ =
+    (z² − 1, −i(z² + 1), 2z)(1 − 2 cosh 2τ z⁴ + z⁸)^{−1/2} over the unit disk, cut from its rim to the four roots. Half
+    the side is L = K(k)/(2√cosh τ) with k² = (cosh τ − 1)/(2 cosh τ), half the height c = e^{−τ}K(κ) with κ = e^{−2τ};
+    the area is K(k)K(k′)/cosh τ + 2e^{−2τ}K(κ)K(κ′), since the fluxes through the edges are elliptic integrals too. The
+    curve is scaled to L = 1.
+
+    Args:
+        stretch: c/L, height by side.
+
+    Raises:
+        OptionError: the stretch is not in (0.05, 20).
+    """
+    if not 0.05 < stretch < 20:
+        raise OptionError(f"the prism needs a stretch in (0.05, 20), got {stretch}")
+
+    def sizes(tau: float) -> tuple[float, float, float]:
+        cosh, kappa = math.cosh(tau), math.exp(-2 * tau)
+        # ellipkm1 takes the complementary parameter
+        k, k_prime = float(ellipkm1((cosh + 1) / (2 * cosh))), float(ellipkm1((cosh - 1) / (2 * cosh)))
+        upright, upright_prime = float(ellipkm1(-math.expm1(-4 * tau))), float(ellipkm1(kappa**2))
+        return (
+            k / (2 * math.sqrt(cosh)),
+            math.exp(-tau) * upright,
+            k * k_prime / cosh + 2 * kappa * upright * upright_prime,
+        )
+
+    def excess(tau: float) -> float:
+        half_side, half_height, _ = sizes(tau)
+        return half_height / half_side - stretch
+
+    tau = brentq(excess, 1e-14, 100.0, xtol=1e-15)
+    side, height, area = sizes(tau)
+    h = height / side
+    corners = [(-1, -1, h), (-1, 1, h), (-1, 1, -h), (1, 1, -h), (1, 1, h), (1, -1, h), (1, -1, -h), (-1, -1, -h)]
+    quarters, root = np.array([1, 1j, -1, -1j]), math.exp(-tau / 2)
+    surface = RootSurface(
+        degree=1,
+        roots=np.concatenate([quarters * root, quarters / root]),
+        # away from the quarter between the first two
+        cuts=np.array([-0.5, 0.5, 0, 0, 0, 0, 0, 0]) * np.pi,
+    )
+    outline = great_circles(np.array([0, root, 1, 1j, 1j * root]), 1)
+    # a quarter turn that exchanges above and below
+    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    chart = _chart(surface, outline, 1 / side, Rotation.identity(), np.zeros(3))
+    return polygon(
+        corners,
+        name=f"Schwarz prism 1:{stretch:g}",
+        disks=(KnownDisk(area=area / side**2, stable=True, relative_error=1e-14),),
+        source="Schwarz (1872), tetragonal relatives of D; area by complete elliptic integrals",
+        chart=replace(chart, symmetries=tuple(np.linalg.matrix_power(turn, k) for k in range(4))),
+    )
+
+
+def schwarz_h(a: float = 0.3) -> KnownPatch:
+    """A twelfth of the cell of Schwarz's H surface: a straight side and three sides along planes of mirror symmetry.
+
+    It is g = s² with φ = (s⁴ − 1, −i(s⁴ + 1), 2s²)((1 − s⁶/a³)(1 − a³s⁶))^{−1/2} over the sector 0 < arg s < π/6 of the
+    unit disk, with corners at 0, √a, 1 and e^{iπ/6}. On a straight side the flux ∫ Im φ ds is across it, on a side in a
+    mirror's plane it is along the plane's normal, so the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W =
+    ∫φ ds: elliptic integrals, the first two in w = g + 1/g, of (w³ − 3w − a³ − a⁻³)^{−1/2}, the third in v² = g³.
+
+    Args:
+        a: in (0, 1), the size of the triangles against the height between them.
+
+    Raises:
+        OptionError: a is not in (0, 1).
+    """
+    if not 0 < a < 1:
+        raise OptionError(f"Schwarz's H surface needs a in (0, 1), got {a}")
+    sixth = np.exp(1j * np.pi * np.arange(6) / 3)
+    roots = np.concatenate([math.sqrt(a) * sixth, sixth / math.sqrt(a)])
+    # the first root is on the sector's side: its cut leads away from the sector
+    surface = RootSurface(degree=2, roots=roots, cuts=np.where(np.arange(12) == 0, -0.5 * np.pi, 0.0))
+    corners = np.array([0, math.sqrt(a), 1, np.exp(1j * np.pi / 6)])
+    w = surface.complex_position(corners)
+    area = 0.5 * float((w.real * (np.roll(w, -1, axis=0) - w).imag).sum())
+    edge, arc = math.sqrt(a), np.pi / 6
+    return KnownPatch(
+        name=f"Schwarz H a={a:g}",
+        chart=_chart(surface, great_circles(corners, 2), 1.0, Rotation.identity(), np.zeros(3)),
+        sides=(
+            lambda t: edge * t + 0j,
+            lambda t: edge + (1 - edge) * t + 0j,
+            lambda t: np.exp(1j * arc * t),
+            lambda t: np.exp(1j * arc) * (1 - t),
+        ),
+        area=area,
+        source="Schwarz (1865); area by elliptic integrals, the fluxes of its four sides",
+    )
+
+
+def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np.ndarray, " m"]:
+    """The closed curve in s whose Gauss image runs along great circles from corner to corner."""
+    normals = _sphere(corners**degree)
+    fraction = np.arange(_SIDE_POINTS)[:, None] / _SIDE_POINTS
+    sides = []
+    for start, end, a, b in zip(normals, np.roll(normals, -1, axis=0), corners, np.roll(corners, -1), strict=True):
+        angle = math.acos(float(np.clip(start @ end, -1, 1)))
+        image = (np.sin((1 - fraction) * angle) * start + np.sin(fraction * angle) * end) / math.sin(angle)
+        size, turn = np.abs(_stereographic(image)) ** (1 / degree), np.angle(_stereographic(image)) / degree
+        # the root between those of the ends
+        straight = np.angle(a + (b - a) * (fraction[:, 0] + 0.5 / _SIDE_POINTS))
+        step = 2 * np.pi / degree
+        side = size * np.exp(1j * (turn + step * np.round((straight - turn) / step)))
+        side[0] = a
+        sides.append(side)
+    return np.concatenate(sides)
+
+
+def _chart(
+    surface: RootSurface,
+    outline: Complex[np.ndarray, " m"],
+    scale: float,
+    rotation: Rotation,
+    shift: Float[np.ndarray, "3"],
+) -> Chart:
+    matrix = scale * rotation.as_matrix()
+    # counter-clockwise
+    area = float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
+    return Chart(
+        position=lambda s: surface.complex_position(s).real @ matrix.T + shift,
+        tangents=lambda s: null_tangents(surface.null(s)) @ matrix.T,
+        outline=outline if area > 0 else outline[::-1],
+    )
+
+
+def _similarity(
+    points: Float[np.ndarray, "c 3"], targets: Float[np.ndarray, "c 3"]
+) -> tuple[float, Rotation, Float[np.ndarray, "3"], float]:
+    """Scale, rotation and shift that bring points to targets, and the largest distance left per extent."""
+    centre, goal = points.mean(axis=0), targets.mean(axis=0)
+    moved, wanted = points - centre, targets - goal
+    scale = float(np.linalg.norm(wanted) / np.linalg.norm(moved))
+    rotation, _ = Rotation.align_vectors(wanted, scale * moved)
+    shift = goal - scale * rotation.apply(centre)
+    error = np.linalg.norm(scale * rotation.apply(points) + shift - targets, axis=1).max()
+    return scale, rotation, shift, float(error / np.linalg.norm(wanted))
+
+
+def _continuous_root(g: Complex[np.ndarray, " c"], degree: int) -> Complex[np.ndarray, " c"]:
+    """Roots of a sequence of numbers that turn on from one to the next by less than half a turn."""
+    turns = np.angle(g)
+    known = np.abs(g) > 1e-9
+    turns[known] = np.unwrap(turns[known])
+    return np.asarray(np.where(known, np.abs(g), 0) ** (1 / degree) * np.exp(1j * turns / degree))
+
+
+def _stereographic(normals: Float[np.ndarray, "k 3"]) -> Complex[np.ndarray, " k"]:
+    """The numbers g of unit normals, 0 at −e₃."""
+    return np.asarray((normals[:, 0] + 1j * normals[:, 1]) / (1 - normals[:, 2]))
+
+
+def _sphere(g: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
+    size = np.abs(g) ** 2
+    return np.asarray(np.stack([2 * g.real, 2 * g.imag, size - 1], axis=1) / (size + 1)[:, None])

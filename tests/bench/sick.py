@@ -1,0 +1,22 @@
+"""A process of the benchmark that does what its tasks tell it to."""
+
+import os
+import time
+
+from spinor_geom.bench.isolate import serve
+
+
+def run(task):
+    if "say" in task:
+        os.write(1, task["say"].encode())
+        print(" and printed", flush=True)
+    if "exit" in task:
+        os._exit(task["exit"])
+    if "signal" in task:
+        os.kill(os.getpid(), task["signal"])
+    time.sleep(task.get("sleep", 0))
+    return {"status": "done", "process": os.getpid()}
+
+
+if __name__ == "__main__":
+    serve(run)

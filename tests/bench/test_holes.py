@@ -1,0 +1,114 @@
+"""Holes of the benchmark are the holes they are called."""
+
+import numpy as np
+import pytest
+
+from spinor_geom.bench.cases import KNOWN, Variation, known_case
+from spinor_geom.bench.fillers import FILLERS, OURS
+from spinor_geom.bench.holes import ODD, hole_over, odd_hole
+from spinor_geom.bench.measure import hole_figures
+from spinor_geom.bench.peers import Filled
+from spinor_geom.errors import OptionError
+from spinor_geom.mesh.intersections import loop_crossings
+
+
+def test_a_collar_has_one_rim_and_a_longer_outer_boundary():
+    loop = known_case("enneper-0.8").loop(40)
+    hole = hole_over("enneper", loop)
+    assert [len(found) for found in hole.loops] == [41, 40]
+    assert hole.places == [1]
+    assert hole.edge_limit == 40
+    np.testing.assert_array_equal(hole.vertices[hole.rim], loop.points)
+    # the collar goes on where the surface ends: exactly so but for the discrete normals
+    chart = known_case("enneper-0.8").chart
+    assert chart.distances(hole.vertices).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "rims"),
+    [
+        ("figure-eight", 1),
+        ("knot", 1),
+        ("bow-tie", 2),
+        ("island", 2),
+        ("slit", 1),
+        ("facing-0.5", 2),
+        ("facing-0.7", 2),
+    ],
+)
+def test_odd_rims_are_what_they_are_called(name, rims):
+    hole = odd_hole(name)
+    assert len(hole.places) == rims
+    assert len(hole.loops) > rims
+    assert hole.expected
+    shortest = min(len(loop) for place, loop in enumerate(hole.loops) if place not in hole.places)
+    assert hole.edge_limit < shortest
+    crossing = len(loop_crossings(hole.loops[hole.places[0]].points)) > 0
+    assert crossing == (name in ("figure-eight", "slit"))
+
+
+def test_an_untouched_hole_is_open_and_our_fill_closes_it():
+    hole = hole_over("enneper", (case := known_case("enneper-0.8")).loop(40))
+    open_ = hole_figures(Filled(vertices=hole.vertices, faces=hole.faces, succeeded=True), hole, case)
+    assert open_["open_rim_edges"] == 40
+    assert open_["triangles"] == 0
+    assert open_["outer_kept_open"]
+    tool = FILLERS[OURS]
+    state = tool.prepare(hole)
+    filled = tool.finish(state, tool.fill(state))
+    figures = hole_figures(filled, hole, case)
+    assert (figures["open_rim_edges"], figures["new_open_edges"], figures["nonmanifold_edges"]) == (0, 0, 0)
+    assert figures["rim_kept"]
+    assert figures["old_faces_kept"]
+    assert figures["patches"] == 1
+    # of the smooth surface; 40 chords enclose 0.6 % less
+    assert figures["area_error"] < 1e-6 < figures["mesh_area_error"] < 0.02
+    moved = Filled(vertices=filled.vertices + 1e-9, faces=filled.faces[:-1])
+    worse = hole_figures(moved, hole, case)
+    assert not worse["rim_kept"]
+    assert worse["open_rim_edges"] + worse["new_open_edges"] > 0
+
+
+@pytest.mark.parametrize("name", [name for name in FILLERS if name != OURS])
+def test_every_peer_that_is_installed_takes_a_mesh_and_gives_one_back(name):
+    tool = FILLERS[name]
+    pytest.importorskip(tool.package, exc_type=ImportError)
+    hole = hole_over("plane", known_case("plane-square").loop(16))
+    state = tool.prepare(hole)
+    filled = tool.finish(state, tool.fill(state))
+    figures = hole_figures(filled, hole, known_case("plane-square"))
+    if name == "trimesh":
+        assert figures["open_rim_edges"] == 16
+        assert filled.succeeded is False
+    else:
+        assert figures["open_rim_edges"] == 0
+        # the smoothing of "nicely" folds triangles over one another even in a plane
+        assert abs(figures["area_excess"]) < (1 if "nicely" in name else 1e-6)
+
+
+def test_all_known_cases_have_an_area_and_a_loop_on_their_chart():
+    for name in KNOWN:
+        case = known_case(name)
+        assert case.area > 0
+        loop = case.loop(24)
+        assert case.chart.distances(loop.points).max() < 1e-9 * case.diameter, name
+
+
+def test_variations_keep_the_answer_and_noise_has_none():
+    plain = known_case("scherk")
+    turned = known_case("scherk", Variation(turn=3, scale=2.5))
+    assert turned.area == pytest.approx(2.5**2 * plain.area, rel=1e-15)
+    assert turned.diameter == pytest.approx(2.5 * plain.diameter, rel=1e-12)
+    assert turned.chart.distances(turned.loop(32).points).max() < 1e-12
+    assert plain.chart.distances(turned.loop(32).points).max() > 0.1
+    noisy = known_case("scherk", Variation(noise=0.1))
+    assert noisy.area is None
+    assert noisy.chart is None
+    even = known_case("twisted-circle", Variation(sampling="even")).loop(60).edge_lengths
+    assert even.max() / even.min() < 1.01
+    with pytest.raises(OptionError, match="scale"):
+        Variation(scale=0.0)
+    with pytest.raises(OptionError, match="random-SEED"):
+        known_case("ennneper")
+    assert known_case("random-77").area > 0
+    assert set(ODD) & set(KNOWN) == set()

@@ -1,0 +1,50 @@
+"""Tasks in a process of their own: crashes, hangs and noise stay there."""
+
+import os
+
+import numpy as np
+import pytest
+
+from spinor_geom.bench.isolate import forget_peak_memory, peak_memory, run_isolated
+
+pytestmark = pytest.mark.usefixtures("importable")
+
+
+def answers(*tasks, time_limit=60.0):
+    found = []
+    run_isolated(tasks, module="sick", time_limit=time_limit, on_record=lambda task, record: found.append(record))
+    return found
+
+
+def test_a_crash_is_one_task_s_and_the_next_has_a_new_process():
+    first, crashed, killed, last = answers({}, {"exit": 3}, {"signal": 11}, {})
+    assert first["status"] == last["status"] == "done"
+    assert first["process"] != last["process"]
+    assert (crashed["status"], crashed["reason"]) == ("crashed", "exit status 3")
+    assert (killed["status"], killed["reason"]) == ("crashed", "signal 11")
+
+
+def test_a_hang_ends_at_the_time_limit():
+    hung, after = answers({"sleep": 60}, {}, time_limit=8.0)
+    assert (hung["status"], hung["reason"]) == ("timed out", "more than 8 s")
+    assert after["status"] == "done"
+
+
+def test_what_is_written_is_kept_and_spoils_no_answer():
+    said, silent = answers({"say": "to the descriptor"}, {})
+    assert said["status"] == "done"
+    assert "to the descriptor" in said["said"]
+    assert "and printed" in said["said"]
+    assert "said" not in silent
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/clear_refs"), reason="only Linux forgets a peak")
+def test_the_peak_of_the_memory_is_that_of_the_task():
+    forget_peak_memory()
+    before = peak_memory()
+    block = np.ones(1 << 24)  # 128 MiB
+    high = peak_memory()
+    del block
+    forget_peak_memory()
+    assert high > before + 100
+    assert peak_memory() < high - 100

@@ -1,0 +1,204 @@
+"""A run: resumed where it was killed, its claims, its files."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom.bench import page, runner, tables, worker
+from spinor_geom.bench.claims import claims, time_to_reach
+from spinor_geom.bench.machine import machine
+from spinor_geom.bench.runner import DESCRIPTION, RECORDS, Run, Settings, measure, plan
+from spinor_geom.bench.scaling import fitted
+from spinor_geom.cli.main import main
+from spinor_geom.errors import OptionError
+
+SMALL = Settings.short(
+    cases=("plane-square", "enneper-0.5"),
+    methods=("spinor", "libigl", "spinor-fill"),
+    points=(16, 64),
+    hole_points=(16,),
+)
+
+
+def loop_record(**changed):
+    record = {
+        **{"suite": "loop", "status": "done", "case": "enneper-0.8", "method": "spinor", "n": 64, "edge": 0.1},
+        **{"seconds": 0.1, "cold_seconds": None, "memory_mib": 300.0, "triangles": 500, "vertices": 300, "area": 3.5},
+        **{"area_error": 1e-8, "mesh_area_error": 2e-3, "rim_kept": True, "open_edges": 0, "nonmanifold_edges": 0},
+        **{"crossings": 0, "min_angle": 30.0, "converged": True, "told": "", "exact_curvature_median": 1e-15},
+        **{"curvature_max": 1.0, "curvature_rms": 0.1},
+    }
+    return {**record, **changed}
+
+
+def libigl_record(**changed):
+    return loop_record(**{"method": "libigl", "area_error": 2e-3, "exact_curvature_median": None, **changed})
+
+
+def in_this_process(tasks, *, module, time_limit, on_record):
+    """What `run_isolated` does, without a process that takes seconds to start."""
+    for task in tasks:
+        on_record(task, worker.run(task))
+
+
+def verdicts(*records):
+    return {(claim.text, claim.kind): claim.met for claim in claims(records)}
+
+
+def test_claims_are_kept_or_missed():
+    closer = ("area at least 1000 times closer than libigl", "accuracy")
+    slower = ("at most 3 times the seconds of libigl", "time")
+    assert verdicts(loop_record(), libigl_record())[closer]
+    assert not verdicts(loop_record(area_error=1e-5), libigl_record())[closer]
+    assert verdicts(loop_record(), libigl_record())[slower]
+    assert not verdicts(loop_record(seconds=0.31), libigl_record())[slower]
+    # at another sampling there is nothing to compare
+    assert closer not in verdicts(loop_record(n=128), libigl_record())
+    rim = ("every disk keeps the rim bit-equal and leaves no edge open", "accuracy")
+    assert not verdicts(loop_record(rim_kept=False))[rim]
+    flat = ("median exact |H| at most 1e-09/diameter", "accuracy")
+    assert not verdicts(loop_record(exact_curvature_median=1e-8))[flat]
+    assert not verdicts(loop_record(exact_curvature_median=None))[flat]
+    reached = ("area right to 1e-06 at some sampling", "accuracy")
+    assert not verdicts(loop_record(area_error=1e-5))[reached]
+
+
+def test_the_cost_of_a_digit_is_that_of_the_quickest_sampling():
+    records = [loop_record(area_error=e, seconds=s) for e, s in ((1e-3, 0.1), (1e-5, 0.4), (1e-6, 0.3))]
+    assert time_to_reach(records, 1e-3) == 0.1
+    assert time_to_reach(records, 1e-4) == 0.3
+    assert time_to_reach(records, 1e-9) is None
+
+
+def test_exponents_are_those_of_the_times():
+    fit = fitted("m", "points", [10, 20, 40, 80], [3 * n**1.5 for n in (10, 20, 40, 80)])
+    assert fit.exponent == pytest.approx(1.5, abs=1e-12)
+    assert fit.error == pytest.approx(0, abs=1e-12)
+    assert fitted("m", "points", [10, 20], [1, 2]).exponent is None
+
+
+@pytest.mark.usefixtures("importable")
+def test_a_killed_run_goes_on(tmp_path, monkeypatch):
+    folder = tmp_path / "run"
+    seen = []
+
+    def killed(record, done, total):
+        seen.append((record["case"], record["method"], done, total))
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        measure(SMALL, folder, on_record=killed)
+    lines = (folder / RECORDS).read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 2
+    # the process died in the middle of a line
+    (folder / RECORDS).write_text("\n".join(lines) + '\n{"key": "half', encoding="utf-8")
+    again = []
+    monkeypatch.setattr(runner, "run_isolated", in_this_process)
+    run = measure(SMALL, folder, on_record=lambda record, done, total: again.append(done))
+    total = seen[0][3]
+    assert again == list(range(3, total + 1))
+    assert len(run.records) == total
+    assert (folder / RECORDS).read_text(encoding="utf-8").count("\n") == total
+    # nothing is left to do
+    measure(SMALL, folder, on_record=lambda *_: pytest.fail("measured again"))
+    by_method = {(r["method"], r["case"], r["n"]): r for r in run.records}
+    ours, theirs = by_method["spinor", "enneper-0.5", 64], by_method["libigl", "enneper-0.5", 64]
+    assert ours["status"] == theirs["status"] == "done"
+    assert ours["area_error"] < 1e-6 < theirs["area_error"] < 0.05
+    assert ours["distance_max"] < 0.01
+    assert by_method["spinor", "plane-square", 16]["mesh_area_error"] < 1e-14
+    assert by_method["spinor-fill", "plane-square", 16]["open_rim_edges"] == 0
+    page.write(run)
+    text = (folder / page.PAGE).read_text(encoding="utf-8")
+    assert "http" not in text.replace("http-equiv", "")
+    assert "enneper-0.5" in text
+    assert len(text) < 5_000_000
+    plot = folder / page.PLOTS / "enneper-0.5-error-time.png"
+    assert min(plot.stat().st_size, plot.with_suffix(".pdf").stat().st_size) > 1000
+    rows = list(csv.DictReader((folder / page.CSV).read_text(encoding="utf-8").splitlines()))
+    assert len(rows) == total
+    told = json.loads((folder / page.JSON).read_text(encoding="utf-8"))
+    assert told["machine"]["versions"]["libigl"]
+    assert len(told["records"]) == total
+    # figures of other versions are not mixed in
+    description = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+    description["machine"]["versions"]["libigl"] = "1"
+    (folder / DESCRIPTION).write_text(json.dumps(description), encoding="utf-8")
+    with pytest.raises(OptionError, match="other versions"):
+        measure(SMALL, folder)
+
+
+def test_names_that_do_not_exist_are_refused_before_anything_is_measured(tmp_path):
+    unrelated = Settings(cases=("knot",), methods=("libigl",))
+    for wrong in (Settings(cases=("enneper",)), Settings(methods=("cgall",)), unrelated):
+        with pytest.raises(OptionError):
+            measure(wrong, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_short_run_has_every_tool_and_every_odd_rim():
+    (tasks,) = plan(Settings.short(), Path("run"))
+    assert {t["method"] for t in tasks} == {*runner.LOOP_METHODS, *runner.FILLERS}
+    assert {t["case"] for t in tasks if t["suite"] == "odd"} == set(runner.ODD)
+    keys = [runner.key(task) for task in tasks]
+    assert len(set(keys)) == len(keys)
+
+
+def test_a_run_has_every_loop_of_a_mesh_file():
+    data = Path(__file__).parents[2] / "data"
+    settings = Settings(cases=("spot_cut.obj",), data=data)
+    tasks = [task for group in plan(settings, Path("run")) for task in group]
+    places = [t["place"] for t in tasks if t["suite"] == "file loop" and t["method"] == "spinor"]
+    assert places == list(range(125))
+
+
+def test_rows_that_leave_edges_open_without_a_word_are_marked():
+    odd = {"suite": "odd", "status": "done", "case": "slit", "method": "m", "expected": "", "new_open_edges": 0}
+    odd |= {"nonmanifold_edges": 0, "told": "", "open_rim_edges": 12, "succeeded": None, "patches": 0}
+    honest = {**odd, "method": "h", "succeeded": False, "told": "refused"}
+    crashed = {"suite": "odd", "status": "crashed", "case": "slit", "method": "c", "reason": "signal 11"}
+    table = tables.odd_table([odd, honest, crashed])
+    assert table.marked == {0}
+    assert "without a word" in table.rows[0][2]
+    short = tables.odd_summary([odd, honest, crashed])
+    assert [row[1] for row in short.rows] == ["12 open !", "refused", "crashed"]
+
+
+def test_a_run_with_a_missing_tool_says_so():
+    missing = {"suite": "hole", "status": "missing", "case": "c", "method": "open3d", "n": 64}
+    table = tables.trouble_table([{**missing, "reason": "open3d is not installed"}])
+    assert table.rows == (("open3d", "missing", "all", "open3d is not installed"),)
+
+
+def test_the_page_needs_nothing_from_elsewhere(tmp_path):
+    settings = {"quick": True}
+    (tmp_path / "views").mkdir()
+    np.savez(
+        tmp_path / "views" / "a.npz",
+        vertices=np.eye(3, dtype=np.float32),
+        faces=np.array([[0, 1, 2]], dtype=np.int32),
+        **{"field/distance / diameter": np.array([0, 1, math.nan], dtype=np.float32)},
+    )
+    records = [loop_record(), libigl_record(), loop_record(n=128, seconds=0.2)]
+    run = Run(folder=tmp_path, description={"settings": settings, "machine": machine()}, records=records)
+    page.write(run)
+    text = (tmp_path / page.PAGE).read_text(encoding="utf-8")
+    for outside in ('src="http', "href=", "@import", "fetch(", "url("):
+        assert outside not in text
+    assert 'id="view-0"' in text
+
+
+def test_the_command_measures_and_says_what_is_missed(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(runner, "run_isolated", in_this_process)
+    folder = tmp_path / "run"
+    status = main(["bench", "--quick", "--cases", "plane-square", "--methods", "spinor,libigl", "-o", str(folder)])
+    assert status == 0
+    assert (folder / page.PAGE).exists()
+    assert capsys.readouterr().err == ""
+    assert main(["bench", "--cases", "nothing", "-o", str(folder)]) == 2
+    assert "there is no case 'nothing'" in capsys.readouterr().err

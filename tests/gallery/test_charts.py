@@ -1,0 +1,122 @@
+"""Charts of the gallery: on their curves, of their areas, minimal, and exact rulers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from spinor_geom import gallery, solve_plateau
+from spinor_geom.errors import OptionError
+
+KNOWN = [
+    gallery.schwarz_d_quadrilateral(),
+    gallery.schwarz_d_hexagon(),
+    gallery.schwarz_p_hexagon(),
+    gallery.schwarz_p_quadrilateral(),
+    gallery.schwarz_prism(0.7),
+    gallery.schwarz_h(0.3),
+    gallery.scherk(2.0),
+    gallery.l_shape(),
+    gallery.enneper(0.8),
+    gallery.henneberg(),
+    gallery.associate(turn=math.pi / 2),
+    gallery.random_polynomial(1),
+]
+by_name = pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.name)
+
+
+def loop_of(known, n):
+    return known.sample(n) if isinstance(known, gallery.KnownCurve) else known.rim(n)
+
+
+def area_of(known):
+    return known.disks[0].area if isinstance(known, gallery.KnownCurve) else known.area
+
+
+@by_name
+def test_the_rim_lies_on_the_chart(known):
+    # a corner where the tangents are infinite is met to the root of the round-off beside it
+    assert known.chart.distances(loop_of(known, 64).points).max() < 1e-10
+
+
+@by_name
+def test_samples_stand_for_the_area(known):
+    samples = known.chart.samples(10_000)
+    # integrable singularities at corners cost a lattice its second order
+    assert abs(samples.areas.sum() / area_of(known) - 1) < 0.1
+
+
+@by_name
+def test_distances_are_those_along_the_normal(known):
+    chart = known.chart
+    z = chart.lattice(200)
+    t = chart.tangents(z)
+    normal = np.cross(t[:, 0], t[:, 1])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    away = 1e-3
+    np.testing.assert_allclose(chart.distances(chart.position(z)), 0, atol=1e-12)
+    np.testing.assert_allclose(chart.distances(chart.position(z) + away * normal), away, atol=1e-12)
+
+
+@by_name
+def test_charts_are_minimal(known):
+    """Mean curvature by central differences of the tangents, where they are regular."""
+    chart, step = known.chart, 1e-4
+    z = chart.lattice(60)
+    x, y = np.moveaxis(chart.tangents(z), 1, 0)
+    normal = np.cross(x, y)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    xx, xy = np.moveaxis(chart.tangents(z + step) - chart.tangents(z - step), 1, 0) / (2 * step)
+    yy = (chart.tangents(z + 1j * step) - chart.tangents(z - 1j * step))[:, 1] / (2 * step)
+    dot = lambda a, b: np.einsum("nk,nk->n", a, b)  # noqa: E731
+    e, f, g = dot(x, x), dot(x, y), dot(y, y)
+    twice = (g * dot(xx, normal) - 2 * f * dot(xy, normal) + e * dot(yy, normal)) / (e * g - f**2)
+    bend = np.abs(dot(xx, normal) / e) + np.abs(dot(yy, normal) / g)
+    # differences of order step², relative to the curvatures that cancel
+    assert np.median(np.abs(twice)) < 1e-5 * (np.median(bend) + 1)
+
+
+def test_a_low_prism_s_disk_tends_to_its_square():
+    assert 4 < gallery.schwarz_prism(0.06).disks[0].area < 4.2
+
+
+@pytest.mark.parametrize("known", [gallery.schwarz_prism(1.0), gallery.schwarz_h(0.5)], ids=lambda known: known.name)
+def test_a_solver_that_knows_no_answer_finds_the_area(known):
+    # the loop's curved sides are splines through 24 points each
+    assert abs(solve_plateau(loop_of(known, 96)).area / area_of(known) - 1) < 3e-6
+
+
+def test_every_member_of_the_catenoid_s_family_has_its_area():
+    for angle in (0.0, 0.4, math.pi / 2):
+        known = gallery.associate(angle, reach=0.7, turn=2.0)
+        assert abs(known.surface.area() / known.area - 1) < 1e-12
+
+
+def test_random_polynomials_keep_their_normals_in_a_hemisphere():
+    for seed in range(5):
+        known = gallery.random_polynomial(seed, degree=3)
+        z = np.exp(2j * np.pi * np.arange(200) / 200)
+        assert np.abs(known.surface.gauss_map(z)).min() > 1.2
+        assert abs(known.surface.area() / known.area - 1) < 1e-12
+
+
+def test_henneberg_s_formula_is_that_of_its_spinors():
+    known = gallery.henneberg(2.5, 0.9)
+    z = 0.9 * np.exp(2j * np.pi * np.arange(50) / 50)
+    np.testing.assert_allclose(known.surface.position(z), known.position(z), atol=1e-13)
+    assert not known.surface.branch_points()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: gallery.schwarz_h(1.0),
+        lambda: gallery.schwarz_prism(0.0),
+        lambda: gallery.henneberg(1.5, 0.6),
+        lambda: gallery.associate(reach=0.0),
+        lambda: gallery.random_polynomial(0, degree=0),
+    ],
+)
+def test_sizes_that_do_not_exist_are_refused(make):
+    with pytest.raises(OptionError):
+        make()
