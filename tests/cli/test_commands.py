@@ -103,7 +103,7 @@ def test_a_loop_that_cannot_be_filled_is_named_with_status_1(
     def fails(loops: Iterable[object], **_: object) -> Iterator[FirstFillError]:
         return (FirstFillError("no disk over this loop") for _ in loops)
 
-    monkeypatch.setattr("spinor_geom.fill.fill_hole.solve_plateau_batch", fails)
+    monkeypatch.setattr("spinor_geom.fill.many_loops.solve_plateau_batch", fails)
     assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 1
     assert "loop 0 (16 vertices) not filled: no disk over this loop" in capsys.readouterr().err
 
