@@ -54,7 +54,7 @@ def _seen(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
 def _crossings(
     points: Float[np.ndarray, "m 3"],
 ) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"], Int[np.ndarray, " c"]]:
-    """Where a polygon passes over and under itself, as edge number plus share of that edge, and each crossing's sign."""
+    """Where a polygon passes over and under itself, as edge number plus share of the edge, and each crossing's sign."""
     flat = points * [1, 1, 0]
     ends = np.roll(flat, -1, axis=0)
     first, second = edges_with_near_boxes(flat, ends, 0.0)
