@@ -359,7 +359,8 @@ class _Block:
 
 
 def _joined(parts: Sequence[Int[np.ndarray, " *n"]], empty: tuple[int, ...]) -> Int[np.ndarray, " *n"]:
-    return np.concatenate(parts) if parts else np.zeros(empty, dtype=np.int64)
+    joined: Int[np.ndarray, " *n"] = np.concatenate(parts) if parts else np.zeros(empty, dtype=np.int64)
+    return joined
 
 
 def _logical_lines(data: bytes, split_at: bytes) -> tuple[list[bytes], Iterable[int]]:

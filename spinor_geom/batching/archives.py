@@ -145,21 +145,25 @@ def _zip_members(path: Path) -> Iterator[Member]:
 
 
 def _tar_members(path: Path) -> Iterator[Member]:
-    with _unpacked(os.fspath(path)) as unpacked, tarfile.open(fileobj=_Counted(unpacked, path), mode="r|") as archive:
+    with _unpacked(os.fspath(path)) as unpacked, _stream(unpacked, path) as archive:
         for entry in archive:
             _require_plain_name(path, entry.name)
             if not (entry.isreg() or entry.isdir()) or entry.issparse():
                 raise _refused(path, f"'{entry.name}', a link, device or sparse file", "pack the files themselves")
             if entry.isreg():
                 yield Member(name=entry.name, size=entry.size, place=entry.offset_data)
-            archive.members.clear()  # which tarfile never does by itself
+            cast(Any, archive).members.clear()  # which tarfile never does by itself
+
+
+def _stream(unpacked: BinaryIO, path: Path) -> tarfile.TarFile:
+    return tarfile.open(fileobj=cast(BinaryIO, _Counted(unpacked, path)), mode="r|")
 
 
 def _unpacked(path: str) -> BinaryIO:
     with open(path, "rb") as file:
         start = file.read(8)
-    opener = next((opener for magic, opener in _OPENERS if start.startswith(magic)), Path.open)
-    return cast(BinaryIO, opener(Path(path), "rb"))  # type: ignore[operator]
+    opener: Callable[..., Any] = next((opener for magic, opener in _OPENERS if start.startswith(magic)), open)
+    return cast(BinaryIO, opener(path, "rb"))
 
 
 class _Counted:

@@ -318,7 +318,7 @@ def _blocks(sources: Iterator[Source], threads: Callable[[], int]) -> Iterator[l
 
 def _threads(client: Client) -> int:
     """How many blocks the cluster works at at a time; clusters grow and shrink."""
-    return max(1, sum(client.nthreads().values()))
+    return max(1, sum(map(int, client.nthreads().values())))
 
 
 @contextmanager

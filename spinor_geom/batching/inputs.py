@@ -72,7 +72,8 @@ class Inputs:
         """Gives every input a name of its own; reads nothing yet."""
         self._roots: list[tuple[str, str]] = []
         taken: dict[str, int] = {}
-        for given in map(os.fspath, inputs):
+        for named in inputs:
+            given = os.fspath(named)
             pattern = not os.path.lexists(given) and glob.has_magic(given)
             if not (next(glob.iglob(given, recursive=True), None) if pattern else os.path.exists(given)):
                 raise BatchError(f"{given}: {'fits no file' if pattern else 'no such file or folder'}; check the name")
