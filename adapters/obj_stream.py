@@ -296,7 +296,8 @@ class _Block:
 
     def line_numbers(self, key: bytes) -> Int[np.ndarray, " n"]:
         """Their numbers in the file, from 1."""
-        return self._first_line + np.asarray(self._line_numbers, dtype=np.int64)[self.rows_of(key)]
+        numbers: Int[np.ndarray, " n"] = np.fromiter(self._line_numbers, dtype=np.int64)[self.rows_of(key)]
+        return self._first_line + numbers
 
     def name_rows(self) -> Iterator[tuple[int, bytes, Row]]:
         """The lines that name objects and groups: their place, their first word, and the name's words."""

@@ -14,7 +14,7 @@ from threading import Event, Thread
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
-from spinor_geom.batching.inputs import Inputs, Source
+from spinor_geom.batching.inputs import SMALL, Inputs, Source
 from spinor_geom.batching.isolate import Limits, run_block
 from spinor_geom.batching.journal import Journal, opened_journal
 from spinor_geom.batching.options import BatchOptions, Format, What, require_positive
@@ -25,8 +25,8 @@ from spinor_geom.optional import require
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-# Files whose loops are solved side by side: at most so many, of so many bytes together.
-TOGETHER, TOGETHER_SIZE = 16, 1 << 20
+# Most files whose loops are solved side by side.
+TOGETHER = 16
 # Blocks that wait at each worker.
 WAITING = 2
 # Blocks for each worker that are looked ahead, so that the last ones can be shared out evenly.
@@ -310,7 +310,7 @@ def _blocks(sources: Iterator[Source], threads: Callable[[], int]) -> Iterator[l
         most = max(1, min(TOGETHER, len(ahead) // (2 * threads()))) if ended else TOGETHER
         block = [ahead.popleft()]
         size = block[0].size
-        while ahead and len(block) < most and size + ahead[0].size <= TOGETHER_SIZE:
+        while ahead and len(block) < most and size + ahead[0].size <= SMALL:
             size += ahead[0].size
             block.append(ahead.popleft())
         yield block

@@ -28,6 +28,8 @@ SORTED_AT_ONCE = 50_000
 # The last part of the key of what is no OBJ file: such a part has no suffix, so that no file's key can be the same.
 PROBLEM = "problem"
 LONGEST_LINE = 1 << 20  # of a manifest
+# Files of so many bytes together are read at once, and their loops solved side by side.
+SMALL = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True)

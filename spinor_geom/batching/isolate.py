@@ -11,8 +11,9 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import monotonic
 from typing import Any
 
@@ -50,11 +51,12 @@ class Fault(Exception):  # noqa: N818 - the word for it everywhere else
 
     Attributes:
         is_final: whether trying again would only cost as much once more.
+        key: of the file that was being read, which then is the one that did it; else "".
     """
 
-    def __init__(self, reason: str, *, is_final: bool) -> None:
+    def __init__(self, reason: str, *, is_final: bool, key: str = "") -> None:
         super().__init__(reason)
-        self.is_final = is_final
+        self.is_final, self.key = is_final, key
 
 
 def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
@@ -68,42 +70,39 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
         "finished": a summary for each source; "stop": why nothing can be written, or "".
     """
     allowed, solver = Limits(**limits), _solver()
-    waiting = {entry["key"]: entry for entry in job["sources"]}
     done: list[dict[str, Any]] = []
-
-    def finished(one: dict[str, Any]) -> None:
-        waiting.pop(one["key"], None)
-        done.append(one)
-
+    deaths: Counter[str] = Counter()
+    blocks = deque([list(job["sources"])])
     try:
-        try:
-            solver.run(job, allowed, finished)
-        except Fault as fault:
-            if len(waiting) == 1 and (fault.is_final or len(job["sources"]) > 1 or not allowed.retries):
-                # only one was left: it was that one's
-                done.append(_write_fault(job, waiting.popitem()[1], fault))
-        for entry in list(waiting.values()):
-            alone = _tried_alone({**job, "sources": [entry]}, solver, allowed, finished)
-            if alone is not None:
-                done.append(_write_fault(job, entry, alone))
+        while blocks:
+            block = blocks.popleft()
+            waiting = {entry["key"]: entry for entry in block}
+
+            def finished(one: dict[str, Any], waiting: dict[str, Any] = waiting) -> None:
+                waiting.pop(one["key"], None)
+                done.append(one)
+
+            try:
+                solver.run({**job, "sources": block}, allowed, finished)
+            except Fault as fault:
+                guilty = fault.key if len(waiting) > 1 else next(iter(waiting), "")
+                if guilty not in waiting:
+                    # any of them may have done it
+                    blocks.extend([entry] for entry in waiting.values())
+                    continue
+                entry = waiting.pop(guilty)
+                deaths[guilty] += 1
+                if fault.is_final or deaths[guilty] > allowed.retries:
+                    done.append(_write_fault(job, entry, fault))
+                else:
+                    blocks.append([entry])
+                if waiting:
+                    blocks.appendleft(list(waiting.values()))
     except BatchError as error:
         return {"finished": done, "stop": str(error)}
     except OSError as error:
         return {"finished": done, "stop": f"{job['store']['output']}: cannot be written to ({error})"}
     return {"finished": done, "stop": ""}
-
-
-def _tried_alone(
-    job: dict[str, Any], solver: Solver, limits: Limits, finished: Callable[[dict[str, Any]], None]
-) -> Fault | None:
-    """The last fault of a source that is tried by itself, or None where it was finished."""
-    try:
-        solver.run(job, limits, finished)
-    except Fault as fault:
-        if fault.is_final or limits.retries <= 1:
-            return fault
-        return _tried_alone(job, solver, replace(limits, retries=limits.retries - 1), finished)
-    return None
 
 
 def _write_fault(job: Mapping[str, Any], entry: dict[str, Any], fault: Fault) -> dict[str, Any]:
@@ -148,8 +147,14 @@ class Solver:
             process.stdin.flush()
         except OSError:
             raise self._death() from None
+        reading = ""
         while True:
-            event = self._next(limits.seconds, limits.memory)
+            try:
+                event = self._next(limits.seconds, limits.memory)
+            except Fault as fault:
+                fault.key = reading
+                raise
+            reading = event.get("reading", "")
             if "finished" in event:
                 finished(event["finished"])
             elif "stop" in event:

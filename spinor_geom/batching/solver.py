@@ -5,6 +5,7 @@ It ends when its input does, so it does not outlive the process that started it,
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import queue
@@ -14,11 +15,13 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, TypeAlias, cast
+from typing import Any, BinaryIO, TypeAlias
 
 from spinor_geom.batching.archives import ArchiveReader
-from spinor_geom.batching.inputs import Source
+from spinor_geom.batching.inputs import SMALL, Source
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.records import failure, summary
 from spinor_geom.batching.store import Store
@@ -41,7 +44,8 @@ def work(job: dict[str, Any], archives: ArchiveReader, tell: Tell) -> None:
     options, store = BatchOptions(**job["options"]), Store(**job["store"])
     sources = [Source.from_dict(entry) for entry in job["sources"]]
     try:
-        _work(sources, options, store, archives, tell)
+        with ExitStack() as stack:
+            _work(sources, options, store, partial(_stream, archives=archives, stack=stack), tell)
     except (BatchError, _CannotWriteError) as error:
         tell({"stop": str(error)})
     except Exception as error:  # a mistake of ours, which must not cost the other files
@@ -53,14 +57,16 @@ def work(job: dict[str, Any], archives: ArchiveReader, tell: Tell) -> None:
         _commit(store, sources[0], failure(sources[0].key, reason, status="fault"), {}, tell)
 
 
-def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archives: ArchiveReader, tell: Tell) -> None:
+def _work(
+    sources: Sequence[Source], options: BatchOptions, store: Store, stream_of: Callable[[Source], BinaryIO], tell: Tell
+) -> None:
     opened: list[tuple[Source, OpenedFile]] = []
     for source in sources:
         tell({"reading": source.key})
         try:
             if source.problem:
                 raise ArchiveError(source.problem)
-            opened.append((source, open_file(_stream(source, archives), source.key, options)))
+            opened.append((source, open_file(stream_of(source), source.key, options)))
         except SpinorGeomError as error:
             _commit(store, source, failure(source.key, str(error)), {}, tell)
         except OSError as error:
@@ -80,10 +86,14 @@ def _told(answers: Iterator[Any], source: Source, tell: Tell) -> Iterator[Any]:
         yield answer
 
 
-def _stream(source: Source, archives: ArchiveReader) -> BinaryIO:
-    if source.member is not None:
-        return archives.open(source.path, source.member)
-    return cast(BinaryIO, Path(source.path).open("rb"))
+def _stream(source: Source, *, archives: ArchiveReader, stack: ExitStack) -> BinaryIO:
+    """The text of a source, which can be gone back in; that of a small one is in memory."""
+    opened = open(source.path, "rb") if source.member is None else archives.open(source.path, source.member)  # noqa: SIM115
+    stream: BinaryIO = stack.enter_context(closing(opened))
+    if source.size > SMALL:
+        return stream
+    with closing(stream):
+        return io.BytesIO(stream.read())
 
 
 class _CannotWriteError(Exception):

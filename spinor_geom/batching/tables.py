@@ -65,7 +65,7 @@ def rows_of(record: dict[str, Any]) -> Iterator[dict[str, Any]]:
             "surface": loop["files"].get("surface"),
             "curve": loop["files"].get("loop"),
             "filled": filled.get("file"),
-            "seconds": sum(loop["seconds"].values()),
+            "seconds": sum(loop["seconds"].values(), 0.0),
         }
 
 

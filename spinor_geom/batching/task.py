@@ -97,7 +97,7 @@ def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
         SpinorGeomError: the file is no OBJ file, or is malformed.
     """
     start = perf_counter()
-    text = read_obj_stream(stream, Path(key))
+    text = read_obj_stream(stream, None)
     mesh, holes, problem = _mesh_and_holes(text)
     taken = RimEdges(mesh.mesh, [hole.loop for hole in holes if hole.loop is not None])
     checked = [replace(hole, error=_refusal(hole, taken)) for hole in holes]
