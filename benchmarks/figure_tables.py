@@ -112,16 +112,16 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def replaced_section(text: str, section: str) -> str:
+def replaced_section(text: str, section: str, *, begin: str = BEGIN, end: str = END) -> str:
     """A text with what stands between the two marker comments replaced.
 
     Raises:
         ValueError: the markers are not there, each once and in order.
     """
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise ValueError(f"the text needs the lines {BEGIN!r} and {END!r} once each, in this order")
-    before, after = text.split(BEGIN)[0], text.split(END)[1]
-    return f"{before}{BEGIN}\n\n{section.strip()}\n\n{END}{after}"
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise ValueError(f"the text needs the lines {begin!r} and {end!r} once each, in this order")
+    before, after = text.split(begin)[0], text.split(end)[1]
+    return f"{before}{begin}\n\n{section.strip()}\n\n{end}{after}"
 
 
 def note(text: str) -> None:
