@@ -1,8 +1,8 @@
 """Measures batches: loops a second, memory, equal bytes, and what solving small loops side by side brings.
 
 `python benchmarks/batch.py` prints the tables, `--write` replaces those in benchmarks/README.md; `--files N` takes
-fewer files than the thousand of the target. Every batch is a process of its own, as on the command line, and is timed to
-the written summary.
+fewer files than the thousand of the target. Every batch is a process of its own, as on the command line, and is timed
+up to the written summary.
 """
 
 from __future__ import annotations

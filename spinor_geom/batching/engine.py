@@ -123,11 +123,12 @@ def batch(
         tolerance: RMS distance of a surface's boundary from the curve through its loop, per mean edge.
         closing: open curves whose ends are at most so many mean edges apart count as closed.
         compare: also compares each surface with a discrete minimal surface.
-        device: of the batched linear algebra, such as "cuda".
+        device: of the batched linear algebra, such as "cuda"; equal bytes are promised on the CPU only.
         resume: goes on with the run in the output folder: only what is not complete is done.
         time_limit: for reading a file and for each of its loops, in seconds.
         memory_limit: of the process that solves, in bytes.
-        retries: how often a file is tried again after its process or worker died.
+        retries: how often a file is tried again after its process or worker died (on a cluster given by its scheduler
+            that has a number of its own for workers: `distributed.scheduler.allowed-failures`).
         on_progress: is called now and then.
 
     Returns:
@@ -339,9 +340,8 @@ def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iter
         with client, client.as_current():
             yield client
         return
-    settings = {"distributed.scheduler.allowed-failures": limits.retries, "distributed.admin.tick.limit": "1h"}
     with (
-        dask.config.set(settings),
+        dask.config.set({"distributed.scheduler.allowed-failures": limits.retries}),
         LocalCluster(
             n_workers=workers or _cores(),
             threads_per_worker=1,

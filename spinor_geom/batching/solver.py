@@ -20,6 +20,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
+import torch
+
 from spinor_geom.batching.archives import ArchiveReader
 from spinor_geom.batching.inputs import SMALL, Source
 from spinor_geom.batching.options import BatchOptions
@@ -60,6 +62,7 @@ def work(job: dict[str, Any], archives: ArchiveReader, tell: Tell) -> None:
 def _work(
     sources: Sequence[Source], options: BatchOptions, store: Store, stream_of: Callable[[Source], BinaryIO], tell: Tell
 ) -> None:
+    _require_device(options.device)
     opened: list[tuple[Source, OpenedFile]] = []
     for source in sources:
         tell({"reading": source.key})
@@ -77,6 +80,15 @@ def _work(
     for source, file in opened:
         results = results_of(file, _told(answers, source, tell))
         _commit(store, source, results.record, results.files, tell)
+
+
+def _require_device(name: str) -> None:
+    """Checks once what otherwise every file would fail for."""
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reason = str(error).splitlines()[0]
+        raise BatchError(f"device {name!r} cannot be used by a worker ({reason}); name another") from error
 
 
 def _told(answers: Iterator[Any], source: Source, tell: Tell) -> Iterator[Any]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[2]
 
 # In the process that solves, the harm that a file's name announces is done when it is opened.
 HARM = """
@@ -38,13 +37,8 @@ if "spinor_geom.batching.solver" in sys.orig_argv:
 
 
 @pytest.fixture(scope="session")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder for PYTHONPATH: the package with its adapters in their place, and the harm."""
-    folder = tmp_path_factory.mktemp("site")
-    package = folder / "spinor_geom"
-    package.mkdir()
-    for entry in (ROOT / "spinor_geom").iterdir():
-        (package / entry.name).symlink_to(entry)
-    (package / "adapters").symlink_to(ROOT / "adapters")
+def harmful_site(site: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What PYTHONPATH has to be."""
+    folder = tmp_path_factory.mktemp("harm")
     (folder / "sitecustomize.py").write_text(HARM)
-    return folder
+    return os.pathsep.join([str(folder), str(site)])

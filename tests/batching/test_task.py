@@ -224,9 +224,9 @@ def test_options_are_checked(wrong: dict[str, Any]) -> None:
 
 
 @pytest.fixture
-def process(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., dict[str, Any]]]:
+def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., dict[str, Any]]]:
     """Runs a block in a process of its own, as a worker does."""
-    monkeypatch.setenv("PYTHONPATH", str(site))
+    monkeypatch.setenv("PYTHONPATH", harmful_site)
 
     def run(given: list[Path], output: Path, **limits: Any) -> dict[str, Any]:
         options = BatchOptions()
