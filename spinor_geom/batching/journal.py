@@ -88,11 +88,12 @@ def opened_journal(output: str | os.PathLike[str], options: BatchOptions, *, res
 
 
 def _require_same(root: Path, settings: dict[str, Any], *, resume: bool) -> None:
-    if not (root / RUN).exists():
-        others = sorted(entry.name for entry in root.iterdir() if entry.name != LOCK)
-        if others:
-            raise BatchError(f"{root}: holds other things ({others[0]}); name a new folder")
+    held = {entry.name for entry in root.iterdir()} - {LOCK, STAGING}
+    # a run that did not get as far as to a result has left nothing to be careful with
+    if held <= {RUN, LOG}:
         return
+    if RUN not in held:
+        raise BatchError(f"{root}: holds other things ({min(held)}); name a new folder")
     if not resume:
         raise BatchError(f"{root}: holds a batch already; resume it (--resume, resume=True) or name a new folder")
     try:

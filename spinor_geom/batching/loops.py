@@ -20,6 +20,7 @@ from spinor_geom.errors import (
     SelfCrossingLoopError,
     SpinorGeomError,
 )
+from spinor_geom.fill.one_loop import refuse_empty
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.knots import knot_determinant
@@ -178,6 +179,7 @@ def _curve_loop(vertices: Float[np.ndarray, "v 3"], curve: Int[np.ndarray, " _"]
         if len(points) < 3:
             raise LoopTooShortError(points=len(points))
         loop = BoundaryLoop(points=points, vertex_ids=ids, corners=detect_corners(points))
+        refuse_empty(loop, loop.diagonal / loop.elongation)
         refuse_what_bounds_no_disk(loop)
     except SpinorGeomError as refusal:
         error = refusal

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import Addition, FileContents
+from spinor_geom.adapters.contents import Addition, FileContents, malformed
 from spinor_geom.adapters.mesh_files import FORMATS, MeshFile
 from spinor_geom.adapters.obj import added_lines
 from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
@@ -43,6 +43,8 @@ Writer: TypeAlias = Callable[[Path], None]
 OUTLINE_POINTS = 48
 LONGEST_LABEL = 60
 COPIED_AT_ONCE = 1 << 20
+# Fourth powers of lengths have to be numbers.
+LARGEST_COORDINATE = 1e70
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,6 +100,11 @@ def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
     """
     start = perf_counter()
     text = read_obj_stream(stream, None)
+    largest = float(np.abs(text.contents.vertices[np.isfinite(text.contents.vertices)]).max(initial=0.0))
+    if largest > LARGEST_COORDINATE:
+        raise malformed(
+            None, "", f"has a coordinate of size {largest:.1e}, whose powers are no numbers", "scale the file"
+        )
     mesh, holes, problem = _mesh_and_holes(text)
     taken = RimEdges(mesh.mesh, [hole.loop for hole in holes if hole.loop is not None])
     checked = [replace(hole, error=_refusal(hole, taken)) for hole in holes]

@@ -209,11 +209,12 @@ def _count(text: str) -> int:
 
 def _bytes(text: str) -> int:
     units = {"": 0, "k": 10, "m": 20, "g": 30, "t": 40}
-    number = text.lower().removesuffix("ib").removesuffix("b").rstrip("kmgt")
-    unit = text.lower().removesuffix("ib").removesuffix("b")[len(number) :]
-    if unit not in units:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size such as 512M or 4G")
-    return int(_positive(number) * 2 ** units[unit])
+    size = text.lower().removesuffix("b").removesuffix("i")
+    number = size.rstrip("kmgt")
+    try:
+        return int(_positive(number) * 2 ** units[size[len(number) :]])
+    except (KeyError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size such as 512M or 4G") from None
 
 
 def _from_zero(text: str) -> float:

@@ -23,7 +23,8 @@ def thumbnail(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], o
     """
     turned = _seen(points)
     low, high = turned.min(axis=0), turned.max(axis=0)
-    scale = (SIZE - 2 * MARGIN) / max(float((high - low)[:2].max()), np.finfo(np.float64).tiny)
+    extent = float((high - low)[:2].max())
+    scale = (SIZE - 2 * MARGIN) / extent if extent > np.finfo(np.float64).tiny else 1.0
     flat = SIZE / 2 + (turned - 0.5 * (low + high)) * scale * [1, -1, 1]
     shapes = []
     if 0 < len(faces) <= MOST_FACES:

@@ -260,11 +260,18 @@ def test_folders_that_hold_something_are_left_alone(
     assert "was begun with other options" in capsys.readouterr().err
     assert main(["batch", str(corpus), "-o", str(corpus)]) == 2
     assert "holds other things" in capsys.readouterr().err
+    (tmp_path / "files").mkdir()
     (tmp_path / RUN).write_text("{")
     assert main(["batch", str(corpus), "-o", str(tmp_path), "--resume"]) == 2
     assert "is damaged" in capsys.readouterr().err
     assert main(["batch", str(corpus / "nothing.obj"), "-o", str(tmp_path / "new")]) == 2
     assert "no such file" in capsys.readouterr().err
+
+
+def test_a_run_without_results_is_no_obstacle(corpus: Path, tmp_path: Path) -> None:
+    for device in ("cpu", "cuda"):
+        with opened_journal(tmp_path / "out", BatchOptions(device=device), resume=False):
+            pass
 
 
 def test_faults_and_changed_files_are_done_again(corpus: Path, tmp_path: Path) -> None:

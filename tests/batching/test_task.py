@@ -22,6 +22,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.batching.files import circle, curve_text, holed_text, record, results, vertex_lines, write_curves
 
 Told = list[dict[str, Any]]
+ROOT = Path(__file__).parents[2]
 
 
 def solved(given: list[Path], output: Path, *, together: int = 16, **options: Any) -> Told:
@@ -166,6 +167,64 @@ def test_a_mistake_of_ours_costs_one_file(mixed: Path, tmp_path: Path, monkeypat
     assert record(tmp_path / "alone", "in/curve004.obj")["status"] == "done"
 
 
+def broken_texts() -> Iterator[bytes]:
+    """Files that were cut off, damaged, or made to be hard to read."""
+    random = np.random.default_rng(7)
+    squiggle = (ROOT / "data" / "squiggle_on_sphere.obj").read_bytes()
+    whole = [holed_text().encode(), curve_text(circle(9)).encode(), squiggle]
+    for data in whole:
+        yield from (data[: int(share * len(data))] for share in random.random(8))
+        for _ in range(8):
+            damaged = bytearray(data)
+            for place in random.integers(len(data), size=3):
+                damaged[place] = random.integers(256)
+            yield bytes(damaged)
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\n"
+    for text in (
+        "",
+        "l 1 2 3 1\n",
+        f"{corners}l 1 2 3 9\n",
+        f"{corners}l 1 1 1\n",
+        f"{corners}l 1 2 1 2 1\n",
+        f"{corners}l 1 2 3 4 2 1\n",
+        f"{corners}l 1 2\nl 2 3\nl 2 4\n",
+        f"{corners}f 1 2 3\nf 1 2 3\n",
+        f"{corners}f 1 2 3\nf 2 1 3\n",
+        f"{corners}f 1 2 2\n",
+        f"{corners}f 1 2 3\nf 1 2 4\nf 2 1 3\nf 1 2 3 4\n",
+        f"{corners}f 1 2 3\n",
+        "v 1e308 0 0\nv -1e308 0 0\nv 0 1e308 0\nv 0 0 1\nl 1 2 3 1\nf 1 2 3\nf 1 3 4\n",
+        "v 1e-310 0 0\nv -1e-310 0 0\nv 0 1e-310 0\nl 1 2 3 1\n",
+        "v nan nan nan\nv inf 0 0\nv 0 0 0\nl 1 2 3 1\nf 1 2 3\n",
+        "v 0 0 0\nv 1 0 0\nv 2 0 0\nl 1 2 3 1\n",
+        "v 0 0 0\nv 0 0 0\nv 0 0 0\nl 1 2 3 1\n",
+        f"{corners}l 1 2 99999999999999999999\n",
+        f"{corners}o {'x' * 5000}\ng {chr(0x2028)}../../{chr(0x202E)}\nl 1 2 4 3 1\n",
+        f"{corners}call ../../etc/passwd\nmtllib /etc/shadow\ncsh rm\nl 1 2 4 3 1\n",
+    ):
+        yield text.encode()
+
+
+@pytest.mark.parametrize("what", ["fill", "loops"])
+def test_broken_files_fail_for_a_reason_and_alone(tmp_path: Path, what: str) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    texts = list(broken_texts())
+    for number, data in enumerate(texts if what == "loops" else texts[:32] + texts[48:]):
+        (folder / f"{number:02}.obj").write_bytes(data)
+    told = solved([folder], tmp_path / "out", what=what)
+    done = [event["finished"] for event in told if "finished" in event]
+    assert len(done) == len(list(folder.iterdir()))
+    assert not [one for one in done if one["status"] == "fault"]
+    assert all(one["reason"] or one["first"] for one in done if one["status"] != "done")
+    assert {"alone": True} not in told
+    # nothing but the results of each
+    assert {path.name for path in tmp_path.iterdir()} == {"in", "out"}
+    assert {path.parent.name for path in (tmp_path / "out" / "files").rglob("record.json")} == {
+        path.name for path in folder.iterdir()
+    }
+
+
 def test_no_pickle_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import pickle
 
@@ -199,7 +258,7 @@ def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
     options = BatchOptions()
     with opened_journal(tmp_path / "out", options, resume=False) as old:
         pass
-    with opened_journal(tmp_path / "out", options, resume=True):
+    with opened_journal(tmp_path / "out", options, resume=False):
         (source,) = Inputs([path])
         with pytest.raises(BatchError, match="another run"):
             old.store.commit(source, {}, {})
