@@ -138,7 +138,7 @@ class Solver:
 
         Raises:
             Fault: the process died, or was ended at a limit; some sources may not be finished.
-            BatchError: nothing can be written.
+            BatchError: nothing can be written, or the process cannot start.
         """
         process = self._started()
         assert process.stdin is not None
@@ -147,7 +147,7 @@ class Solver:
             process.stdin.flush()
         except OSError:
             raise self._death() from None
-        reading = ""
+        reading, stop, alone = "", "", False
         while True:
             try:
                 event = self._next(limits.seconds, limits.memory)
@@ -157,12 +157,14 @@ class Solver:
             reading = event.get("reading", "")
             if "finished" in event:
                 finished(event["finished"])
-            elif "stop" in event:
-                raise BatchError(event["stop"])
-            elif "alone" in event:
-                raise Fault("a mistake in one of several files", is_final=False)
-            elif "idle" in event:
-                return
+            # only an idle process can be given another job
+            stop, alone = event.get("stop", stop), alone or "alone" in event
+            if "idle" in event:
+                break
+        if stop:
+            raise BatchError(stop)
+        if alone:
+            raise Fault("a mistake in one of several files", is_final=False)
 
     def _started(self) -> subprocess.Popen[str]:
         if self._process is not None and self._process.poll() is None:
@@ -180,7 +182,12 @@ class Solver:
         )
         self._process, self._events = process, queue.SimpleQueue()
         threading.Thread(target=_listen, args=(process, self._events), daemon=True).start()
-        self._next(START_LIMIT, 0)
+        try:
+            self._next(START_LIMIT, 0)
+        except Fault as fault:
+            if process.returncode > 0:  # nobody killed it
+                raise BatchError(f"the process that solves cannot start: {fault}; see what is installed") from fault
+            raise
         return process
 
     def _next(self, seconds: float, memory: int) -> dict[str, Any]:

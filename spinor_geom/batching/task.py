@@ -210,16 +210,18 @@ def _solved(
     entries = [
         _solved_entry(opened, place, outcome, of_place.get(place), files) for place, outcome in enumerate(outcomes)
     ]
-    # curves have nothing to do with the mesh, nor with each other
-    bare = TriangleMesh(mesh.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=mesh.vertex_attributes)
+    extension = stitch(mesh, patches)
+    if len(holes) < len(opened.loops):
+        # curves have nothing to do with the faces, nor with each other
+        mesh = TriangleMesh(mesh.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=mesh.vertex_attributes)
     for place, curve in enumerate(opened.loops[len(holes) :], start=len(holes)):
         if curve.loop is None:
             next(all_answers)
             entries.append(_entry(opened, place, "failed", str(curve.error)))
             continue
-        (outcome,), patches_of_curve = fill_loops(bare, [curve.loop], [None], all_answers, RimEdges(bare, []), options)
-        entries.append(_solved_entry(opened, place, outcome, next(iter(patches_of_curve), None), files))
-    return entries, stitch(mesh, patches)
+        (outcome,), own = fill_loops(mesh, [curve.loop], [None], all_answers, RimEdges(mesh, []), options)
+        entries.append(_solved_entry(opened, place, outcome, own[0] if own else None, files))
+    return entries, extension
 
 
 def _entry(opened: OpenedFile, place: int, status: str, reason: str) -> dict[str, Any]:

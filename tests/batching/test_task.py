@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -287,13 +288,13 @@ def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
     """Runs a block in a process of its own, as a worker does."""
     monkeypatch.setenv("PYTHONPATH", harmful_site)
 
-    def run(given: list[Path], output: Path, **limits: Any) -> dict[str, Any]:
+    def run(given: list[Path], output: Path, *, token: str | None = None, **limits: Any) -> dict[str, Any]:
         options = BatchOptions()
         with opened_journal(output, options, resume=output.exists()) as journal:
             job = {
                 "sources": [source.to_dict() for source in Inputs(given)],
                 "options": options.to_dict(),
-                "store": {"output": journal.store.output, "token": journal.store.token},
+                "store": {"output": journal.store.output, "token": token or journal.store.token},
             }
             return isolate.run_block(job, {"seconds": 30.0, "memory": 1 << 30, "retries": 2, **limits})
 
@@ -317,6 +318,21 @@ def test_harm_costs_only_the_file_that_does_it(process: Callable[..., dict[str, 
         "hog.obj": ("fault", "took more than 1024 MiB of memory; raise the limit, or split the file"),
     }
     assert record(tmp_path / "out", "in/crash.obj")["reason"] == "its process died by SIGSEGV"
+
+    # a run that has to stop leaves the process ready for the next
+    stopped = process(paths, tmp_path / "other", token="that of another run")
+    assert "another run" in stopped["stop"]
+    assert len(process(paths, tmp_path / "other")["finished"]) == 2
+
+
+def test_a_process_that_cannot_start_stops_the_batch(
+    process: Callable[..., dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['torch'] = None\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]]))
+    done = process(write_curves(tmp_path / "in", 3), tmp_path / "out")
+    assert done["finished"] == []
+    assert "cannot start: its process died with status 1: ModuleNotFoundError" in done["stop"]
 
 
 def test_records_are_json_without_nan(mixed: Path, tmp_path: Path) -> None:
