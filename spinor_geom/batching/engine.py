@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -353,7 +354,19 @@ def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iter
         Client(cluster, set_as_default=False) as client,
         client.as_current(),
     ):
+        client.register_plugin(_deafness())
         yield client
+
+
+def _deafness() -> Any:
+    """Makes workers leave an interrupt of the terminal, which all processes hear, to the driver."""
+    from distributed import WorkerPlugin
+
+    class Deaf(WorkerPlugin):  # type: ignore[misc]
+        def setup(self, worker: Any) -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return Deaf()
 
 
 def _cores() -> int:

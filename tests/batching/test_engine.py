@@ -77,6 +77,7 @@ def started(*arguments: object, limit_file: int | None = None) -> subprocess.Pop
         text=True,
         cwd=os.path.abspath(os.sep),
         preexec_fn=limited,
+        start_new_session=True,
     )
 
 
@@ -229,6 +230,7 @@ def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(
     assert results(small_disk / "out") == whole
 
 
+@pytest.mark.slow
 def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> None:
     # as full disks do, where no disk can be mounted
     driver = started(corpus / "curve000.obj", "-o", tmp_path / "out", "--workers", 1, limit_file=1500)
@@ -237,6 +239,19 @@ def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> No
     assert "File too large" in said
     assert records(tmp_path / "out") == []
     assert len(list(tmp_path.rglob("*.obj"))) == 0
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    driver = started(corpus, "-o", output, "--workers", 1)
+    wait_until(lambda: len(records(output)) > 1)
+    solvers, workers = processes_of(driver.pid)
+    os.killpg(driver.pid, signal.SIGINT)  # as a terminal does it
+    _, said = driver.communicate(timeout=60)
+    assert (driver.returncode, said) == (130, "spinor-geom: interrupted\n")
+    psutil.wait_procs([*solvers, *workers], timeout=20)
+    assert not any(process.is_running() for process in [*solvers, *workers])
 
 
 def test_two_runs_exclude_each_other(corpus: Path, tmp_path: Path) -> None:

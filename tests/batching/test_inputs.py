@@ -16,7 +16,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.batching import archives, inputs
@@ -251,6 +251,7 @@ def test_every_truncated_archive_is_a_problem(tmp_path: Path, suffix: str) -> No
         assert all(source.problem for source in list(Inputs([str(path)]))[-1:]), share
 
 
+@settings(max_examples=40)
 @given(st.lists(st.lists(st.text(min_size=1, max_size=8), min_size=1, max_size=4), min_size=2, max_size=6))
 def test_names_are_harmless_and_different_names_stay_different(names: list[list[str]]) -> None:
     # a part of an input's name has no separator

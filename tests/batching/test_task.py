@@ -130,18 +130,18 @@ def test_loops_alone_are_written_without_being_solved(
 
 
 def test_comparisons_stand_in_the_record(tmp_path: Path) -> None:
-    (path,) = write_curves(tmp_path, 1, points=24)
+    (path,) = write_curves(tmp_path, 1)
     solved([path], tmp_path / "out", compare=True)
     (entry,) = record(tmp_path / "out", "curve000.obj")["loops"]
-    assert 0 < entry["comparison"]["hausdorff"]["mean"] < entry["comparison"]["hausdorff"]["max"] < 0.1
+    assert 0 < entry["comparison"]["hausdorff"]["mean"] < entry["comparison"]["hausdorff"]["max"] < 0.2
     assert not any("seconds" in key for key in entry["comparison"])
     assert entry["seconds"]["comparison"] > 0
 
 
 def test_edge_length_and_tolerance_are_obeyed(tmp_path: Path) -> None:
-    (path,) = write_curves(tmp_path, 1, points=24)
+    (path,) = write_curves(tmp_path, 1)
     faces = []
-    for number, length in enumerate(("auto", 0.1)):
+    for number, length in enumerate(("auto", 0.2)):
         solved([path], tmp_path / f"out{number}", edge_length=length, tolerance=1e-14)
         (entry,) = record(tmp_path / f"out{number}", "curve000.obj")["loops"]
         assert (entry["status"], entry["patch_faces"] > 0) == ("imperfect", True)
