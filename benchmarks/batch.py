@@ -114,7 +114,7 @@ def cluster_figure(work: Path, embedded: Path) -> Figure:
     from distributed import LocalCluster
 
     note("a cluster of four workers")
-    with LocalCluster(n_workers=4, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=4, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
         batch_run(work / "smooth", work / "cluster", scheduler=cluster.scheduler_address)
     ours, theirs = meshes(embedded), meshes(work / "cluster")
     equal = sum(theirs.get(name) == checksum for name, checksum in ours.items())

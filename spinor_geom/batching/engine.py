@@ -349,6 +349,8 @@ def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iter
             memory_limit=0,  # the processes that solve have a limit of their own
             host="127.0.0.1",
             dashboard_address=None,
+            # what is left of its web server takes a port that is free: there may be other batches
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster, set_as_default=False) as client,

@@ -194,7 +194,7 @@ def test_a_cluster_leaves_the_same_bytes(reference: BatchResult, corpus: Path, t
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=50
     ) as cluster:
         result = batch(corpus, tmp_path / "out", scheduler=cluster.scheduler_address)
         assert cluster.scheduler_address.startswith("tcp://127.0.0.1:")
