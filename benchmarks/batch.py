@@ -73,7 +73,9 @@ def write_files(folder: Path, count: int, loop: Callable[[int], BoundaryLoop]) -
 def batch_run(inputs: Path, output: Path, **options: Any) -> dict[str, float]:
     """Seconds, megabytes of the driver, and counts of one batch."""
     arguments = json.dumps({"inputs": str(inputs), "output": str(output), **options})
-    done = subprocess.run([sys.executable, "-c", RUN, arguments], check=True, capture_output=True, text=True)
+    command = [sys.executable, "-c", RUN, arguments]
+    # not from the clone, whose source would hide the installed package
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=output.parent)
     figures: dict[str, float] = json.loads(done.stdout)
     return figures
 
