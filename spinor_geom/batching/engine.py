@@ -113,7 +113,8 @@ def batch(
 
     Args:
         inputs: OBJ files, folders (searched with all below them), patterns, manifests (.csv with a column "path",
-            .jsonl), and archives (.zip, .tar, packed or not), which are read without being unpacked.
+            .jsonl), and archives (.zip, .tar, packed or not), which are read without being unpacked. What is in them is
+            never in memory all at once; what is named here is.
         output: the folder to write to: empty or new, but for a resumed run.
         what: "fill" for the triangulation of each loop, and of files with faces the filled mesh; "surface" for the
             triangulation and the spinor surface, to be read by `SpinorSurface.load`; "loops" for the loops alone.
@@ -157,7 +158,7 @@ def batch(
         raise OptionError("workers are those of the scheduler's cluster; give one of workers and scheduler")
     if workers is not None and workers < 1:
         raise OptionError(f"workers must be at least 1, not {workers}")
-    sources = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs)
+    sources = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output)
     with opened_journal(output, options, resume=resume) as journal:
         with _counter(sources, wanted=on_progress is not None) as count:
             run = _Run(journal, options, limits, count, on_progress)

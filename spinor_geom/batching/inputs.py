@@ -70,8 +70,14 @@ class Inputs:
         BatchError: an input does not exist, or a pattern fits nothing.
     """
 
-    def __init__(self, inputs: Iterable[str | os.PathLike[str]]) -> None:
-        """Gives every input a name of its own; reads nothing yet."""
+    def __init__(self, inputs: Iterable[str | os.PathLike[str]], *, output: str | os.PathLike[str]) -> None:
+        """Gives every input a name of its own; reads nothing yet.
+
+        Args:
+            inputs: files, patterns, folders, manifests, archives; their names are held in memory, what is in them not.
+            output: a folder that is not searched: results are no inputs.
+        """
+        self._output = os.path.realpath(output)
         self._roots: list[tuple[str, str]] = []
         taken: dict[str, int] = {}
         for named in inputs:
@@ -79,6 +85,8 @@ class Inputs:
             pattern = not os.path.lexists(given) and glob.has_magic(given)
             if not (next(glob.iglob(given, recursive=True), None) if pattern else os.path.exists(given)):
                 raise BatchError(f"{given}: {'fits no file' if pattern else 'no such file or folder'}; check the name")
+            if os.path.realpath(given) == self._output:
+                raise BatchError(f"{given}: is the output folder; name another for the results")
             label = os.path.basename(os.path.abspath(_fixed_part(given) if pattern else given)) or "root"
             count = taken[label] = taken.get(label, 0) + 1
             self._roots.append((os.path.abspath(given), label if count == 1 else f"{label}~{count}"))
@@ -88,16 +96,18 @@ class Inputs:
     def __iter__(self) -> Iterator[Source]:
         """One source after the other; what cannot be read is one with a problem."""
         for path, label in self._roots:
-            yield from _expanded(path, label)
+            yield from _expanded(path, label, self._output)
 
 
-def _expanded(path: str, label: str) -> Iterator[Source]:
+def _expanded(path: str, label: str, output: str) -> Iterator[Source]:
     if not os.path.lexists(path):
         start = _fixed_part(path)
         for found in _sorted(name for name in glob.iglob(path, recursive=True) if _is_wanted(name)):
+            if Path(os.path.realpath(found)).is_relative_to(output):
+                continue
             yield from _of_file(found, [label, *os.path.relpath(found, start).split(os.sep)])
     elif os.path.isdir(path):
-        yield from _of_folder(path, [label])
+        yield from _of_folder(path, [label], output)
     elif path.lower().endswith(MANIFESTS):
         yield from _of_manifest(Path(path), label)
     else:
@@ -115,8 +125,10 @@ def _is_wanted(name: str) -> bool:
     return (name.lower().endswith(SUFFIX) or is_archive(name)) and not os.path.isdir(name)
 
 
-def _of_folder(folder: str, parts: Sequence[str]) -> Iterator[Source]:
+def _of_folder(folder: str, parts: Sequence[str], output: str) -> Iterator[Source]:
     """All OBJ files and archives in a folder and those below it; links to folders are not followed."""
+    if os.path.realpath(folder) == output:
+        return
     names = _sorted(_wanted_names(folder))
     while True:
         try:
@@ -128,7 +140,7 @@ def _of_folder(folder: str, parts: Sequence[str]) -> Iterator[Source]:
             return
         path, inner = os.path.join(folder, name), [*parts, name]
         if os.path.isdir(path) and not os.path.islink(path):
-            yield from _of_folder(path, inner)
+            yield from _of_folder(path, inner, output)
         elif os.path.islink(path):
             yield _problem(inner, path, "is a link", "name the file itself")
         else:

@@ -14,6 +14,7 @@ from spinor_geom.batching.records import failure, program_version, summary
 from spinor_geom.batching.tables import write_tables
 from spinor_geom.files import atomic_path
 
+NO_RESULTS = "has no results: it came while the batch ran, or they were removed; resume the batch"
 TABLE, TABLE_CSV, PAGE = "loops.parquet", "loops.csv", "summary.html"
 
 
@@ -31,7 +32,7 @@ def write_summary(
     def records() -> Iterator[dict[str, Any]]:
         with atomic_path(journal.log) as log, log.open("w", encoding="utf-8") as file:
             for source in sources:
-                record = journal.store.record(source.key) or failure(source.key, "its results were removed")
+                record = journal.store.record(source.key) or failure(source.key, NO_RESULTS)
                 parts.add(record)
                 if record["status"] != "done":
                     file.write(log_line(summary(record)))

@@ -274,6 +274,8 @@ def test_folders_that_hold_something_are_left_alone(
     assert main(["batch", str(corpus), "-o", output, "--resume", "--format", "ply"]) == 2
     assert "was begun with other options" in capsys.readouterr().err
     assert main(["batch", str(corpus), "-o", str(corpus)]) == 2
+    assert "is the output folder" in capsys.readouterr().err
+    assert main(["batch", str(corpus / "roof.obj"), "-o", str(corpus)]) == 2
     assert "holds other things" in capsys.readouterr().err
     (tmp_path / "files").mkdir()
     (tmp_path / RUN).write_text("{")

@@ -13,6 +13,7 @@ import struct
 import tarfile
 import tracemalloc
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -28,12 +29,16 @@ from spinor_geom.errors import ArchiveError, BatchError
 PACKERS = {".tar": lambda data: data, ".tar.gz": gzip.compress, ".tbz2": bz2.compress, ".tar.xz": lzma.compress}
 
 
+def listed(given: Iterable[str]) -> Inputs:
+    return Inputs(given, output="/nowhere")
+
+
 def keys(*given: object) -> list[str]:
-    return [source.key for source in Inputs(map(str, given))]
+    return [source.key for source in listed(map(str, given))]
 
 
 def problem(given: object) -> str:
-    (source,) = Inputs([str(given)])
+    (source,) = listed([str(given)])
     return source.problem
 
 
@@ -93,9 +98,18 @@ def test_inputs_of_one_name_are_told_apart(folder: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize("given", ["nowhere", "nowhere/*.obj"])
 def test_inputs_that_do_not_exist_stop_the_batch(tmp_path: Path, given: str) -> None:
     with pytest.raises(BatchError, match="nowhere"):
-        Inputs([str(tmp_path / given)])
+        listed([str(tmp_path / given)])
     with pytest.raises(BatchError, match="no inputs"):
-        Inputs([])
+        listed([])
+
+
+def test_results_are_no_inputs(folder: Path) -> None:
+    for pattern in (folder, folder / "**" / "*.obj"):
+        found = [source.key for source in Inputs([str(pattern)], output=folder / "deep")]
+        assert not [key for key in found if "deep" in key]
+        assert "scans/b.obj" in found
+    with pytest.raises(BatchError, match="is the output folder"):
+        Inputs([str(folder)], output=folder)
 
 
 def test_manifests_name_files_from_where_they_are(folder: Path) -> None:
@@ -103,7 +117,7 @@ def test_manifests_name_files_from_where_they_are(folder: Path) -> None:
     table.write_text("\ufeffid,path\n1,b.obj\n2,deep/er/c.obj\n3,\n4,gone.obj\n5,b.obj\n", encoding="utf-8")
     lines = folder / "list.jsonl"
     lines.write_text('{"path": "b.obj"}\n\n"deep/er/c.obj"\n{"file": 3}\n')
-    found = list(Inputs([str(table)]))
+    found = list(listed([str(table)]))
     assert [(source.key, bool(source.problem)) for source in found] == [
         ("list.csv/1/b.obj", False),
         ("list.csv/2/deep/er/c.obj", False),
@@ -113,7 +127,7 @@ def test_manifests_name_files_from_where_they_are(folder: Path) -> None:
     ]
     assert [Path(source.path).name for source in found[:2]] == ["b.obj", "c.obj"]
     assert "row 3 names no path" in found[2].problem
-    assert [source.key for source in Inputs([str(lines)])] == [
+    assert [source.key for source in listed([str(lines)])] == [
         "list.jsonl/1/b.obj",
         "list.jsonl/3/deep/er/c.obj",
         "list.jsonl/4/problem",
@@ -140,7 +154,7 @@ def test_what_is_no_regular_file_is_not_opened(folder: Path) -> None:
     os.mkfifo(folder / "e.obj")  # would wait for ever
     (folder / "f.obj").symlink_to("/etc/passwd")
     (folder / "g").symlink_to("/")
-    found = {source.key: source.problem for source in Inputs([str(folder)])}
+    found = {source.key: source.problem for source in listed([str(folder)])}
     assert "no regular file" in found["scans/e.obj"]
     assert "is a link" in found["scans/f.obj"]
     assert not any(key.startswith("scans/g") for key in found)
@@ -153,7 +167,7 @@ def test_archives_are_read_member_by_member_in_any_order(tmp_path: Path, suffix:
     entries = [*data.items(), ("set/readme.txt", b"no mesh")]
     path = tmp_path / f"pack{suffix}"
     (packed_zip if suffix == ".zip" else packed_tar)(path, entries)
-    found = list(Inputs([str(path)]))
+    found = list(listed([str(path)]))
     assert [source.key for source in found] == [f"pack{suffix}/set/{number}.obj" for number in range(5)]
     reader = ArchiveReader()
     for source in [*found, found[3], found[1]]:
@@ -248,7 +262,7 @@ def test_every_truncated_archive_is_a_problem(tmp_path: Path, suffix: str) -> No
     data = path.read_bytes()
     for share in (0.0, 0.01, 0.3, 0.5):
         path.write_bytes(data[: int(share * len(data))])
-        assert all(source.problem for source in list(Inputs([str(path)]))[-1:]), share
+        assert all(source.problem for source in list(listed([str(path)]))[-1:]), share
 
 
 @settings(max_examples=40)
@@ -287,7 +301,7 @@ def test_listing_takes_the_same_memory_for_ten_times_as_many(tmp_path: Path) -> 
         path = tmp_path / f"{count}.jsonl"
         path.write_text('{"path": "gone.obj"}\n' * count)
         tracemalloc.start()
-        assert sum(1 for _ in Inputs([str(path)])) == count
+        assert sum(1 for _ in listed([str(path)])) == count
         _, most = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         return most

@@ -31,7 +31,7 @@ def solved(given: list[Path], output: Path, *, together: int = 16, **options: An
     chosen = BatchOptions(**options)
     told: Told = []
     with opened_journal(output, chosen, resume=False) as journal:
-        sources = [source.to_dict() for source in Inputs(given)]
+        sources = [source.to_dict() for source in Inputs(given, output=output)]
         for start in range(0, len(sources), together):
             job = {"sources": sources[start : start + together], "options": chosen.to_dict()}
             store = {"output": journal.store.output, "token": journal.store.token}
@@ -248,7 +248,7 @@ def test_nothing_is_written_where_a_link_leads_out(tmp_path: Path) -> None:
     with opened_journal(tmp_path / "out", options, resume=False) as journal:
         (tmp_path / "out" / "files").mkdir()
         (tmp_path / "out" / "files" / "in").symlink_to(outside)
-        (source,) = Inputs([path.parent])
+        (source,) = Inputs([path.parent], output=tmp_path / "out")
         with pytest.raises(BatchError, match="leads out of the output folder"):
             journal.store.commit(source, {}, {})
     assert list(outside.iterdir()) == []
@@ -260,7 +260,7 @@ def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
     with opened_journal(tmp_path / "out", options, resume=False) as old:
         pass
     with opened_journal(tmp_path / "out", options, resume=False):
-        (source,) = Inputs([path])
+        (source,) = Inputs([path], output=tmp_path / "out")
         with pytest.raises(BatchError, match="another run"):
             old.store.commit(source, {}, {})
     assert not (tmp_path / "out" / "files" / "curve000.obj").exists()
@@ -292,7 +292,7 @@ def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
         options = BatchOptions()
         with opened_journal(output, options, resume=output.exists()) as journal:
             job = {
-                "sources": [source.to_dict() for source in Inputs(given)],
+                "sources": [source.to_dict() for source in Inputs(given, output=output)],
                 "options": options.to_dict(),
                 "store": {"output": journal.store.output, "token": token or journal.store.token},
             }
