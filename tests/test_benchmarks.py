@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from spinor_geom import TriangleMesh, boundary_loops, gallery
+from spinor_geom import TriangleMesh, boundary_loops, gallery, read_mesh
 from spinor_geom.errors import SurfaceError
 from tests.exact_solutions import ENNEPER, exact_solution
 
@@ -243,3 +243,22 @@ def test_our_fill_is_measured_whole(
     left_open = dataclasses.replace(filled, vertices=filled.vertices + 1e-9, faces=filled.faces[:-1])
     *_, closed, kept = fillers.row(hole, "other", left_open)
     assert (closed, kept) == ("no, +3 open edges", "no")
+
+
+def test_batches_have_their_place_on_the_page_and_files_of_one_loop(
+    benchmark_modules: Callable[[str], ModuleType], tables: ModuleType, tmp_path: Path
+) -> None:
+    batches = benchmark_modules("batch")
+    page = (BENCHMARKS / "README.md").read_text(encoding="utf-8")
+    assert "\n\nnew\n\n" in tables.replaced_section(page, "new", begin=batches.BEGIN, end=batches.END)
+    folder = batches.write_files(tmp_path / "in", 2, batches.rough_loop)
+    for seed, path in enumerate(sorted(folder.iterdir())):
+        file = read_mesh(path)
+        (curve,) = file.polylines
+        np.testing.assert_array_equal(file.mesh.vertices[curve[:-1]], batches.rough_loop(seed).points)
+
+
+def test_loops_are_solved_alone_and_side_by_side(benchmark_modules: Callable[[str], ModuleType]) -> None:
+    table = benchmark_modules("batch").side_by_side(count=2)
+    assert [row[0] for row in table.rows] == ["12", "24", "48", "100"]
+    assert {row[-1] for row in table.rows} == {"2 of 2"}

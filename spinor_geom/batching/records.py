@@ -27,7 +27,8 @@ def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
     return {
         "source": key,
         "status": status,
-        "reason": reason,
+        # names of files may hold bytes that are no text
+        "reason": reason.encode("utf-8", "replace").decode("utf-8"),
         "vertices": None,
         "faces": None,
         "curves": None,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from spinor_geom import SpinorSurface, boundary_loops, read_mesh, solve_plateau
@@ -18,6 +19,7 @@ from spinor_geom.batching.archives import ArchiveReader
 from spinor_geom.batching.inputs import Inputs
 from spinor_geom.batching.journal import opened_journal
 from spinor_geom.batching.options import BatchOptions
+from spinor_geom.batching.summary import write_summary
 from spinor_geom.errors import BatchError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.batching.files import circle, curve_text, holed_text, record, results, vertex_lines, write_curves
@@ -333,6 +335,22 @@ def test_a_process_that_cannot_start_stops_the_batch(
     done = process(write_curves(tmp_path / "in", 3), tmp_path / "out")
     assert done["finished"] == []
     assert "cannot start: its process died with status 1: ModuleNotFoundError" in done["stop"]
+
+
+def test_names_that_are_no_text_reach_tables_log_and_page(tmp_path: Path) -> None:
+    folder, output = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    (folder / os.fsdecode(b"\xff.obj")).symlink_to("nowhere")
+    (folder / os.fsdecode(b"\xfe=1.obj")).write_text("g =1+1\n" + curve_text(circle(9)))
+    solved([folder], output)
+    with opened_journal(output, BatchOptions(), resume=True) as journal:
+        paths = write_summary(journal, Inputs([folder], output=output), BatchOptions(), {"seconds": 1.0})
+        log = journal.log.read_text(encoding="utf-8")
+    assert log.startswith("failed\tin/%FF.obj\t")
+    assert [row["source"] for row in pq.read_table(paths["table"]).to_pylist()] == ["in/%FE=1.obj", "in/%FF.obj"]
+    # no formula for a spreadsheet
+    assert "in/%FE=1.obj,0,'=1+1," in paths["table_csv"].read_text(encoding="utf-8")
+    assert paths["page"].read_text(encoding="utf-8").count("<svg") >= 1
 
 
 def test_records_are_json_without_nan(mixed: Path, tmp_path: Path) -> None:
