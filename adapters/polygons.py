@@ -128,7 +128,7 @@ def _least_agreement(vertices: Float[np.ndarray, "v 3"], fans: Int[np.ndarray, "
     return np.asarray(np.einsum("mtx,mx->mt", areas, areas.sum(axis=1)).min(axis=1))
 
 
-def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[Int[np.ndarray, " _"], ...]:
+def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[np.ndarray, " _"]], ...]:
     """Pieces of polylines joined into curves as long as possible.
 
     Pieces are joined, turned round where needed, at every vertex where exactly two of their ends meet. A closed curve
@@ -138,7 +138,7 @@ def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[Int[np.ndarray, 
         elements: vertex indices of each piece, (k,) with k ≥ 2.
 
     Returns:
-        The curves, in the order and direction of the first piece of each.
+        The number of each curve's first piece, and the curve, in the order and direction of those pieces.
     """
     pieces = [element.tolist() for element in elements]
     ends: dict[int, list[int]] = {}
@@ -151,8 +151,8 @@ def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[Int[np.ndarray, 
         if number in unused:
             unused.discard(number)
             forward = _grown(piece, pieces, ends, unused)
-            curves.append(_grown(forward[::-1], pieces, ends, unused)[::-1])
-    return tuple(np.array(curve, dtype=np.int64) for curve in curves)
+            curves.append((number, _grown(forward[::-1], pieces, ends, unused)[::-1]))
+    return tuple((number, np.array(curve, dtype=np.int64)) for number, curve in curves)
 
 
 def _grown(curve: list[int], pieces: list[list[int]], ends: dict[int, list[int]], unused: set[int]) -> list[int]:

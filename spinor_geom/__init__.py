@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from spinor_geom.adapters import MeshFile as MeshFile
     from spinor_geom.adapters import read_mesh as read_mesh
+    from spinor_geom.batching.engine import BatchProgress as BatchProgress
+    from spinor_geom.batching.engine import BatchResult as BatchResult
+    from spinor_geom.batching.engine import batch as batch
     from spinor_geom.comparison import Comparison as Comparison
     from spinor_geom.comparison import compare as compare
     from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface as DiscreteMinimalSurface
@@ -36,6 +39,8 @@ if TYPE_CHECKING:
     from spinor_geom.surface.spinor_surface import SpinorSurface as SpinorSurface
 
 _MODULES = {
+    "BatchProgress": "spinor_geom.batching.engine",
+    "BatchResult": "spinor_geom.batching.engine",
     "BoundaryCurve": "spinor_geom.mesh.curve",
     "BoundaryLoop": "spinor_geom.mesh.boundary_loop",
     "CauchyNetwork": "spinor_geom.holomorphic.cauchy",
@@ -53,6 +58,7 @@ _MODULES = {
     "SpinorGeomError": "spinor_geom.errors",
     "SpinorSurface": "spinor_geom.surface.spinor_surface",
     "TriangleMesh": "spinor_geom.mesh.triangle_mesh",
+    "batch": "spinor_geom.batching.engine",
     "boundary_loops": "spinor_geom.fill.loops",
     "compare": "spinor_geom.comparison",
     "discrete_minimal_surface": "spinor_geom.discrete.minimal_surface",

@@ -197,6 +197,29 @@ class SelfCrossingLoopError(LoopError):
         )
 
 
+class OpenCurveError(LoopError):
+    """A curve does not come back to its first point."""
+
+    def __init__(self, *, gap: float, mean_edge: float) -> None:
+        super().__init__(
+            f"the curve is open: its ends are {gap:.6g} apart, {gap / mean_edge if mean_edge else 0:.3g} of its mean "
+            "edges; close it, or raise the closing tolerance",
+            gap=gap,
+            mean_edge=mean_edge,
+        )
+
+
+class KnottedLoopError(LoopError):
+    """The loop is knotted, so every disk over it crosses itself."""
+
+    def __init__(self, *, determinant: float) -> None:
+        super().__init__(
+            f"the loop is knotted (|Δ(−1)| of its Alexander polynomial is {determinant:.0f}), so every disk over it "
+            "crosses itself; cut it into loops that are not",
+            determinant=determinant,
+        )
+
+
 class NoAreaError(LoopError):
     """The loop encloses nothing: its points lie on a line, or its sides on each other."""
 
@@ -284,6 +307,14 @@ class UnknownMeshTypeError(SpinorGeomError, TypeError):
 
 class MeshFileError(SpinorGeomError, ValueError):
     """A mesh file is missing, malformed, or of an unknown format."""
+
+
+class ArchiveError(SpinorGeomError, ValueError):
+    """An archive is damaged, or holds what no honest archive of meshes holds."""
+
+
+class BatchError(SpinorGeomError):
+    """A batch cannot start or go on."""
 
 
 class MissingPackageError(SpinorGeomError, ImportError):

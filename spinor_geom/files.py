@@ -6,6 +6,7 @@ import json
 import math
 import os
 import secrets
+import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -49,6 +50,40 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
             _flush(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str], *, staging: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary folder to write to, which becomes `path` only when the block ends without an error.
+
+    At the end of the block its files are flushed to the disk (fsync), and it is renamed; a folder that was there is
+    removed just before.
+
+    Args:
+        path: the folder to make; those above it are made if they do not exist.
+        staging: where temporary folders lie, on the same disk; is made if it does not exist.
+
+    Yields:
+        The folder to write to; it exists and is empty.
+
+    Raises:
+        OSError: a folder cannot be made, or the disk is full.
+    """
+    target, temporary = Path(path), Path(staging) / secrets.token_hex(8)
+    temporary.mkdir(parents=True)
+    try:
+        yield temporary
+        for file in temporary.iterdir():
+            _flush(file)
+        _flush(temporary)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.exists():
+            shutil.rmtree(target)
+        os.rename(temporary, target)
+        if os.name != "nt":
+            _flush(target.parent)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:

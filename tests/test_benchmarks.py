@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from spinor_geom import gallery
+from spinor_geom import gallery, read_mesh
 from spinor_geom.bench.tables import Table
 from spinor_geom.errors import SurfaceError
 from tests.exact_solutions import ENNEPER, exact_solution
@@ -248,3 +248,22 @@ def test_the_paper_s_training_is_measured_as_far_as_it_went(
     assert (ended.measured, ended.met) == ("finished after 4 of 800 epochs", None)
     assert falls.name == "loss falls on average, 4 parts"
     assert largest.name.endswith("after 4 of 800 epochs")
+
+
+def test_batches_have_their_place_on_the_page_and_files_of_one_loop(
+    benchmark_modules: Callable[[str], ModuleType], tables: ModuleType, tmp_path: Path
+) -> None:
+    batches = benchmark_modules("batch")
+    page = (BENCHMARKS / "README.md").read_text(encoding="utf-8")
+    assert "\n\nnew\n\n" in tables.replaced_section(page, "new", begin=batches.BEGIN, end=batches.END)
+    folder = batches.write_files(tmp_path / "in", 2, batches.rough_loop)
+    for seed, path in enumerate(sorted(folder.iterdir())):
+        file = read_mesh(path)
+        (curve,) = file.polylines
+        np.testing.assert_array_equal(file.mesh.vertices[curve[:-1]], batches.rough_loop(seed).points)
+
+
+def test_loops_are_solved_alone_and_side_by_side(benchmark_modules: Callable[[str], ModuleType]) -> None:
+    table = benchmark_modules("batch").side_by_side(count=2)
+    assert [row[0] for row in table.rows] == ["12", "24", "48", "100"]
+    assert {row[-1] for row in table.rows} == {"2 of 2"}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from spinor_geom.files import atomic_path
+from spinor_geom.files import atomic_folder, atomic_path
 
 
 def names(folder: Path) -> list[str]:
@@ -93,3 +93,30 @@ def test_folder_is_refused(tmp_path: Path) -> None:
 def test_missing_folder_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "missing" / "a.obj"):
         pass
+
+
+def test_a_folder_appears_with_all_its_files_or_not_at_all(tmp_path: Path) -> None:
+    target, staging = tmp_path / "deep" / "er" / "target", tmp_path / "staging"
+    with atomic_folder(target, staging=staging) as folder:
+        (folder / "a").write_text("1")
+        assert not target.exists()
+    assert (target / "a").read_text() == "1"
+    with pytest.raises(IsADirectoryError), atomic_folder(target, staging=staging) as folder:
+        folder.write_text("2")
+    assert [path.name for path in target.iterdir()] == ["a"]
+    with atomic_folder(target, staging=staging) as folder:
+        (folder / "b").write_text("2")
+    assert [path.name for path in target.iterdir()] == ["b"]
+    assert list(staging.iterdir()) == []
+
+
+def test_files_of_a_folder_are_on_the_disk_before_it_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    events: list[str] = []
+    fsync, rename = os.fsync, os.rename
+    monkeypatch.setattr(os, "fsync", lambda descriptor: (events.append("fsync"), fsync(descriptor)))
+    monkeypatch.setattr(os, "rename", lambda *names: (events.append("rename"), rename(*names)))
+    with atomic_folder(tmp_path / "target", staging=tmp_path / "staging") as folder:
+        (folder / "a").write_text("1")
+        (folder / "b").write_text("2")
+    # two files and the folder, then the names above it
+    assert events == ["fsync"] * 3 + ["rename", "fsync"]

@@ -71,6 +71,25 @@ def show_lines(text: str, *, piped: bool) -> None:
 
 
 @contextmanager
+def batch_progress() -> Iterator[Callable[[int, int | None, str, float | None], None]]:
+    """A progress bar as `progress` has it, for work whose amount may not be known yet.
+
+    Yields:
+        What to call with the number of things done and of all, a line of figures, and the seconds left.
+    """
+    console = Console(stderr=True)
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def show(done: int, total: int | None, figures: str, left: float | None) -> None:
+            eta = "" if left is None else f", ready in {left / 60:.0f} min" if left > 90 else f", ready in {left:.0f} s"
+            bar.update(task, completed=done, total=total, description=figures + eta)
+
+        yield show
+
+
+@contextmanager
 def progress(label: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on standard error while the block runs, on a terminal only.
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 
 EPILOG = """exit status: 0 every requested loop was filled within the tolerance and no patch crosses itself, the mesh or
@@ -55,6 +56,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_loops(commands)
     _add_reproduce(commands)
     _add_bench(commands)
+    _add_batch(commands)
     return parser
 
 
@@ -172,10 +174,95 @@ def _names(text: str) -> list[str]:
     return [name for name in text.split(",") if name]
 
 
+def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    batch = commands.add_parser(
+        "batch",
+        help="solve the boundary loops of many OBJ files",
+        epilog="exit status: 0 every loop of every file was done within the tolerance and crosses nothing, 1 some were "
+        "not (OUT/failures.log names them), 2 the batch could not start or go on",
+    )
+    batch.add_argument(
+        "inputs",
+        metavar="INPUT",
+        nargs="+",
+        help="OBJ file, folder (with all below it), pattern, manifest (.csv with a column path, .jsonl) or archive "
+        "(.zip, .tar, .tar.gz, ...)",
+    )
+    batch.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help="folder of results")
+    batch.add_argument(
+        "--what",
+        choices=WHAT,
+        default="fill",
+        help="fill: triangulations and filled meshes; surface: triangulations and spinor surfaces; loops: the loops "
+        "alone (default: %(default)s)",
+    )
+    batch.add_argument("--format", choices=FORMAT, default="obj", help="of the meshes (default: %(default)s)")
+    batch.add_argument("--workers", metavar="N", type=_count, help="processes that solve (default: one a core)")
+    batch.add_argument("--scheduler", metavar="ADDRESS", help="use a running Dask cluster instead, as tcp://host:8786")
+    batch.add_argument(
+        "--edge-length",
+        metavar="LENGTH",
+        type=_positive,
+        help="edge length of the triangulations (default: each loop's mean edge)",
+    )
+    batch.add_argument(
+        "--tolerance",
+        metavar="T",
+        type=_positive,
+        default=1e-3,
+        help="RMS boundary residual per mean edge of the loop (default: %(default)s)",
+    )
+    batch.add_argument(
+        "--closing",
+        metavar="T",
+        type=_from_zero,
+        default=1e-3,
+        help="curves whose ends are at most so many mean edges apart are closed (default: %(default)s)",
+    )
+    batch.add_argument("--compare", action="store_true", help="compare each surface with a discrete minimal surface")
+    batch.add_argument("--device", default="cpu", help="of the batched linear algebra (default: %(default)s)")
+    batch.add_argument("--resume", action="store_true", help="go on with the run in OUT: do what is not complete")
+    batch.add_argument(
+        "--time-limit",
+        metavar="SECONDS",
+        type=_positive,
+        default=300.0,
+        help="for reading a file and for each of its loops (default: %(default)s)",
+    )
+    batch.add_argument(
+        "--memory-limit",
+        metavar="SIZE",
+        type=_bytes,
+        default=4 << 30,
+        help="of a process that solves, as 512M or 4G (default: 4G)",
+    )
+    batch.add_argument(
+        "--retries",
+        metavar="K",
+        type=int,
+        default=2,
+        help="tries of a file after its process died (default: %(default)s)",
+    )
+
+
 def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
+    if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 on")
     return int(text)
+
+
+def _bytes(text: str) -> int:
+    units = {"": 0, "k": 10, "m": 20, "g": 30, "t": 40}
+    size = text.lower().removesuffix("b").removesuffix("i")
+    number = size.rstrip("kmgt")
+    try:
+        return int(_positive(number) * 2 ** units[size[len(number) :]])
+    except (KeyError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size such as 512M or 4G") from None
+
+
+def _from_zero(text: str) -> float:
+    return 0.0 if text.strip("0.") == "" and text else _positive(text)
 
 
 def _places(text: str) -> list[int]:

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable
 from typing import Any, Literal, TypeVar, overload
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
-from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
-from spinor_geom.fill.one_loop import FillOptions, fill_loop, refuse_what_is_no_hole, require_positive
+from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
+from spinor_geom.fill.one_loop import FillOptions, refusal, require_positive
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.stitch import LoopPatch, RimEdges, joined, stitch
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.stitch import RimEdges, joined, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.plateau.solve import solve_plateau_batch
 from spinor_geom.plateau.task import Model
 from spinor_geom.plateau.threads import one_thread
 
@@ -137,7 +132,10 @@ def fill_hole(
         loops[places[0]] = loop  # keeps the corners that the caller gave it
     clock.lap("loops")
     with one_thread():
-        outcomes, patches = _fill_loops(triangles, loops, reasons, options, on_loop)
+        taken = RimEdges(triangles, loops)
+        requested = [entry for entry, reason in zip(loops, reasons, strict=True) if reason is None]
+        surfaces = minimal_surfaces(requested, [refusal(entry, taken) for entry in requested], options)
+        outcomes, patches = fill_loops(triangles, loops, reasons, surfaces, taken, options, on_loop)
     clock.lap("fill")
     extension = stitch(triangles, patches)
     filled = extend(source, extension)
@@ -153,58 +151,3 @@ def fill_hole(
         watertight=watertight,
         timings=clock.laps(),
     )
-
-
-def _fill_loops(
-    mesh: TriangleMesh,
-    loops: Sequence[BoundaryLoop],
-    reasons: Sequence[str | None],
-    options: FillOptions,
-    on_loop: Callable[[LoopOutcome, int], None] | None,
-) -> tuple[list[LoopOutcome], list[LoopPatch]]:
-    """One outcome for every loop, and the patches of those that are filled."""
-    taken, surroundings = RimEdges(mesh, loops), Surroundings(mesh)
-    requested = [place for place, reason in enumerate(reasons) if reason is None]
-    surfaces = _minimal_surfaces([loops[place] for place in requested], taken, options)
-    outcomes: list[LoopOutcome] = []
-    patches: list[LoopPatch] = []
-    for place, (loop, reason) in enumerate(zip(loops, reasons, strict=True)):
-        if reason is not None:
-            outcomes.append(
-                LoopOutcome(index=place, loop=loop, requested=False, filled=False, reason=reason, timings={})
-            )
-            continue
-        outcome, patch = fill_loop(mesh, place, loop, partial(_next, surfaces), taken, surroundings, options)
-        outcomes.append(outcome)
-        if patch is not None:
-            patches.append(patch)
-        if on_loop is not None:
-            on_loop(outcome, len(requested))
-    return outcomes, patches
-
-
-def _minimal_surfaces(
-    loops: Sequence[BoundaryLoop], taken: RimEdges, options: FillOptions
-) -> Iterator[PlateauSolution | SpinorGeomError]:
-    """For each loop in order its surface, or why it has none."""
-    refusals = [_refusal(loop, taken) for loop in loops]
-    holes = (loop for loop, error in zip(loops, refusals, strict=True) if error is None)
-    solutions = solve_plateau_batch(holes, model=options.model, tolerance=options.tolerance)
-    for error in refusals:
-        yield next(solutions) if error is None else error
-
-
-def _refusal(loop: BoundaryLoop, taken: RimEdges) -> SpinorGeomError | None:
-    try:
-        refuse_what_is_no_hole(loop, taken)
-    except SpinorGeomError as error:
-        return error
-    return None
-
-
-def _next(surfaces: Iterator[PlateauSolution | SpinorGeomError]) -> PlateauSolution:
-    """The next surface; raises the error in its place."""
-    surface = next(surfaces)
-    if isinstance(surface, SpinorGeomError):
-        raise surface
-    return surface

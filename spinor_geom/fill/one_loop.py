@@ -147,6 +147,15 @@ def fill_loop(
     return outcome, LoopPatch(place=place, loop=loop, patch=patch, attributes=attributes)
 
 
+def refusal(loop: BoundaryLoop, taken: RimEdges) -> SpinorGeomError | None:
+    """Why a loop bounds no hole, or None; see `refuse_what_is_no_hole`."""
+    try:
+        refuse_what_is_no_hole(loop, taken)
+    except SpinorGeomError as error:
+        return error
+    return None
+
+
 def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
     """Checks that a loop bounds a hole, before anything is solved.
 

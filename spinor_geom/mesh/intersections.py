@@ -104,7 +104,7 @@ def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
     ends = np.roll(points, -1, axis=0)
     tolerance = MEETING_PER_DIAGONAL * np.linalg.norm(np.ptp(points, axis=0))
     tolerance += 4 * np.finfo(np.float64).eps * np.abs(points).max()
-    first, second = _edges_with_near_boxes(points, ends, float(tolerance))
+    first, second = edges_with_near_boxes(points, ends, float(tolerance))
     step = second - first
     apart = (step > 1) & (step < len(points) - 1)
     first, second = first[apart], second[apart]
@@ -266,7 +266,7 @@ def _turn(
 # --- polygons ---------------------------------------------------------------------------------------------------------
 
 
-def _edges_with_near_boxes(
+def edges_with_near_boxes(
     starts: Float[np.ndarray, "m 3"], ends: Float[np.ndarray, "m 3"], distance: float
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Pairs i < j of segments of a chain whose boxes come within a distance of each other along every axis.

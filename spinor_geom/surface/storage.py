@@ -80,7 +80,7 @@ def write(parts: SurfaceParts, path: str | os.PathLike[str]) -> None:
         "complex": sorted(name for name, tensor in tensors.items() if tensor.is_complex()),
     }
     metadata = {"format": FORMAT, "version": str(VERSION), "description": json.dumps(description)}
-    data = to_bytes({name: _plain(tensor) for name, tensor in tensors.items()}, metadata)
+    data = _in_fixed_order(to_bytes({name: _plain(tensor) for name, tensor in tensors.items()}, metadata))
     with atomic_path(Path(path)) as temporary:
         temporary.write_bytes(data)
 
@@ -181,6 +181,17 @@ def _read_boundary(description: Mapping[str, Any], data: Mapping[str, Tensor]) -
         parts = ("parameters", "coefficients", "corners")
         return SplineBoundary(*(data[f"boundary/{part}"].numpy() for part in parts))
     raise ValueError(f"unknown boundary kind {description['kind']!r}")
+
+
+def _in_fixed_order(data: bytes) -> bytes:
+    """The file with sorted metadata, whose order safetensors leaves to chance: equal surfaces are equal files."""
+    start = 8  # of the header, after its size
+    size = int.from_bytes(data[:start], "little")
+    header = json.loads(data[start : start + size])
+    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+    text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)  # tensors are aligned
+    return len(text).to_bytes(start, "little") + text + data[start + size :]
 
 
 def _plain(tensor: Tensor) -> Tensor:

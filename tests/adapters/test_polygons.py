@@ -91,7 +91,7 @@ def test_followed_by_and_from_face_take_apart_what_they_join() -> None:
     ],
 )
 def test_polylines_are_chained(pieces: list[list[int]], curves: list[list[int]]) -> None:
-    found = chained([np.array(piece) for piece in pieces])
+    found = [curve for _, curve in chained([np.array(piece) for piece in pieces])]
     assert [curve.tolist() for curve in found] == curves
 
 
@@ -104,12 +104,17 @@ def representatives(uv: list[float], faces: list[list[int]] = SIDES) -> list[int
     return seam_representatives(SPLIT, polygons(*faces), [np.array(uv)[:, None]]).tolist()
 
 
+def test_curves_tell_their_first_piece() -> None:
+    pieces = [[5, 6], [1, 0], [6, 7], [1, 2]]
+    assert [number for number, _ in chained([np.array(piece) for piece in pieces])] == [0, 1]
+
+
 @given(st.lists(st.lists(st.integers(0, 9), min_size=2, max_size=4), min_size=1, max_size=12))
 def test_chaining_keeps_every_segment_and_ends_only_at_junctions(pieces: list[list[int]]) -> None:
     def segments(curves: list[list[int]]) -> list[list[int]]:
         return sorted(sorted(pair) for curve in curves for pair in pairwise(curve))
 
-    curves = [curve.tolist() for curve in chained([np.array(piece) for piece in pieces])]
+    curves = [curve.tolist() for _, curve in chained([np.array(piece) for piece in pieces])]
     assert segments(curves) == segments(pieces)
     ends = Counter(end for piece in pieces for end in (piece[0], piece[-1]))
     assert all(ends[end] != 2 for curve in curves if curve[0] != curve[-1] for end in (curve[0], curve[-1]))

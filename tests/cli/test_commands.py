@@ -13,7 +13,7 @@ import pytest
 
 from spinor_geom.adapters import read_mesh
 from spinor_geom.cli import console
-from spinor_geom.cli.main import main
+from spinor_geom.cli.main import build_parser, main
 from spinor_geom.errors import FirstFillError
 from spinor_geom.fill.loops import boundary_loops
 from tests.fill.shapes import collar, figure_eight, spiked_tetrahedron, tube
@@ -103,7 +103,7 @@ def test_a_loop_that_cannot_be_filled_is_named_with_status_1(
     def fails(loops: Iterable[object], **_: object) -> Iterator[FirstFillError]:
         return (FirstFillError("no disk over this loop") for _ in loops)
 
-    monkeypatch.setattr("spinor_geom.fill.fill_hole.solve_plateau_batch", fails)
+    monkeypatch.setattr("spinor_geom.fill.many_loops.solve_plateau_batch", fails)
     assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 1
     assert "loop 0 (16 vertices) not filled: no disk over this loop" in capsys.readouterr().err
 
@@ -250,3 +250,28 @@ def test_an_interrupt_gives_status_130(
     monkeypatch.setattr("spinor_geom.cli.loops.boundary_loops", interrupted)
     assert main(["loops", str(mesh_path)]) == 130
     assert capsys.readouterr().err == "spinor-geom: interrupted\n"
+
+
+SIZES = {"512M": 512 << 20, "4GiB": 4 << 30, "1.5g": 3 << 29, "700kb": 700 << 10, "9": 9}
+
+
+@pytest.mark.parametrize(("text", "size"), SIZES.items())
+def test_sizes_may_have_units(text: str, size: int) -> None:
+    arguments = build_parser().parse_args(["batch", "a.obj", "-o", "out", "--memory-limit", text])
+    assert arguments.memory_limit == size
+
+
+@pytest.mark.parametrize("text", ["--memory-limit 4X", "--memory-limit -1G", "--workers 0", "--closing -1", "--what x"])
+def test_mistaken_options_of_a_batch_are_usage_errors(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["batch", "a.obj", "-o", "out", *text.split()])
+    assert stop.value.code == 2
+    assert f"argument {text.split()[0]}" in capsys.readouterr().err
+
+
+def test_the_progress_of_a_batch_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    for stream, shown in ((Terminal(), True), (io.StringIO(), False)):
+        monkeypatch.setattr(sys, "stderr", stream)
+        with console.batch_progress() as show:
+            show(3, 10, "loops: 7 done", 125.0)
+        assert ("loops: 7 done, ready in 2 min" in stream.getvalue()) == shown

@@ -13,11 +13,20 @@ import spinor_geom
 
 ROOT = Path(__file__).parents[2]
 HEAVY = ("torch", "trimesh", "scipy", "igl", "numpy", "pymeshlab", "pyvista", "rich", "jaxtyping", "matplotlib")
+HEAVY += ("dask", "distributed", "pyarrow", "filelock")
 
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--help"], ["fill", "--help"], ["loops", "--help"], ["reproduce", "--help"], ["bench", "--help"], ["fill"]],
+    [
+        ["--help"],
+        ["fill", "--help"],
+        ["loops", "--help"],
+        ["reproduce", "--help"],
+        ["bench", "--help"],
+        ["batch", "--help"],
+        ["fill"],
+    ],
 )
 def test_help_and_usage_errors_import_nothing_heavy(arguments: list[str]) -> None:
     program = (

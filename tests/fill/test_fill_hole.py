@@ -175,7 +175,7 @@ def test_a_loop_that_fails_is_named_and_stops_no_other(monkeypatch: pytest.Monke
             else:
                 yield solve_plateau(loop, **options)  # type: ignore[call-overload]
 
-    monkeypatch.setattr("spinor_geom.fill.fill_hole.solve_plateau_batch", fails_on_the_first)
+    monkeypatch.setattr("spinor_geom.fill.many_loops.solve_plateau_batch", fails_on_the_first)
     filled, report = fill_hole(tube(), return_report=True)
     failed, done = report.loops
     assert (failed.filled, failed.requested, failed.reason) == (False, True, "no disk was found over this loop")

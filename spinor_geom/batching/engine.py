@@ -1,0 +1,398 @@
+"""Hands the inputs of a batch to the workers of a Dask cluster: its own on this machine, or one that runs elsewhere."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from itertools import chain, islice
+from pathlib import Path
+from threading import Event, Thread
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, Literal
+
+from spinor_geom.batching.inputs import SMALL, Inputs, Source
+from spinor_geom.batching.isolate import Limits, run_block
+from spinor_geom.batching.journal import Journal, opened_journal
+from spinor_geom.batching.options import BatchOptions, Format, What, require_positive
+from spinor_geom.batching.records import failure, summary
+from spinor_geom.errors import BatchError, OptionError
+from spinor_geom.optional import require
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+# Most files whose loops are solved side by side.
+TOGETHER = 16
+# Blocks that wait at each worker.
+WAITING = 2
+# Blocks for each worker that are looked ahead, so that the last ones can be shared out evenly.
+AHEAD = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchProgress:
+    """How far a batch is.
+
+    Attributes:
+        files: sources that are finished, those that were complete before included.
+        files_failed: those of them that are not wholly done: failed, at fault, or imperfect.
+        files_total: how many there are; None until they are counted.
+        files_before: those that were complete before a resumed run.
+        loops: of the files that are finished.
+        loops_failed: those of them without a surface.
+        seconds: since the start.
+    """
+
+    files: int
+    files_failed: int
+    files_total: int | None
+    files_before: int
+    loops: int
+    loops_failed: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchResult:
+    """What a batch has left.
+
+    Attributes:
+        output: the folder: "files" holds a folder for each source with its record and meshes.
+        progress: how many files and loops, done and failed.
+        table: one row a loop, as Parquet.
+        table_csv: the same as CSV.
+        page: the summary with pictures, as HTML.
+        log: a line for each file that is not wholly done.
+    """
+
+    output: Path
+    progress: BatchProgress
+    table: Path
+    table_csv: Path
+    page: Path
+    log: Path
+
+    @property
+    def complete(self) -> bool:
+        """Whether every loop of every file was done within the tolerance, and crosses nothing."""
+        return not self.progress.files_failed
+
+
+def batch(
+    inputs: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
+    *,
+    what: What = "fill",
+    format: Format = "obj",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    edge_length: float | Literal["auto"] = "auto",
+    tolerance: float = 1e-3,
+    closing: float = 1e-3,
+    compare: bool = False,
+    device: str = "cpu",
+    resume: bool = False,
+    time_limit: float = 300.0,
+    memory_limit: int = 4 << 30,
+    retries: int = 2,
+    on_progress: Callable[[BatchProgress], None] | None = None,
+) -> BatchResult:
+    """Solves the boundary loops of many OBJ files, each file by itself, and writes what is found to a folder.
+
+    Loops are the holes of a file's mesh and its closed curves (`l` elements). Whatever a file does, it costs only
+    itself: the reason stands in its record, the table and the log. Results appear whole or not at all, and a run that
+    was cut off goes on with `resume=True`; the files that it leaves are the same byte for byte, however it was cut off
+    and by however many workers they were made (on one kind of processor; of the records all but the seconds).
+
+    A script that calls this must do so under `if __name__ == "__main__":`, because the workers import it.
+
+    Args:
+        inputs: OBJ files, folders (searched with all below them), patterns, manifests (.csv with a column "path",
+            .jsonl), and archives (.zip, .tar, packed or not), which are read without being unpacked. What is in them is
+            never in memory all at once; what is named here is.
+        output: the folder to write to: empty or new, but for a resumed run.
+        what: "fill" for the triangulation of each loop, and of files with faces the filled mesh; "surface" for the
+            triangulation and the spinor surface, to be read by `SpinorSurface.load`; "loops" for the loops alone.
+        format: of the meshes: "obj", "ply", "glb" or "npz".
+        workers: processes that solve on this machine; as many as it has cores by default.
+        scheduler: address of a Dask cluster to use instead; all of it must see inputs and output under the same names.
+        edge_length: of the triangulations, in mesh units; "auto" takes each loop's mean edge.
+        tolerance: RMS distance of a surface's boundary from the curve through its loop, per mean edge.
+        closing: open curves whose ends are at most so many mean edges apart count as closed.
+        compare: also compares each surface with a discrete minimal surface.
+        device: of the batched linear algebra, such as "cuda"; equal bytes are promised on the CPU only.
+        resume: goes on with the run in the output folder: only what is not complete is done.
+        time_limit: for reading a file and for each of its loops, in seconds.
+        memory_limit: of the process that solves, in bytes.
+        retries: how often a file is tried again after its process or worker died (on a cluster given by its scheduler
+            that has a number of its own for workers: `distributed.scheduler.allowed-failures`).
+        on_progress: is called now and then.
+
+    Returns:
+        Where things are, and how many.
+
+    Raises:
+        OptionError: an option has a value that is not allowed.
+        BatchError: an input does not exist; the output folder is another run's or cannot be written to; the scheduler
+            cannot be reached.
+        MissingPackageError: the packages of the extra `batch` are not installed.
+    """
+    for package in ("distributed", "pyarrow", "filelock", "psutil"):
+        require(package, extra="batch")
+    options = BatchOptions(
+        what=what,
+        format=format,
+        edge_length=edge_length,
+        tolerance=tolerance,
+        closing=closing,
+        compare=compare,
+        device=device,
+    )
+    limits = _checked_limits(time_limit, memory_limit, retries)
+    if scheduler is not None and workers is not None:
+        raise OptionError("workers are those of the scheduler's cluster; give one of workers and scheduler")
+    if workers is not None and workers < 1:
+        raise OptionError(f"workers must be at least 1, not {workers}")
+    sources = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output)
+    with opened_journal(output, options, resume=resume) as journal:
+        with _counter(sources, wanted=on_progress is not None) as count:
+            run = _Run(journal, options, limits, count, on_progress)
+            left = run.incomplete(sources)
+            first = next(left, None)
+            if first is not None:
+                with _cluster(workers, scheduler, limits) as client:
+                    run.solve(client, chain([first], left))
+        # pyarrow and numpy are not needed before
+        from spinor_geom.batching.summary import write_summary
+
+        progress = run.progress(final=True)
+        paths = write_summary(journal, sources, options, asdict(progress))
+    return BatchResult(output=Path(journal.store.output), progress=progress, log=journal.log, **paths)
+
+
+def _checked_limits(time_limit: float, memory_limit: int, retries: int) -> Limits:
+    require_positive("time_limit", time_limit)
+    require_positive("memory_limit", memory_limit)
+    if retries < 0:
+        raise OptionError(f"retries must be a number from 0 on, not {retries}")
+    return Limits(seconds=float(time_limit), memory=int(memory_limit), retries=retries)
+
+
+class _Run:
+    """A batch on its way."""
+
+    def __init__(
+        self,
+        journal: Journal,
+        options: BatchOptions,
+        limits: Limits,
+        count: Callable[[], int | None],
+        on_progress: Callable[[BatchProgress], None] | None,
+    ) -> None:
+        self._journal, self._options, self._limits = journal, options, limits
+        self._count, self._on_progress = count, on_progress
+        self._files = self._failed = self._before = self._loops = self._loops_failed = 0
+        self._start = perf_counter()
+
+    def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
+        """The sources that are still to be done; those that are complete are counted."""
+        for source in sources:
+            one = self._journal.completed(source)
+            if one is None:
+                yield source
+            else:
+                self._before += 1
+                self._finish(one)
+
+    def solve(self, client: Client, sources: Iterator[Source]) -> None:
+        """Has sources solved, a few blocks at a time, until there are no more.
+
+        Raises:
+            BatchError: nothing can be written any more, or the cluster is gone.
+        """
+        from distributed import wait
+
+        again: deque[list[Source]] = deque()
+        blocks = _blocks(sources, lambda: _threads(client))
+        running: dict[Future, list[Source]] = {}
+        while True:
+            while len(running) < WAITING * _threads(client):
+                block = again.popleft() if again else next(blocks, None)
+                if block is None:
+                    break
+                running[self._submitted(client, block)] = block
+            if not running:
+                return
+            for future in wait(list(running), return_when="FIRST_COMPLETED").done:
+                block = running.pop(future)
+                again.extend(self._taken(future, block))
+                future.release()
+
+    def _submitted(self, client: Client, block: list[Source]) -> Future:
+        job = {
+            "sources": [source.to_dict() for source in block],
+            "options": self._options.to_dict(),
+            "store": asdict(self._journal.store),
+        }
+        return client.submit(run_block, job, asdict(self._limits), pure=False)
+
+    def _taken(self, future: Future, block: list[Source]) -> list[list[Source]]:
+        """Takes what a worker has done; gives what has to be tried again, file by file."""
+        from distributed import KilledWorker
+
+        if future.status == "finished":
+            done = future.result()
+            for one in done["finished"]:
+                self._finish(one)
+            if done["stop"]:
+                raise BatchError(done["stop"])
+            return []
+        if future.status != "error":
+            raise BatchError("the cluster was lost; what is finished is kept: resume the batch")
+        error = future.exception()
+        if not isinstance(error, KilledWorker):
+            raise BatchError(f"a worker cannot do its work ({error}); is the same version installed there?")
+        tries = []
+        for source in block:
+            # what the workers had finished before they died need not be done again
+            one = self._journal.completed(source)
+            if one is not None:
+                self._finish(one)
+            elif len(block) == 1:
+                record = failure(
+                    source.key, "every worker that tried it was killed; look at their logs", status="fault"
+                )
+                self._journal.store.commit(source, record, {})
+                self._finish(summary(record))
+            else:
+                tries.append([source])
+        return tries
+
+    def _finish(self, one: dict[str, Any]) -> None:
+        self._files += 1
+        self._loops += one["loops"]
+        self._loops_failed += one["loops_failed"]
+        if one["status"] != "done":
+            self._failed += 1
+            self._journal.log_failure(one)
+        if self._on_progress is not None:
+            self._on_progress(self.progress())
+
+    def progress(self, *, final: bool = False) -> BatchProgress:
+        """How far it is."""
+        return BatchProgress(
+            files=self._files,
+            files_failed=self._failed,
+            files_total=self._files if final else self._count(),
+            files_before=self._before,
+            loops=self._loops,
+            loops_failed=self._loops_failed,
+            seconds=perf_counter() - self._start,
+        )
+
+
+def _blocks(sources: Iterator[Source], threads: Callable[[], int]) -> Iterator[list[Source]]:
+    """Sources in blocks to be solved together: small files, and fewer as the end comes near.
+
+    What is together with what makes no difference to the results.
+    """
+    ahead: deque[Source] = deque()
+    ended = False
+    while True:
+        wanted = AHEAD * TOGETHER * threads()
+        if not ended and len(ahead) < wanted:
+            ahead.extend(islice(sources, wanted - len(ahead)))
+            ended = len(ahead) < wanted
+        if not ahead:
+            return
+        most = max(1, min(TOGETHER, len(ahead) // (2 * threads()))) if ended else TOGETHER
+        block = [ahead.popleft()]
+        size = block[0].size
+        while ahead and len(block) < most and size + ahead[0].size <= SMALL:
+            size += ahead[0].size
+            block.append(ahead.popleft())
+        yield block
+
+
+def _threads(client: Client) -> int:
+    """How many blocks the cluster works at at a time; clusters grow and shrink."""
+    return max(1, sum(map(int, client.nthreads().values())))
+
+
+@contextmanager
+def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iterator[Client]:
+    """A client of a cluster: of this machine's own, which ends with the block, or of one at an address.
+
+    Raises:
+        BatchError: there is none at the address.
+    """
+    import dask
+    from distributed import Client, LocalCluster
+
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout="20s", set_as_default=False)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise BatchError(f"{scheduler}: no Dask scheduler answers there ({error}); check the address") from error
+        with client, client.as_current():
+            yield client
+        return
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": limits.retries}),
+        LocalCluster(
+            n_workers=workers or _cores(),
+            threads_per_worker=1,
+            memory_limit=0,  # the processes that solve have a limit of their own
+            host="127.0.0.1",
+            dashboard_address=None,
+            # what is left of its web server takes a port that is free: there may be other batches
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster, set_as_default=False) as client,
+        client.as_current(),
+    ):
+        client.register_plugin(_deafness())
+        yield client
+
+
+def _deafness() -> Any:
+    """Makes workers leave an interrupt of the terminal, which all processes hear, to the driver."""
+    from distributed import WorkerPlugin
+
+    class Deaf(WorkerPlugin):  # type: ignore[misc]
+        def setup(self, worker: Any) -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return Deaf()
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _counter(sources: Inputs, *, wanted: bool) -> Iterator[Callable[[], int | None]]:
+    """Counts the sources beside the work; gives what tells their number, or None as long as it is not known."""
+    counted: list[int] = []
+    stop = Event()
+
+    def count() -> None:
+        number = 0
+        for _ in sources:
+            number += 1
+            if stop.is_set():
+                return
+        counted.append(number)
+
+    if wanted:
+        Thread(target=count, daemon=True).start()
+    try:
+        yield lambda: counted[0] if counted else None
+    finally:
+        stop.set()

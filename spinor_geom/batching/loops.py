@@ -1,0 +1,186 @@
+"""The loops of an OBJ file: the holes of its mesh, and its curves, each with its name or the reason why it is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+
+from spinor_geom.adapters.obj_stream import ObjText
+from spinor_geom.adapters.polygons import chained
+from spinor_geom.errors import (
+    KnottedLoopError,
+    LoopTooShortError,
+    NonFiniteVertexError,
+    OpenCurveError,
+    SelfCrossingLoopError,
+    SpinorGeomError,
+)
+from spinor_geom.fill.one_loop import refuse_empty
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
+from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.mesh.knots import knot_determinant
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NamedLoop:
+    """A loop of a file, or what should have been one.
+
+    Attributes:
+        kind: whether it is a hole of the mesh or a curve.
+        name: of the object and group that it belongs to; "" where the file has none.
+        points: (k, 3) of the loop, or of what was found in its place.
+        loop: the loop; None where it could not be made.
+        error: why no surface over it is looked for, if so.
+        notes: what was repaired.
+    """
+
+    kind: Literal["hole", "curve"]
+    name: str
+    points: Float[np.ndarray, "k 3"]
+    loop: BoundaryLoop | None
+    error: SpinorGeomError | None = None
+    notes: tuple[str, ...] = ()
+
+
+def curve_loops(text: ObjText, *, closing: float) -> list[NamedLoop]:
+    """The curves of a file as loops, in its order.
+
+    Ends of open curves that are at most `closing` mean edges apart are joined where no third end is as near. Points
+    that are equal to their predecessor are dropped.
+
+    Args:
+        text: the file.
+        closing: in mean edges of the shorter-edged of the two curves.
+    """
+    vertices = text.contents.vertices
+    return [
+        _curve_loop(vertices, curve, text.curve_names[first], gap)
+        for first, curve, gap in _joined(vertices, text.contents.polylines, closing)
+    ]
+
+
+def refuse_what_bounds_no_disk(loop: BoundaryLoop) -> None:
+    """Checks that a loop is simple and no knot.
+
+    Raises:
+        SelfCrossingLoopError: it crosses or touches itself.
+        KnottedLoopError: it is knotted.
+    """
+    crossings = loop_crossings(loop.points)
+    if len(crossings):
+        edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
+        raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
+    determinant = knot_determinant(loop.points)
+    if determinant is not None:
+        raise KnottedLoopError(determinant=determinant)
+
+
+def hole_names(
+    mesh: TriangleMesh, face_names: Int[np.ndarray, " f"], names: Sequence[str], loops: Sequence[BoundaryLoop]
+) -> list[str]:
+    """For each hole the name that most of the faces beside it have.
+
+    Args:
+        mesh: the mesh.
+        face_names: of each of its faces, as a number among the names.
+        names: the names.
+        loops: the holes.
+    """
+    if not loops or len(names) == 1:
+        return [names[0]] * len(loops)
+    size = len(mesh.vertices)
+    half_edges = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    keys = half_edges[:, 0] * size + half_edges[:, 1]
+    order = np.argsort(keys, kind="stable")
+    found = []
+    for loop in loops:
+        # a loop runs against the half-edges of the faces beside it
+        wanted = np.roll(loop.vertex_ids, -1) * size + loop.vertex_ids
+        at = order[np.searchsorted(keys, wanted, sorter=order).clip(max=len(order) - 1)]
+        found.append(names[int(np.bincount(face_names[at // 3]).argmax())])
+    return found
+
+
+def _joined(
+    vertices: Float[np.ndarray, "v 3"], curves: Sequence[Int[np.ndarray, " _"]], closing: float
+) -> list[tuple[int, Int[np.ndarray, " _"], float]]:
+    """Curves with near ends joined, each with the number of its first piece and the largest gap closed in it."""
+    whole = [(number, curve, 0.0) for number, curve in enumerate(curves) if curve[0] == curve[-1]]
+    is_open = [number for number, curve in enumerate(curves) if curve[0] != curve[-1]]
+    if not is_open:
+        return whole
+    ends = [int(vertex) for number in is_open for vertex in curves[number][[0, -1]]]
+    partner = _partners(vertices, [curves[number] for number in is_open], closing)
+    gaps: dict[int, float] = {}
+    for one, other in partner.items():
+        if other < one:  # the later end takes the earlier's vertex
+            gap = float(np.linalg.norm(vertices[ends[one]] - vertices[ends[other]]))
+            ends[one] = ends[other]
+            gaps[ends[one]] = max(gap, gaps.get(ends[one], 0.0))
+    pieces = [
+        np.concatenate([ends[2 * place : 2 * place + 1], curves[number][1:-1], ends[2 * place + 1 : 2 * place + 2]])
+        for place, number in enumerate(is_open)
+    ]
+    joined = [
+        (is_open[first], curve, max((gaps[v] for v in gaps.keys() & set(curve.tolist())), default=0.0))
+        for first, curve in chained(pieces)
+    ]
+    return sorted([*whole, *joined], key=lambda entry: entry[0])
+
+
+def _partners(
+    vertices: Float[np.ndarray, "v 3"], pieces: Sequence[Int[np.ndarray, " _"]], closing: float
+) -> dict[int, int]:
+    """Pairs of ends that are near to each other and to no other; end 2k + e is the first (e = 0) or last of piece k."""
+    points = np.array([vertices[piece[[0, -1]]] for piece in pieces]).reshape(-1, 3)
+    edges = np.repeat([_mean_edge(vertices[piece]) for piece in pieces], 2)
+    if not np.isfinite(points).all():
+        return {}
+    pairs = cKDTree(points).query_pairs(closing * float(edges.max()), output_type="ndarray")
+    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    pairs = pairs[apart <= closing * edges[pairs].min(axis=1)]
+    lone = np.bincount(pairs.ravel(), minlength=len(points)) == 1
+    both = {}
+    for a, b in pairs[lone[pairs].all(axis=1)].tolist():
+        both[a], both[b] = b, a
+    return both
+
+
+def _mean_edge(points: Float[np.ndarray, "k 3"]) -> float:
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())
+    return length if np.isfinite(length) else 0.0
+
+
+def _curve_loop(vertices: Float[np.ndarray, "v 3"], curve: Int[np.ndarray, " _"], name: str, gap: float) -> NamedLoop:
+    points = vertices[curve]
+    notes: list[str] = []
+    loop: BoundaryLoop | None = None
+    error: SpinorGeomError | None = None
+    try:
+        finite = np.isfinite(points).all(axis=1)
+        if not finite.all():
+            points = points[finite]
+            raise NonFiniteVertexError(vertex=int(curve[np.argmin(finite)]))
+        if curve[0] != curve[-1]:
+            raise OpenCurveError(gap=float(np.linalg.norm(points[-1] - points[0])), mean_edge=_mean_edge(points))
+        points, ids = points[:-1], curve[:-1]
+        if gap:
+            notes.append(f"closed over a gap of {gap:.6g}")
+        kept = (points != np.roll(points, 1, axis=0)).any(axis=1)
+        if not kept.all():
+            notes.append(f"{(~kept).sum()} repeated {'point was' if (~kept).sum() == 1 else 'points were'} dropped")
+            points, ids = points[kept], ids[kept]
+        if len(points) < 3:
+            raise LoopTooShortError(points=len(points))
+        loop = BoundaryLoop(points=points, vertex_ids=ids, corners=detect_corners(points))
+        refuse_empty(loop, loop.diagonal / loop.elongation)
+        refuse_what_bounds_no_disk(loop)
+    except SpinorGeomError as refusal:
+        error = refusal
+    return NamedLoop(kind="curve", name=name, points=points, loop=loop, error=error, notes=tuple(notes))

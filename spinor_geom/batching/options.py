@@ -1,0 +1,69 @@
+"""What every file of a batch is treated with; cheap to import, and JSON on its way to other processes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+from spinor_geom.errors import OptionError
+
+What: TypeAlias = Literal["fill", "surface", "loops"]
+Format: TypeAlias = Literal["obj", "ply", "glb", "npz"]
+
+WHAT: tuple[What, ...] = get_args(What)
+FORMAT: tuple[Format, ...] = get_args(Format)
+OF_CURVES = ("obj", "npz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions:
+    """What the results depend on.
+
+    Attributes:
+        what: "fill" for the triangulation of each loop, and of a file with faces the filled mesh; "surface" for the
+            triangulation and the spinor surface of each loop; "loops" for the loops alone, nothing is solved.
+        format: of the meshes.
+        edge_length: of the triangulations, in mesh units, or "auto" for each loop's mean edge.
+        tolerance: RMS boundary residual per mean loop edge.
+        closing: an open curve whose ends are at most so many of its mean edges apart counts as closed.
+        compare: whether each surface is compared with a discrete minimal surface.
+        device: of the batched linear algebra.
+
+    Raises:
+        OptionError: a value is not allowed.
+    """
+
+    what: What = "fill"
+    format: Format = "obj"
+    edge_length: float | Literal["auto"] = "auto"
+    tolerance: float = 1e-3
+    closing: float = 1e-3
+    compare: bool = False
+    device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        for name, known in (("what", WHAT), ("format", FORMAT)):
+            if getattr(self, name) not in known:
+                raise OptionError(f"{name} must be one of {', '.join(known)}, not {getattr(self, name)!r}")
+        if self.what == "loops" and self.format not in OF_CURVES:
+            raise OptionError(f"{self.format} files hold no curves; use format {' or '.join(OF_CURVES)} for loops")
+        if self.edge_length != "auto":
+            require_positive("edge_length", self.edge_length)
+        require_positive("tolerance", self.tolerance)
+        if not 0 <= self.closing < math.inf:
+            raise OptionError(f"closing must be a number from 0 on, not {self.closing!r}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The options in JSON's types."""
+        return asdict(self)
+
+
+def require_positive(name: str, value: Any) -> None:
+    """Checks an option.
+
+    Raises:
+        OptionError: the value is not a positive finite number.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
+        raise OptionError(f"{name} must be a positive number, not {value!r}")

@@ -1,0 +1,167 @@
+"""The summary page of a batch: figures, failures, and pictures of some loops; one HTML file without scripts."""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Iterable
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinor_geom.adapters.mesh_files import read_mesh
+from spinor_geom.batching.store import Store
+from spinor_geom.errors import SpinorGeomError
+from spinor_geom.files import atomic_path
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.render.thumbnail import thumbnail
+
+# How many of each are shown; all of them are in the table.
+FIRST, WORST, FAILED, REASONS = 24, 24, 48, 40
+STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:75rem;padding:0 1rem;color:#222}
+h2{margin-top:2rem}table{border-collapse:collapse}
+td,th{padding:.2rem .7rem;text-align:left;border-bottom:1px solid #ddd}
+.loops{display:flex;flex-wrap:wrap;gap:1rem}figure{margin:0;width:170px;font-size:12px;overflow-wrap:anywhere}
+svg{border:1px solid #ddd;background:#fff}"""
+
+
+class PageParts:
+    """What the page shows, gathered record by record: it does not grow with their number."""
+
+    def __init__(self) -> None:
+        """Starts with nothing."""
+        self.files: Counter[str] = Counter()
+        self.loops: Counter[str] = Counter()
+        self.reasons: Counter[str] = Counter()
+        self.first: list[dict[str, Any]] = []
+        self.failed: list[dict[str, Any]] = []
+        self._worst: list[tuple[float, int, dict[str, Any]]] = []
+        self._count = 0
+
+    def add(self, record: dict[str, Any]) -> None:
+        """Takes a file's record."""
+        self.files[record["status"]] += 1
+        if record["reason"]:
+            self._fail({**record, "loop": None, "name": "", "outline": None})
+        for loop in record["loops"]:
+            self.loops[loop["status"]] += 1
+            self._count += 1
+            if loop["status"] == "failed":
+                self._fail(loop)
+            elif len(self.first) < FIRST:
+                self.first.append(loop)
+            if loop["residual_rms_per_edge"] is not None and loop["files"]:
+                # earlier loops first where residuals are equal
+                entry = (loop["residual_rms_per_edge"], -self._count, loop)
+                (heapq.heappush if len(self._worst) < WORST else heapq.heappushpop)(self._worst, entry)
+
+    def _fail(self, entry: dict[str, Any]) -> None:
+        # reasons differ in their numbers; a few of each length are enough
+        if len(self.reasons) < REASONS or _kind(entry["reason"]) in self.reasons:
+            self.reasons[_kind(entry["reason"])] += 1
+        if len(self.failed) < FAILED:
+            self.failed.append(entry)
+
+    @property
+    def worst(self) -> list[dict[str, Any]]:
+        """The loops farthest from their curves, the farthest first."""
+        return [loop for _, _, loop in sorted(self._worst, key=lambda entry: (-entry[0], -entry[1]))]
+
+
+def write_page(parts: PageParts, store: Store, settings: dict[str, Any], path: Path) -> None:
+    """Writes the page.
+
+    Args:
+        parts: what it shows.
+        store: where the results are.
+        settings: of the run, shown as they are.
+        path: the page.
+    """
+    failed = "".join(_figure(store, loop) for loop in parts.failed)
+    sections = [
+        "<h2>Files</h2>" + _table(parts.files.items(), ("status", "files")),
+        "<h2>Loops</h2>" + _table(parts.loops.items(), ("status", "loops")),
+        "<h2>Options</h2>" + _table(settings.items(), ("option", "value")),
+        *(
+            [
+                "<h2>Failures</h2>" + _table(parts.reasons.most_common(), ("reason", "times")),
+                f"<h2>The first of them</h2><div class=loops>{failed}</div>",
+            ]
+            if parts.failed
+            else []
+        ),
+        *(
+            f"<h2>{title}</h2><div class=loops>{''.join(_figure(store, loop) for loop in loops)}</div>"
+            for title, loops in (("Farthest from their curves", parts.worst), ("The first loops", parts.first))
+            if loops
+        ),
+    ]
+    with atomic_path(path) as temporary:
+        temporary.write_text(
+            f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>spinor-geom batch</title>'
+            f"<style>{STYLE}</style></head><body><h1>spinor-geom batch</h1>"
+            "<p>All loops: <a href=loops.csv>loops.csv</a>, <a href=loops.parquet>loops.parquet</a>.</p>"
+            f"{''.join(sections)}</body></html>\n",
+            encoding="utf-8",
+            errors="replace",
+        )
+
+
+def _kind(reason: str) -> str:
+    """A reason without what is particular to one loop."""
+    return "".join("#" if character.isdigit() else character for character in reason)[:200].replace("##", "#")
+
+
+def _table(rows: Iterable[tuple[Any, Any]], header: tuple[str, str]) -> str:
+    lines = [f"<tr><th>{header[0]}<th>{header[1]}</tr>"]
+    lines += [f"<tr><td>{escape(str(key))}<td>{escape(str(value))}</tr>" for key, value in rows]
+    return f"<table>{''.join(lines)}</table>"
+
+
+def _figure(store: Store, loop: dict[str, Any]) -> str:
+    residual = loop.get("residual_rms_per_edge")
+    said = [
+        loop["source"],
+        "" if loop["loop"] is None else f"loop {loop['loop']} {loop['name']}",
+        "" if residual is None else f"residual {residual:.1e} of an edge",
+        loop["reason"][:200],
+    ]
+    caption = "<br>".join(map(escape, filter(None, said)))
+    return f"<figure>{_picture(store, loop)}<figcaption>{caption}</figcaption></figure>"
+
+
+def _picture(store: Store, loop: dict[str, Any]) -> str:
+    """The picture of a loop's mesh, or of what its record keeps of it; none where there is neither."""
+    names = loop.get("files") or {}
+    name = names.get("patch") or names.get("loop")
+    try:
+        if name is not None:
+            return thumbnail(*_shape(store.folder(loop["source"]) / name))
+        if loop["outline"]:
+            points = np.array(loop["outline"], dtype=np.float64)
+            return thumbnail(points, np.zeros((0, 3), dtype=np.int64), np.arange(len(points)))
+    except (OSError, KeyError, ValueError, SpinorGeomError):
+        return "<p>no picture: the file has changed</p>"
+    return ""
+
+
+def _shape(
+    path: Path,
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"], Int[np.ndarray, " k"]]:
+    """Points, faces and the rim of a mesh that was written, or of a curve."""
+    if path.suffix == ".npz":
+        with np.load(path, allow_pickle=False) as arrays:
+            points = arrays["points"] if "points" in arrays else arrays["vertices"]
+            faces = arrays["faces"] if "faces" in arrays else np.zeros((0, 3), dtype=np.int64)
+        mesh, curves = TriangleMesh(points, faces), [np.append(np.arange(len(points)), 0)]
+    else:
+        file = read_mesh(path)
+        mesh, curves = file.mesh, list(file.polylines)
+    if len(mesh.faces):
+        rim = find_boundary_loops(mesh)[0].vertex_ids
+        curves = [np.append(rim, rim[0])]
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces), curves[0]

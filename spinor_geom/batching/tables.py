@@ -1,0 +1,101 @@
+"""The table of a batch: one row a loop, and one for each file without loops, as Parquet and CSV; written row by row."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from spinor_geom.files import atomic_path
+
+ROWS_AT_ONCE = 10_000
+TEXT, WHOLE, REAL = "string", "int64", "double"
+COLUMNS: dict[str, str] = {
+    "source": TEXT,
+    "loop": WHOLE,
+    "name": TEXT,
+    "kind": TEXT,
+    "status": TEXT,
+    "reason": TEXT,
+    "notes": TEXT,
+    "vertices": WHOLE,
+    "perimeter": REAL,
+    "elongation": REAL,
+    "corners": WHOLE,
+    "residual_rms_per_edge": REAL,
+    "residual_max_per_edge": REAL,
+    "area": REAL,
+    "stability": TEXT,
+    "stability_index": WHOLE,
+    "route": TEXT,
+    "patch_vertices": WHOLE,
+    "patch_faces": WHOLE,
+    "self_intersections": WHOLE,
+    "mesh_intersections": WHOLE,
+    "patch_intersections": WHOLE,
+    "hausdorff_max": REAL,
+    "hausdorff_mean": REAL,
+    "patch": TEXT,
+    "surface": TEXT,
+    "curve": TEXT,
+    "filled": TEXT,
+    "seconds": REAL,
+    "version": TEXT,
+}
+
+
+def rows_of(record: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The rows of a file: one for each loop, or one for the file itself where it has none or could not be read."""
+    filled = record["filled"] or {}
+    if record["reason"] or not record["loops"]:
+        entry = dict.fromkeys(COLUMNS)
+        yield entry | {key: record[key] for key in ("source", "status", "reason", "version")}
+    for loop in record["loops"]:
+        stability, hausdorff = loop["stability"] or {}, (loop["comparison"] or {}).get("hausdorff", {})
+        yield {
+            **{key: loop.get(key) for key in COLUMNS},
+            "notes": "; ".join(loop["notes"]),
+            "stability": stability.get("verdict"),
+            "stability_index": stability.get("index"),
+            "hausdorff_max": hausdorff.get("max"),
+            "hausdorff_mean": hausdorff.get("mean"),
+            "patch": loop["files"].get("patch"),
+            "surface": loop["files"].get("surface"),
+            "curve": loop["files"].get("loop"),
+            "filled": filled.get("file"),
+            "seconds": sum(loop["seconds"].values(), 0.0),
+        }
+
+
+def write_tables(records: Iterable[dict[str, Any]], parquet: Path, text: Path) -> None:
+    """Writes both tables, each whole or not at all.
+
+    Args:
+        records: of the files, in order.
+        parquet: the one file.
+        text: the other, CSV with a header; lists of notes are joined by semicolons.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    types = {TEXT: pa.string(), WHOLE: pa.int64(), REAL: pa.float64()}
+    schema = pa.schema([(name, types[kind]) for name, kind in COLUMNS.items()])
+    rows = (row for record in records for row in rows_of(record))
+    with (
+        atomic_path(parquet) as parquet_path,
+        atomic_path(text) as text_path,
+        text_path.open("w", encoding="utf-8", newline="") as file,
+        pq.ParquetWriter(parquet_path, schema) as writer,
+    ):
+        lines = csv.DictWriter(file, list(COLUMNS), lineterminator="\n")
+        lines.writeheader()
+        while part := list(islice(rows, ROWS_AT_ONCE)):
+            writer.write_table(pa.Table.from_pylist(part, schema))
+            lines.writerows({key: _harmless(value) for key, value in row.items()} for row in part)
+
+
+def _harmless(value: Any) -> Any:
+    """Text that a spreadsheet does not take for a formula."""
+    return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t") else value

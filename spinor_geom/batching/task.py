@@ -1,0 +1,388 @@
+"""One OBJ file: its loops, what is to be solved of it, and its results from the answers. Writes nothing by itself."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any, BinaryIO, TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+
+from spinor_geom.adapters.contents import Addition, FileContents, malformed
+from spinor_geom.adapters.mesh_files import FORMATS, MeshFile
+from spinor_geom.adapters.obj import added_lines
+from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
+from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.batching.loops import NamedLoop, curve_loops, hole_names, refuse_what_bounds_no_disk
+from spinor_geom.batching.names import safe_name
+from spinor_geom.batching.options import BatchOptions
+from spinor_geom.batching.records import program_version, worst
+from spinor_geom.comparison import compare
+from spinor_geom.errors import SpinorGeomError
+from spinor_geom.files import finite
+from spinor_geom.fill.many_loops import fill_loops
+from spinor_geom.fill.one_loop import FillOptions, refusal
+from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.stitch import LoopPatch, RimEdges, joined, stitch
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.plateau.solution import PlateauSolution
+
+Answer: TypeAlias = PlateauSolution | SpinorGeomError
+Writer: TypeAlias = Callable[[Path], None]
+
+# Points of an outline in a record: enough for a thumbnail.
+OUTLINE_POINTS = 48
+LONGEST_LABEL = 60
+COPIED_AT_ONCE = 1 << 20
+# Fourth powers of lengths have to be numbers.
+LARGEST_COORDINATE = 1e70
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Results:
+    """What is left of a file.
+
+    Attributes:
+        record: in JSON's types; all that may differ between two runs is under the keys "seconds".
+        files: what writes each of the files, by name.
+    """
+
+    record: dict[str, Any]
+    files: dict[str, Writer]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpenedFile:
+    """An OBJ file that was read, with what is to be solved.
+
+    Attributes:
+        key: its name in the batch.
+        stream: its bytes, to be copied.
+        text: what was read.
+        mesh: of its faces, or a mesh without faces for its curves.
+        taken: the edges that patches must not have.
+        loops: holes, then curves.
+        problem: why its holes could not be looked for, if so.
+        seconds: it took to read.
+        options: of the batch.
+    """
+
+    key: str
+    stream: BinaryIO
+    text: ObjText
+    mesh: MeshFile
+    taken: RimEdges
+    loops: tuple[NamedLoop, ...]
+    problem: str
+    seconds: float
+    options: BatchOptions
+
+    @property
+    def holes(self) -> tuple[NamedLoop, ...]:
+        """The loops that are holes of the mesh."""
+        return tuple(loop for loop in self.loops if loop.kind == "hole")
+
+
+def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
+    """Reads a file and finds its loops.
+
+    Raises:
+        SpinorGeomError: the file is no OBJ file, or is malformed.
+    """
+    start = perf_counter()
+    text = read_obj_stream(stream, None)
+    largest = float(np.abs(text.contents.vertices[np.isfinite(text.contents.vertices)]).max(initial=0.0))
+    if largest > LARGEST_COORDINATE:
+        raise malformed(
+            None, "", f"has a coordinate of size {largest:.1e}, whose powers are no numbers", "scale the file"
+        )
+    mesh, holes, problem = _mesh_and_holes(text)
+    taken = RimEdges(mesh.mesh, [hole.loop for hole in holes if hole.loop is not None])
+    checked = [replace(hole, error=_refusal(hole, taken)) for hole in holes]
+    return OpenedFile(
+        key=key,
+        stream=stream,
+        text=text,
+        mesh=mesh,
+        taken=taken,
+        loops=(*checked, *curve_loops(text, closing=options.closing)),
+        problem=problem,
+        seconds=perf_counter() - start,
+        options=options,
+    )
+
+
+def _mesh_and_holes(text: ObjText) -> tuple[MeshFile, list[NamedLoop], str]:
+    try:
+        mesh = MeshFile.of_contents(text.contents, path=None)
+        holes = find_boundary_loops(mesh.mesh)
+        names = hole_names(mesh.mesh, text.face_names[mesh.face_polygons], text.names, holes)
+    except SpinorGeomError as error:
+        # curves need no more than their own points
+        usable = np.isfinite(text.contents.vertices).all(axis=1)
+        bare = FileContents(
+            vertices=np.where(usable[:, None], text.contents.vertices, 0.0),
+            polygons=Polygons.of_triangles(np.zeros((0, 3), dtype=np.int64)),
+            representatives=np.arange(len(usable)),
+        )
+        problem = str(error) if len(text.contents.polygons) else ""
+        return MeshFile.of_contents(bare, path=None), [], problem
+    named = [
+        NamedLoop(kind="hole", name=name, points=loop.points, loop=loop)
+        for loop, name in zip(holes, names, strict=True)
+    ]
+    return mesh, named, ""
+
+
+def _refusal(hole: NamedLoop, taken: RimEdges) -> SpinorGeomError | None:
+    assert hole.loop is not None
+    error = refusal(hole.loop, taken)
+    if error is None:
+        try:
+            refuse_what_bounds_no_disk(hole.loop)
+        except SpinorGeomError as found:
+            return found
+    return error
+
+
+def wanted(opened: OpenedFile) -> list[BoundaryLoop]:
+    """The loops of a file over which surfaces are to be found, in order."""
+    if opened.options.what == "loops":
+        return []
+    return [loop.loop for loop in opened.loops if loop.loop is not None and loop.error is None]
+
+
+def fill_options(options: BatchOptions) -> FillOptions:
+    """What each loop is filled with."""
+    return FillOptions(target_edge_length=options.edge_length, model="auto", tolerance=options.tolerance)
+
+
+def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
+    """The results of a file.
+
+    Args:
+        opened: the file.
+        answers: for each loop that is `wanted` in order its surface, or why it has none.
+    """
+    start = perf_counter()
+    files: dict[str, Writer] = {}
+    filled: dict[str, Any] | None = None
+    if opened.options.what == "loops":
+        entries = [_listed(opened, place, files) for place in range(len(opened.loops))]
+    else:
+        entries, extension = _solved(opened, answers, files)
+        if opened.options.what == "fill" and opened.holes:
+            filled = _filled(opened, extension, files)
+    record = {
+        "source": opened.key,
+        "status": worst([*(entry["status"] for entry in entries), *(["failed"] if opened.problem else [])]),
+        "reason": opened.problem,
+        "vertices": len(opened.text.contents.vertices),
+        "faces": len(opened.text.contents.polygons),
+        "curves": len(opened.text.contents.polylines),
+        "filled": filled,
+        "loops": entries,
+        "version": program_version(),
+        "seconds": {"read": opened.seconds, "results": perf_counter() - start},
+    }
+    return Results(record=finite(record), files=files)
+
+
+def _solved(
+    opened: OpenedFile, answers: Iterator[Answer], files: dict[str, Writer]
+) -> tuple[list[dict[str, Any]], MeshExtension]:
+    """An entry for every loop; what is written of them joins the files."""
+    mesh, holes = opened.mesh.mesh, opened.holes
+    all_answers: Iterator[Answer] = (next(answers) if loop.error is None else loop.error for loop in opened.loops)
+    options = fill_options(opened.options)
+    rims = [hole.loop for hole in holes if hole.loop is not None]
+    outcomes, patches = fill_loops(mesh, rims, [None] * len(rims), all_answers, opened.taken, options)
+    of_place = {patch.place: patch for patch in patches}
+    entries = [
+        _solved_entry(opened, place, outcome, of_place.get(place), files) for place, outcome in enumerate(outcomes)
+    ]
+    extension = stitch(mesh, patches)
+    if len(holes) < len(opened.loops):
+        # curves have nothing to do with the faces, nor with each other
+        mesh = TriangleMesh(mesh.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=mesh.vertex_attributes)
+    for place, curve in enumerate(opened.loops[len(holes) :], start=len(holes)):
+        if curve.loop is None:
+            next(all_answers)
+            entries.append(_entry(opened, place, "failed", str(curve.error)))
+            continue
+        (outcome,), own = fill_loops(mesh, [curve.loop], [None], all_answers, RimEdges(mesh, []), options)
+        entries.append(_solved_entry(opened, place, outcome, own[0] if own else None, files))
+    return entries, extension
+
+
+def _entry(opened: OpenedFile, place: int, status: str, reason: str) -> dict[str, Any]:
+    """What is known of a loop before it is solved."""
+    loop = opened.loops[place]
+    return {
+        "source": opened.key,
+        "loop": place,
+        "name": loop.name,
+        "kind": loop.kind,
+        "status": status,
+        "reason": reason,
+        "notes": list(loop.notes),
+        "vertices": len(loop.points),
+        "perimeter": None if loop.loop is None else loop.loop.perimeter,
+        "elongation": None if loop.loop is None else loop.loop.elongation,
+        "corners": None if loop.loop is None else int(loop.loop.corners.sum()),
+        "residual_rms_per_edge": None,
+        "residual_max_per_edge": None,
+        "area": None,
+        "stability": None,
+        "route": None,
+        "patch_vertices": None,
+        "patch_faces": None,
+        "self_intersections": None,
+        "mesh_intersections": None,
+        "patch_intersections": None,
+        "comparison": None,
+        "files": {},
+        # what cannot be seen in a file of results is drawn from here
+        "outline": _outline(loop.points) if status == "failed" else None,
+        "version": program_version(),
+        "seconds": {},
+    }
+
+
+def _outline(points: Float[np.ndarray, "k 3"]) -> list[list[float]]:
+    shown = points[np.linspace(0, len(points) - 1, min(len(points), OUTLINE_POINTS)).astype(int)]
+    return [[float(f"{x:.6g}") for x in point] for point in shown.tolist()]
+
+
+def _listed(opened: OpenedFile, place: int, files: dict[str, Writer]) -> dict[str, Any]:
+    """The entry of a loop that is only listed; the loop itself is written."""
+    loop = opened.loops[place]
+    entry = _entry(opened, place, "done" if loop.error is None else "failed", str(loop.error or ""))
+    if loop.loop is not None and loop.error is None:
+        name = _file_name(opened, place, opened.options.format)
+        files[name] = partial(_write_loop, loop.loop)
+        entry["files"]["loop"] = name
+    return entry
+
+
+def _solved_entry(
+    opened: OpenedFile, place: int, outcome: LoopOutcome, piece: LoopPatch | None, files: dict[str, Writer]
+) -> dict[str, Any]:
+    """The entry of a loop that was solved, or was to be."""
+    good = outcome.converged and not outcome.intersections
+    status = "failed" if not outcome.filled else "done" if good else "imperfect"
+    entry = _entry(opened, place, status, outcome.reason or "; ".join(outcome.notes))
+    entry["notes"] += outcome.notes
+    # "solve" is the time until the surface was there, which may have been solved with others before
+    entry["seconds"] = {name: seconds for name, seconds in outcome.timings.items() if name not in ("solve", "total")}
+    solution = outcome.solution
+    if solution is not None:
+        figures = outcome.to_dict()
+        entry |= {key: figures[key] for key in ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability")}
+        entry["route"] = solution.route
+        entry["seconds"] |= {f"solve.{name}": seconds for name, seconds in solution.timings.items()}
+    if piece is None or solution is None:
+        return entry
+    entry |= {
+        "patch_vertices": len(piece.patch.vertices),
+        "patch_faces": len(piece.patch.faces),
+        "self_intersections": outcome.self_intersections,
+        "mesh_intersections": outcome.mesh_intersections,
+        "patch_intersections": outcome.patch_intersections,
+    }
+    entry["files"]["patch"] = name = _file_name(opened, place, opened.options.format)
+    files[name] = partial(_write_mesh, _patch_contents(opened, piece))
+    if opened.options.what == "surface":
+        entry["files"]["surface"] = name = _file_name(opened, place, "safetensors")
+        files[name] = solution.surface.save
+    if opened.options.compare:
+        entry["comparison"], entry["seconds"]["comparison"] = _comparison(opened, solution, piece)
+    return entry
+
+
+def _comparison(opened: OpenedFile, solution: PlateauSolution, piece: LoopPatch) -> tuple[dict[str, Any], float]:
+    start = perf_counter()
+    try:
+        figures = compare(solution, target_edge_length=opened.options.edge_length, patch=piece.patch).to_dict()
+    except SpinorGeomError as error:
+        figures = {"reason": str(error)}
+    kept = {name: value for name, value in figures.items() if not name.endswith("_seconds")}
+    return kept, perf_counter() - start
+
+
+def _file_name(opened: OpenedFile, place: int, suffix: str) -> str:
+    label = safe_name([opened.loops[place].name[:LONGEST_LABEL]]) if opened.loops[place].name else ""
+    return f"loop-{place}{'-' if label else ''}{label}.{suffix}"
+
+
+def _patch_contents(opened: OpenedFile, piece: LoopPatch) -> FileContents:
+    rim = opened.mesh.mesh.vertex_attributes
+    return FileContents(
+        vertices=piece.patch.vertices,
+        polygons=Polygons.of_triangles(np.asarray(piece.patch.faces)),
+        attributes={
+            name: np.concatenate([np.asarray(rim[name])[piece.loop.vertex_ids], values])
+            for name, values in piece.attributes.items()
+        },
+        color_scale=opened.text.contents.color_scale,
+        representatives=np.arange(len(piece.patch.vertices)),
+    )
+
+
+def _filled(opened: OpenedFile, extension: MeshExtension, files: dict[str, Writer]) -> dict[str, Any]:
+    """The mesh with its patches: the file's own bytes and what is new where it stays an OBJ file."""
+    name = f"filled.{opened.options.format}"
+    if opened.options.format == "obj":
+        files[name] = partial(_append, opened, extension)
+    else:
+        files[name] = partial(_write_mesh, opened.mesh.extended(extension).contents)
+    return {
+        "file": name,
+        "watertight": is_watertight(joined(opened.mesh.mesh, extension).faces),
+        "vertices_added": len(extension.vertices),
+        "faces_added": len(extension.faces),
+    }
+
+
+def _append(opened: OpenedFile, extension: MeshExtension, path: Path) -> None:
+    addition = Addition(
+        first=len(opened.text.contents.vertices),
+        vertices=extension.vertices,
+        faces=extension.faces,
+        attributes=extension.vertex_attributes,
+    )
+    opened.stream.seek(0)
+    with path.open("wb") as file:
+        shutil.copyfileobj(opened.stream, file, COPIED_AT_ONCE)
+        file.write(added_lines(opened.text, addition))
+
+
+def _write_loop(loop: BoundaryLoop, path: Path) -> None:
+    around = np.append(np.arange(len(loop)), 0)
+    if path.suffix == ".npz":
+        np.savez(path, points=loop.points, vertex_ids=loop.vertex_ids, corners=loop.corners)
+        return
+    contents = FileContents(
+        vertices=loop.points,
+        polygons=Polygons.of_triangles(np.zeros((0, 3), dtype=np.int64)),
+        representatives=around[:-1],
+        polylines=(around,),
+    )
+    path.write_bytes(FORMATS[path.suffix][1](contents))
+
+
+def _write_mesh(contents: FileContents, path: Path) -> None:
+    if path.suffix == ".npz":
+        triangles, _ = contents.polygons.triangulated(contents.vertices)
+        np.savez(path, vertices=contents.vertices, faces=contents.representatives[triangles])
+        return
+    path.write_bytes(FORMATS[path.suffix][1](contents))

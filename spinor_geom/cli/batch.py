@@ -1,0 +1,53 @@
+"""`spinor-geom batch`: the boundary loops of many OBJ files, on this machine or a cluster."""
+
+from __future__ import annotations
+
+import argparse
+
+from spinor_geom.batching.engine import BatchProgress, batch
+from spinor_geom.cli.console import ExitStatus, batch_progress, complain, show_lines
+
+
+def run(arguments: argparse.Namespace) -> ExitStatus:
+    """Runs the batch; says how many files are not wholly done, and where that stands."""
+    with batch_progress() as show:
+
+        def on_progress(now: BatchProgress) -> None:
+            rate = (now.files - now.files_before) / now.seconds if now.seconds else 0.0
+            left = None if now.files_total is None or not rate else (now.files_total - now.files) / rate
+            show(now.files, now.files_total, _said(now), left)
+
+        result = batch(
+            arguments.inputs,
+            arguments.output,
+            what=arguments.what,
+            format=arguments.format,
+            workers=arguments.workers,
+            scheduler=arguments.scheduler,
+            edge_length="auto" if arguments.edge_length is None else arguments.edge_length,
+            tolerance=arguments.tolerance,
+            closing=arguments.closing,
+            compare=arguments.compare,
+            device=arguments.device,
+            resume=arguments.resume,
+            time_limit=arguments.time_limit,
+            memory_limit=arguments.memory_limit,
+            retries=arguments.retries,
+            on_progress=on_progress,
+        )
+    done = result.progress
+    show_lines(f"{_said(done)}, {done.seconds:.1f} s; table: {result.table_csv}, page: {result.page}", piped=False)
+    if not result.complete:
+        complain(f"{done.files_failed} of {done.files} files are not wholly done; see {result.log}")
+    return ExitStatus.DONE if result.complete else ExitStatus.IMPERFECT
+
+
+def _said(now: BatchProgress) -> str:
+    rate = now.loops / now.seconds if now.seconds and not now.files_before else 0.0
+    parts = [
+        f"files: {now.files} done, {now.files_failed} with failures",
+        *([f"{now.files_total - now.files} left"] if now.files_total is not None else []),
+        f"loops: {now.loops} done, {now.loops_failed} failed",
+        *([f"{rate:.1f} loops/s"] if rate else []),
+    ]
+    return ", ".join(parts)

@@ -1,0 +1,140 @@
+"""OBJ files read block by block: the same as in one piece, with names, in little memory."""
+
+from __future__ import annotations
+
+import io
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.adapters import obj_stream
+from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
+from spinor_geom.errors import MeshFileError
+
+LINES = (
+    "v 0 0 0 1 0 0",
+    "v 1 0 0.5 0 1 0",
+    "v 1 1 -2e-3 0 0 1",
+    "vt 0.5 1",
+    "vn 0 0 1",
+    "f 1 2 3",
+    "f -3 -2 -1",
+    "f 1/1/1 2/1/1 3/1/1 2",
+    "f 1 2 \\",
+    "l 1 2",
+    "l -1 \\",
+    "2 3",
+    "o body # not this",
+    "g left  lower",
+    "g",
+    "usemtl steel",
+    "# v 9 9 9 \\",
+    "",
+)
+
+
+def read(text: str) -> ObjText | str:
+    try:
+        return read_obj_stream(io.BytesIO(text.encode()), Path("a.obj"))
+    except MeshFileError as error:
+        return str(error)
+
+
+PLAIN = ("names", "curve_names", "color_width", "counts")
+
+
+def same(one: ObjText, other: ObjText) -> bool:
+    arrays = [
+        (
+            text.contents.vertices,
+            text.contents.polygons.corners,
+            text.contents.polygons.starts,
+            text.face_names,
+            *text.contents.polylines,
+            *(text.contents.attributes[name] for name in sorted(text.contents.attributes)),
+        )
+        for text in (one, other)
+    ]
+    return (
+        len(arrays[0]) == len(arrays[1])
+        and all(map(np.array_equal, *arrays))
+        and all(getattr(one, name) == getattr(other, name) for name in PLAIN)
+    )
+
+
+@given(
+    lines=st.lists(st.sampled_from(LINES), max_size=25),
+    size=st.integers(1, 60),
+    newline=st.sampled_from(["\n", "\r\n", "\r"]),
+    ended=st.booleans(),
+)
+@settings(max_examples=80)
+def test_blocks_of_any_size_give_the_same(lines: list[str], size: int, newline: str, ended: bool) -> None:
+    text = newline.join(["v 0 0 0 1 1 1", *lines]) + (newline if ended else "")
+    whole = read(text)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(obj_stream, "BLOCK_SIZE", size)
+        blocks = read(text)
+    if isinstance(whole, str):
+        # which of several mistakes is told may differ, a line's number must not
+        assert isinstance(blocks, str)
+    else:
+        assert isinstance(blocks, ObjText)
+        assert same(whole, blocks)
+        assert blocks.ending.count(newline.encode()) == whole.ending.count(newline.encode()) or newline == "\r\n"
+
+
+def test_a_mistake_has_its_line_in_every_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "v 0 0 0\n" * 3 + "f 1 2 3\n" * 50 + "# a \\\n b\n\nf 1 2 4\n"
+    monkeypatch.setattr(obj_stream, "BLOCK_SIZE", 16)
+    assert "a.obj, line 57: '4' names a vertex that does not exist, the file has 3" in str(read(text))
+    assert "a.obj, line 57: 'x' is no corner" in str(read(text.replace("4", "x")))
+    assert "byte 300: a zero byte" in str(read(text[:300] + "\0"))
+
+
+def test_vertices_may_follow_the_faces_that_use_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(obj_stream, "BLOCK_SIZE", 8)
+    text = read("f 1 2 3\nl 1 2\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -1 -2 -3\n")
+    assert isinstance(text, ObjText)
+    assert text.contents.polygons.rows() == [[0, 1, 2], [2, 1, 0]]
+
+
+def test_objects_and_groups_name_what_follows() -> None:
+    vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    faces = "f 1 2 3\ng a b\nf 1 2 3\no c\nf 1 2 3\ng d\nf 1 2 3\n"
+    text = read(f"{vertices}{faces}l 1 2\ng e\nl 3 2\no f\nl 1 3\n")
+    assert isinstance(text, ObjText)
+    assert [text.names[number] for number in text.face_names] == ["", "a b", "c", "c/d"]
+    assert text.curve_names == ("c/d",)
+
+
+def test_a_line_without_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(obj_stream, "BLOCK_SIZE", 1 << 10)
+    monkeypatch.setattr(obj_stream, "LONGEST_LINE", 1 << 14)
+    assert "a line of more than" in str(read("v 0 0 0\n" + "l" + " 1" * (1 << 14)))
+
+
+def test_the_words_of_a_large_file_are_never_in_memory_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(obj_stream, "BLOCK_SIZE", 1 << 17)
+
+    class Endless(io.RawIOBase):
+        """Vertices as they are asked for."""
+
+        left = 20_000
+
+        def read(self, size: int = -1) -> bytes:
+            count = min(self.left, size // 30)
+            self.left -= count
+            return b"v 0.1234567 0.7654321 0.55555\n" * count
+
+    tracemalloc.start()
+    text = read_obj_stream(Endless(), None)  # type: ignore[arg-type]
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(text.contents.vertices) == 20_000
+    # numbers alone take 0.5 MB and are joined once; words and lines would take over 7 MB
+    assert peak < 5 << 20

@@ -1,0 +1,44 @@
+"""Processes of their own for batches: they find the package, and files whose names say so do harm to them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+# In the process that solves, the harm that a file's name announces is done when it is opened.
+HARM = """
+import ctypes, os, sys, time
+
+def hook(event, arguments):
+    if event != "open" or not isinstance(arguments[0], str):
+        return
+    name = os.path.basename(arguments[0])
+    if name == "crash.obj":
+        ctypes.string_at(0)
+    elif name == "hang.obj":
+        time.sleep(1000)
+    elif name == "hog.obj":
+        taken = []
+        while True:
+            taken.append(bytearray(b"x") * (1 << 26))
+            time.sleep(0.02)
+    elif name == "killed.obj":
+        # once only
+        flag = arguments[0] + ".tried"
+        if not os.path.exists(flag):
+            os.close(os.open(flag, os.O_CREAT))
+            os.kill(os.getpid(), 9)
+
+if "spinor_geom.batching.solver" in sys.orig_argv:
+    sys.addaudithook(hook)
+"""
+
+
+@pytest.fixture(scope="session")
+def harmful_site(site: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What PYTHONPATH has to be."""
+    folder = tmp_path_factory.mktemp("harm")
+    (folder / "sitecustomize.py").write_text(HARM)
+    return os.pathsep.join([str(folder), str(site)])

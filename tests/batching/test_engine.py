@@ -1,0 +1,348 @@
+"""Batches with processes of their own: the same bytes whatever happens on the way."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+
+from spinor_geom import BatchProgress, BatchResult, batch
+from spinor_geom.batching.engine import AHEAD, TOGETHER, _blocks
+from spinor_geom.batching.inputs import SMALL, Source
+from spinor_geom.batching.journal import opened_journal
+from spinor_geom.batching.options import BatchOptions
+from spinor_geom.batching.store import RUN, STAGING
+from spinor_geom.cli.main import main
+from spinor_geom.errors import BatchError, OptionError
+from tests.batching.files import circle, curve_text, holed_text, record, results, write_curves
+
+PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
+CURVES = 40
+
+
+@pytest.fixture(scope="module", autouse=True)
+def found(harmful_site: str) -> Iterator[None]:
+    """Processes find the package."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", harmful_site)
+        patch.setenv("OMP_NUM_THREADS", "1")
+        yield
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files of all kinds, one of them broken; one kills the process that reads it first."""
+    folder = tmp_path_factory.mktemp("corpus") / "in"
+    write_curves(folder, CURVES, points=24)
+    (folder / "roof.obj").write_bytes(holed_text().encode())
+    (folder / "open.obj").write_text("g left\n" + curve_text(circle(9), closed=False))
+    (folder / "broken.obj").write_bytes(b"\x7fELF\0")
+    (folder / "closed_mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    (folder / "killed.obj").write_text(curve_text(circle(9)))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def seen() -> list[BatchProgress]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def reference(corpus: Path, seen: list[BatchProgress], tmp_path_factory: pytest.TempPathFactory) -> BatchResult:
+    return batch(corpus, tmp_path_factory.mktemp("reference") / "out", workers=1, on_progress=seen.append)
+
+
+def started(*arguments: object, limit_file: int | None = None) -> subprocess.Popen[str]:
+    """The command line, in a process of its own."""
+
+    def limited() -> None:
+        if limit_file is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit_file, limit_file))
+
+    return subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "batch", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=os.path.abspath(os.sep),
+        preexec_fn=limited,
+        start_new_session=True,
+    )
+
+
+def wait_until(condition: Callable[[], bool], seconds: float = 120.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def records(output: Path) -> list[Path]:
+    return sorted((output / "files").rglob("record.json"))
+
+
+def processes_of(pid: int) -> tuple[list[psutil.Process], list[psutil.Process]]:
+    """The processes that solve for a driver, and the workers that keep them."""
+    below = psutil.Process(pid).children(recursive=True)
+    solvers = [process for process in below if "spinor_geom.batching.solver" in process.cmdline()]
+    return solvers, [process.parent() for process in solvers]
+
+
+def test_a_batch_counts_what_it_did(reference: BatchResult, seen: list[BatchProgress]) -> None:
+    done = reference.progress
+    assert not reference.complete
+    assert (done.files, done.files_failed, done.loops, done.loops_failed) == (CURVES + 5, 2, CURVES + 3, 1)
+    assert (done.files_total, done.files_before) == (CURVES + 5, 0)
+    assert [now.files for now in seen] == list(range(1, CURVES + 6))
+    assert seen[-1].files_total == CURVES + 5
+
+
+def test_the_tables_have_a_row_for_each_loop(reference: BatchResult) -> None:
+    rows = pq.read_table(reference.table).to_pylist()
+    with reference.table_csv.open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    # a closed mesh and a broken file have no loops
+    assert len(rows) == len(lines) == CURVES + 5
+    assert [row["source"] for row in rows] == sorted(row["source"] for row in rows)
+    for row, line in zip(rows, lines, strict=True):
+        assert {key: "" if value is None else str(value) for key, value in row.items()} == line
+        if row["status"] == "done" and row["loop"] is not None:
+            entry = record(reference.output, row["source"])["loops"][row["loop"]]
+            assert row["area"] == entry["area"] > 0
+            assert row["seconds"] > 0
+            assert (reference.output / "files" / row["source"] / row["patch"]).exists()
+    assert {row["source"]: row["reason"] for row in rows if row["status"] == "failed"}.keys() == {
+        "in/broken.obj",
+        "in/open.obj",
+    }
+
+
+def test_failures_stand_in_the_log_and_on_the_page(reference: BatchResult) -> None:
+    lines = [line.split("\t") for line in reference.log.read_text().splitlines()]
+    assert [line[:2] for line in lines] == [["failed", "in/broken.obj"], ["failed", "in/open.obj"]]
+    assert "zero byte" in lines[0][2]
+    assert lines[1][2].startswith("loop 0 (left): the curve is open")
+    page = reference.page.read_text()
+    assert page.count("<svg") > 20
+    assert "zero byte" in page
+    assert "<script" not in page
+
+
+def test_nothing_is_left_half_written(reference: BatchResult) -> None:
+    assert not (reference.output / STAGING).exists()
+    assert not [path for path in reference.output.rglob(".*") if path.name != ".lock"]
+
+
+def test_a_killed_driver_is_resumed_to_the_same_bytes(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    driver = started(corpus, "-o", output, "--workers", 1)
+    wait_until(lambda: len(records(output)) > 3)
+    solvers, workers = processes_of(driver.pid)
+    driver.send_signal(signal.SIGKILL)
+    driver.communicate()
+    psutil.wait_procs([*solvers, *workers], timeout=20)
+    assert not any(process.is_running() for process in [*solvers, *workers])
+    before = {path: path.stat().st_ino for path in records(output)}
+    assert 3 < len(before) < CURVES
+    (output / STAGING / "half").mkdir(parents=True)
+
+    again = started(corpus, "-o", output, "--workers", 1, "--resume")
+    _, said = again.communicate(timeout=120)
+    assert again.returncode == 1  # two of the files are broken
+    assert "2 of 45 files are not wholly done" in said
+    assert {path: path.stat().st_ino for path in before} == before
+    assert results(output) == results(reference.output)
+    assert (output / "failures.log").read_text() == reference.log.read_text()
+    assert not (output / STAGING).exists()
+
+    # a resumed run with nothing to do starts no workers and changes nothing
+    begin = time.monotonic()
+    third = batch(corpus, output, resume=True)
+    assert time.monotonic() - begin < 20
+    assert third.progress.files_before == CURVES + 5
+    assert {path: path.stat().st_ino for path in before} == before
+
+
+def test_killed_workers_cost_time_only(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    driver = started(corpus, "-o", output, "--workers", 1)
+    wait_until(lambda: len(records(output)) > 1)
+    solvers, _ = processes_of(driver.pid)
+    solvers[0].kill()
+    count = len(records(output))
+    wait_until(lambda: len(records(output)) > count + 1)
+    _, workers = processes_of(driver.pid)
+    workers[0].kill()
+    _, said = driver.communicate(timeout=120)
+    assert driver.returncode == 1
+    assert "2 of 45 files" in said
+    assert results(output) == results(reference.output)
+
+
+def test_a_cluster_leaves_the_same_bytes(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=50
+    ) as cluster:
+        result = batch(corpus, tmp_path / "out", scheduler=cluster.scheduler_address)
+        assert cluster.scheduler_address.startswith("tcp://127.0.0.1:")
+    assert results(result.output) == results(reference.output)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=128k", "tmpfs", disk], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("mounting is not permitted here")
+    yield disk
+    subprocess.run(["umount", "-l", disk], check=True)
+
+
+def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(
+    reference: BatchResult, corpus: Path, small_disk: Path
+) -> None:
+    driver = started(corpus, "-o", small_disk / "out", "--workers", 1)
+    _, said = driver.communicate(timeout=120)
+    assert driver.returncode == 2
+    assert "No space left on device" in said
+    whole = results(reference.output)
+    there = results(small_disk / "out")
+    assert there
+    assert set(there.items()) < set(whole.items())
+    subprocess.run(["mount", "-o", "remount,size=64m", small_disk], check=True)
+    again = started(corpus, "-o", small_disk / "out", "--workers", 1, "--resume")
+    again.communicate(timeout=120)
+    assert again.returncode == 1
+    assert results(small_disk / "out") == whole
+
+
+@pytest.mark.slow
+def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> None:
+    # as full disks do, where no disk can be mounted
+    driver = started(corpus / "curve000.obj", "-o", tmp_path / "out", "--workers", 1, limit_file=1500)
+    _, said = driver.communicate(timeout=120)
+    assert driver.returncode == 2
+    assert "File too large" in said
+    assert records(tmp_path / "out") == []
+    assert len(list(tmp_path.rglob("*.obj"))) == 0
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    driver = started(corpus, "-o", output, "--workers", 1)
+    wait_until(lambda: len(records(output)) > 1)
+    solvers, workers = processes_of(driver.pid)
+    os.killpg(driver.pid, signal.SIGINT)  # as a terminal does it
+    _, said = driver.communicate(timeout=60)
+    assert (driver.returncode, said) == (130, "spinor-geom: interrupted\n")
+    psutil.wait_procs([*solvers, *workers], timeout=20)
+    assert not any(process.is_running() for process in [*solvers, *workers])
+
+
+def test_two_runs_exclude_each_other(corpus: Path, tmp_path: Path) -> None:
+    with opened_journal(tmp_path / "out", BatchOptions(), resume=False):
+        for more in ([], ["--resume"]):
+            second = started(corpus, "-o", tmp_path / "out", *more)
+            _, said = second.communicate(timeout=60)
+            assert second.returncode == 2
+            assert "another batch is writing to this folder" in said
+    with opened_journal(tmp_path / "out", BatchOptions(), resume=True):
+        pass
+
+
+def test_folders_that_hold_something_are_left_alone(
+    reference: BatchResult, corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = str(reference.output)
+    assert main(["batch", str(corpus), "-o", output]) == 2
+    assert "holds a batch already" in capsys.readouterr().err
+    assert main(["batch", str(corpus), "-o", output, "--resume", "--format", "ply"]) == 2
+    assert "was begun with other options" in capsys.readouterr().err
+    assert main(["batch", str(corpus), "-o", str(corpus)]) == 2
+    assert "is the output folder" in capsys.readouterr().err
+    assert main(["batch", str(corpus / "roof.obj"), "-o", str(corpus)]) == 2
+    assert "holds other things" in capsys.readouterr().err
+    (tmp_path / "files").mkdir()
+    (tmp_path / RUN).write_text("{")
+    assert main(["batch", str(corpus), "-o", str(tmp_path), "--resume"]) == 2
+    assert "is damaged" in capsys.readouterr().err
+    assert main(["batch", str(corpus / "nothing.obj"), "-o", str(tmp_path / "new")]) == 2
+    assert "no such file" in capsys.readouterr().err
+
+
+def test_a_run_without_results_is_no_obstacle(corpus: Path, tmp_path: Path) -> None:
+    for device in ("cpu", "cuda"):
+        with opened_journal(tmp_path / "out", BatchOptions(device=device), resume=False):
+            pass
+
+
+def test_faults_and_changed_files_are_done_again(corpus: Path, tmp_path: Path) -> None:
+    (path,) = write_curves(tmp_path / "in", 1)
+    with opened_journal(tmp_path / "out", BatchOptions(), resume=False) as journal:
+        source = Source(key="a", path=str(path), size=3, modified=4)
+        for status, complete in (("done", True), ("failed", True), ("fault", False)):
+            entry = {"source": "a", "status": status, "reason": "", "loops": []}
+            journal.store.commit(source, entry, {})
+            assert (journal.completed(source) is not None) == complete
+            assert journal.completed(Source(key="a", path=str(path), size=3, modified=5)) is None
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"workers": 0},
+        {"workers": 1, "scheduler": "tcp://127.0.0.1:1"},
+        {"retries": -1},
+        {"time_limit": 0},
+        {"memory_limit": -5},
+        {"tolerance": 0.0},
+    ],
+)
+def test_options_are_checked_before_anything_is_made(corpus: Path, tmp_path: Path, wrong: dict[str, object]) -> None:
+    with pytest.raises(OptionError):
+        batch(corpus, tmp_path / "out", **wrong)  # type: ignore[arg-type]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scheduler_that_is_not_there_is_said(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(BatchError, match="no Dask scheduler answers there"):
+        batch(corpus, tmp_path / "out", scheduler="nonsense://here")
+
+
+def test_a_million_inputs_are_taken_as_they_are_needed() -> None:
+    taken = itertools.count()
+    endless = (Source(key=str(number), path="", size=100) for number in taken)
+    blocks = list(itertools.islice(_blocks(endless, lambda: 2), 50))
+    assert [len(block) for block in blocks] == [TOGETHER] * 50
+    assert next(taken) <= (50 + 2 * AHEAD) * TOGETHER + 1
+
+
+def test_the_last_files_are_shared_out_evenly() -> None:
+    sources = [Source(key=str(number), path="", size=100) for number in range(40)]
+    blocks = list(_blocks(iter(sources), lambda: 4))
+    assert [source for block in blocks for source in block] == sources
+    assert max(map(len, blocks)) == 5
+    assert [len(block) for block in blocks[-4:]] == [1] * 4
+
+
+def test_large_files_stand_alone() -> None:
+    sizes = [100, SMALL + 1, SMALL + 1, 200, SMALL - 150, 30]
+    sources = (Source(key=str(number), path="", size=size) for number, size in enumerate(sizes))
+    found = [[source.size for source in block] for block in _blocks(sources, lambda: 1)]
+    assert all(sum(block) <= SMALL or len(block) == 1 for block in found)
+    assert [size for block in found for size in block] == sizes

@@ -1,0 +1,331 @@
+"""Inputs: which files they name, in which order, under which harmless names; and what of archives is refused."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import json
+import lzma
+import os
+import stat
+import struct
+import tarfile
+import tracemalloc
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.batching import archives, inputs
+from spinor_geom.batching.archives import ArchiveReader, members
+from spinor_geom.batching.inputs import Inputs, Source
+from spinor_geom.batching.names import safe_name
+from spinor_geom.errors import ArchiveError, BatchError
+
+PACKERS = {".tar": lambda data: data, ".tar.gz": gzip.compress, ".tbz2": bz2.compress, ".tar.xz": lzma.compress}
+
+
+def listed(given: Iterable[str]) -> Inputs:
+    return Inputs(given, output="/nowhere")
+
+
+def keys(*given: object) -> list[str]:
+    return [source.key for source in listed(map(str, given))]
+
+
+def problem(given: object) -> str:
+    (source,) = listed([str(given)])
+    return source.problem
+
+
+def packed_tar(path: Path, entries: list[tuple[str, bytes] | tarfile.TarInfo]) -> Path:
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w") as archive:
+        for entry in entries:
+            if isinstance(entry, tarfile.TarInfo):
+                archive.addfile(entry)
+                continue
+            info = tarfile.TarInfo(entry[0])
+            info.size = len(entry[1])
+            archive.addfile(info, io.BytesIO(entry[1]))
+    suffix = next(suffix for suffix in PACKERS if path.name.endswith(suffix))
+    path.write_bytes(PACKERS[suffix](buffer.getvalue()))
+    return path
+
+
+def packed_zip(path: Path, entries: list[tuple[str | zipfile.ZipInfo, bytes]]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in entries:
+            archive.writestr(name, data)
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    root = tmp_path / "scans"
+    for name in ("b.obj", "a.OBJ", "deep/er/c.obj", "deep/readme.txt", "deep/d.mtl"):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text("v 0 0 0\n")
+    return root
+
+
+def test_folders_are_searched_in_order_with_all_below(folder: Path) -> None:
+    assert keys(folder) == ["scans/a.OBJ", "scans/b.obj", "scans/deep/er/c.obj"]
+    assert keys(folder / "b.obj") == ["b.obj"]
+
+
+def test_patterns_fit_files_at_any_depth(folder: Path) -> None:
+    assert keys(folder / "*.obj") == ["scans/b.obj"]
+    assert keys(folder / "**" / "*.obj") == ["scans/b.obj", "scans/deep/er/c.obj"]
+
+
+def test_a_file_named_like_a_pattern_is_that_file(tmp_path: Path) -> None:
+    (tmp_path / "a[1].obj").write_text("")
+    assert keys(tmp_path / "a[1].obj") == ["a[1].obj"]
+
+
+def test_inputs_of_one_name_are_told_apart(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    other = tmp_path / "other" / "b.obj"
+    other.write_text("")
+    assert keys(folder / "b.obj", other, other) == ["b.obj", "b.obj~2", "b.obj~3"]
+
+
+@pytest.mark.parametrize("given", ["nowhere", "nowhere/*.obj"])
+def test_inputs_that_do_not_exist_stop_the_batch(tmp_path: Path, given: str) -> None:
+    with pytest.raises(BatchError, match="nowhere"):
+        listed([str(tmp_path / given)])
+    with pytest.raises(BatchError, match="no inputs"):
+        listed([])
+
+
+def test_results_are_no_inputs(folder: Path) -> None:
+    for pattern in (folder, folder / "**" / "*.obj"):
+        found = [source.key for source in Inputs([str(pattern)], output=folder / "deep")]
+        assert not [key for key in found if "deep" in key]
+        assert "scans/b.obj" in found
+    with pytest.raises(BatchError, match="is the output folder"):
+        Inputs([str(folder)], output=folder)
+
+
+def test_manifests_name_files_from_where_they_are(folder: Path) -> None:
+    table = folder / "list.csv"
+    table.write_text("\ufeffid,path\n1,b.obj\n2,deep/er/c.obj\n3,\n4,gone.obj\n5,b.obj\n", encoding="utf-8")
+    lines = folder / "list.jsonl"
+    lines.write_text('{"path": "b.obj"}\n\n"deep/er/c.obj"\n{"file": 3}\n')
+    found = list(listed([str(table)]))
+    assert [(source.key, bool(source.problem)) for source in found] == [
+        ("list.csv/1/b.obj", False),
+        ("list.csv/2/deep/er/c.obj", False),
+        ("list.csv/3/problem", True),
+        ("list.csv/4/gone.obj", True),
+        ("list.csv/5/b.obj", False),
+    ]
+    assert [Path(source.path).name for source in found[:2]] == ["b.obj", "c.obj"]
+    assert "row 3 names no path" in found[2].problem
+    assert [source.key for source in listed([str(lines)])] == [
+        "list.jsonl/1/b.obj",
+        "list.jsonl/3/deep/er/c.obj",
+        "list.jsonl/4/problem",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", "file\nb.obj\n"),
+        ("a.csv", ""),
+        ("a.csv", "path\n" + "x" * (2 << 20)),
+        ("a.jsonl", "{"),
+        ("a.jsonl", "[" * 100_000),
+        ("a.jsonl", "\udcff"),
+    ],
+)
+def test_broken_manifests_are_one_problem(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8", errors="surrogateescape")
+    assert "cannot be read as a manifest" in problem(tmp_path / name)
+
+
+def test_what_is_no_regular_file_is_not_opened(folder: Path) -> None:
+    os.mkfifo(folder / "e.obj")  # would wait for ever
+    (folder / "f.obj").symlink_to("/etc/passwd")
+    (folder / "g").symlink_to("/")
+    found = {source.key: source.problem for source in listed([str(folder)])}
+    assert "no regular file" in found["scans/e.obj"]
+    assert "is a link" in found["scans/f.obj"]
+    assert not any(key.startswith("scans/g") for key in found)
+    assert "no OBJ file" in problem(folder / "deep" / "d.mtl")
+
+
+@pytest.mark.parametrize("suffix", [*PACKERS, ".zip"])
+def test_archives_are_read_member_by_member_in_any_order(tmp_path: Path, suffix: str) -> None:
+    data = {f"set/{number}.obj": os.urandom(3000 * number) for number in range(5)}
+    entries = [*data.items(), ("set/readme.txt", b"no mesh")]
+    path = tmp_path / f"pack{suffix}"
+    (packed_zip if suffix == ".zip" else packed_tar)(path, entries)
+    found = list(listed([str(path)]))
+    assert [source.key for source in found] == [f"pack{suffix}/set/{number}.obj" for number in range(5)]
+    reader = ArchiveReader()
+    for source in [*found, found[3], found[1]]:
+        source = Source.from_dict(json.loads(json.dumps(source.to_dict())))
+        assert source.member is not None
+        stream = reader.open(source.path, source.member)
+        assert stream.read(10) == data[source.member.name][:10]
+        stream.seek(0)
+        assert stream.read() == data[source.member.name]
+        assert stream.read(5) == b""
+    reader.close()
+
+
+def tar_entry(name: str, kind: bytes, target: str = "") -> tarfile.TarInfo:
+    info = tarfile.TarInfo(name)
+    info.type, info.linkname = kind, target
+    return info
+
+
+def zip_link(name: str) -> zipfile.ZipInfo:
+    info = zipfile.ZipInfo(name)
+    info.external_attr = (stat.S_IFLNK | 0o777) << 16
+    return info
+
+
+GOOD = ("good.obj", b"v 0 0 0\n")
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        ("../out.obj", b""),
+        ("a/../../out.obj", b""),
+        ("/etc/x.obj", b""),
+        ("..\\out.obj", b""),
+        ("C:\\x.obj", b""),
+        tar_entry("l.obj", tarfile.SYMTYPE, "/etc/passwd"),
+        tar_entry("l.obj", tarfile.LNKTYPE, "good.obj"),
+        tar_entry("folder", tarfile.SYMTYPE, "/"),
+        tar_entry("p.obj", tarfile.FIFOTYPE),
+        tar_entry("d.obj", tarfile.CHRTYPE),
+    ],
+)
+def test_an_archive_with_anything_dishonest_is_refused_as_a_whole(tmp_path: Path, bad: object) -> None:
+    path = packed_tar(tmp_path / "pack.tar.gz", [GOOD, bad])  # type: ignore[list-item]
+    assert keys(path) == ["pack.tar.gz/problem"]
+    assert "the archive holds" in problem(path)
+    if isinstance(bad, tuple):
+        assert "leads out of it" in problem(packed_zip(tmp_path / "pack.zip", [GOOD, bad]))
+
+
+def test_zip_archives_with_links_or_passwords_are_refused(tmp_path: Path) -> None:
+    assert "a link" in problem(packed_zip(tmp_path / "a.zip", [GOOD, (zip_link("l.obj"), b"/etc/passwd")]))
+    path = packed_zip(tmp_path / "b.zip", [GOOD])
+    data = bytearray(path.read_bytes())
+    for magic, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        data[data.index(magic) + flags] |= 1
+    path.write_bytes(data)
+    assert "encrypted" in problem(path)
+
+
+@pytest.mark.parametrize("suffix", [".tar.gz", ".tbz2", ".tar.xz", ".zip"])
+def test_bombs_are_refused_before_they_unpack(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(archives, "FREE_SIZE", 1 << 20)
+    bomb = ("bomb.obj", bytes(20 << 20))
+    path = tmp_path / f"bomb{suffix}"
+    (packed_zip if suffix == ".zip" else packed_tar)(path, [GOOD, bomb])
+    tracemalloc.start()
+    said = problem(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert "a bomb" in said
+    assert peak < 15 << 20
+
+
+def test_a_zip_that_lies_about_sizes_gives_no_more_than_it_says(tmp_path: Path) -> None:
+    path = packed_zip(tmp_path / "a.zip", [("a.obj", b"v 0 0 0\n" * 50_000)])
+    data = bytearray(path.read_bytes())
+    for magic, at in ((b"PK\x03\x04", 22), (b"PK\x01\x02", 24)):
+        struct.pack_into("<I", data, data.index(magic) + at, 100)
+    path.write_bytes(data)
+    (member,) = members(path)
+    stream = ArchiveReader().open(str(path), member)
+    with pytest.raises(zipfile.BadZipFile, match="CRC"):
+        stream.read()
+
+
+@pytest.mark.parametrize("suffix", [*PACKERS, ".zip"])
+def test_every_truncated_archive_is_a_problem(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    (packed_zip if suffix == ".zip" else packed_tar)(path, [("a.obj", os.urandom(5000)), ("b.obj", os.urandom(5000))])
+    data = path.read_bytes()
+    for share in (0.0, 0.01, 0.3, 0.5):
+        path.write_bytes(data[: int(share * len(data))])
+        assert all(source.problem for source in list(listed([str(path)]))[-1:]), share
+
+
+@settings(max_examples=40)
+@given(st.lists(st.lists(st.text(min_size=1, max_size=8), min_size=1, max_size=4), min_size=2, max_size=6))
+def test_names_are_harmless_and_different_names_stay_different(names: list[list[str]]) -> None:
+    # a part of an input's name has no separator
+    plain = [[part.replace("/", "_") for part in parts] for parts in names]
+    safe = [safe_name(parts) for parts in plain]
+    assert len(set(safe)) == len({tuple(parts) for parts in plain})
+    for name in safe:
+        assert name.encode("utf-8")
+        assert not name.startswith("/")
+        assert not set(name) & set('\\:*?"<>|\0\n\r')
+        assert all(part not in ("", ".", "..") and not part.startswith(".") for part in name.split("/"))
+
+
+def test_long_and_undecodable_names_stay_short_and_different() -> None:
+    long = [safe_name(["a" * 300 + str(number)]) for number in range(2)]
+    assert long[0] != long[1]
+    assert max(map(len, long)) < 255
+    deep = [safe_name([*("b" * 100 for _ in range(20)), str(number)]) for number in range(2)]
+    assert deep[0] != deep[1]
+    assert max(map(len, deep)) <= 700
+    assert safe_name([os.fsdecode(b"\xff.obj")]) == "%FF.obj"
+    assert safe_name(["a.obj", "b.obj"]) == "a.obj%/b.obj"
+
+
+def test_many_names_are_sorted_without_being_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inputs, "SORTED_AT_ONCE", 100)
+    names = [f"{(number * 7919) % 1000:04}\n" for number in range(1000)]
+    assert list(inputs._sorted(iter(names))) == sorted(names)
+
+
+def test_listing_takes_the_same_memory_for_ten_times_as_many(tmp_path: Path) -> None:
+    def peak(count: int) -> int:
+        path = tmp_path / f"{count}.jsonl"
+        path.write_text('{"path": "gone.obj"}\n' * count)
+        tracemalloc.start()
+        assert sum(1 for _ in listed([str(path)])) == count
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return most
+
+    few = peak(300)
+    assert peak(3000) < 1.3 * few + 20_000
+
+
+def test_tar_archives_are_not_held_either(tmp_path: Path) -> None:
+    def peak(count: int) -> int:
+        path = packed_tar(tmp_path / f"{count}.tar", [(f"{number}.obj", b"") for number in range(count)])
+        tracemalloc.start()
+        assert sum(1 for _ in members(path)) == count
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return most
+
+    few = peak(100)
+    assert peak(1000) < 1.3 * few + 20_000
+
+
+def test_a_damaged_member_is_an_error_of_its_own(tmp_path: Path) -> None:
+    path = packed_tar(tmp_path / "a.tar", [GOOD])
+    (member,) = members(path)
+    path.unlink()
+    with pytest.raises(ArchiveError, match="cannot be read"):
+        ArchiveReader().open(str(path), member)

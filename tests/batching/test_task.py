@@ -1,0 +1,359 @@
+"""What is left of a file: meshes, surfaces and records, the same bytes whatever it is solved with."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from spinor_geom import SpinorSurface, boundary_loops, read_mesh, solve_plateau
+from spinor_geom.batching import isolate, solver
+from spinor_geom.batching.archives import ArchiveReader
+from spinor_geom.batching.inputs import Inputs
+from spinor_geom.batching.journal import opened_journal
+from spinor_geom.batching.options import BatchOptions
+from spinor_geom.batching.summary import write_summary
+from spinor_geom.errors import BatchError, OptionError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from tests.batching.files import circle, curve_text, holed_text, record, results, vertex_lines, write_curves
+
+Told = list[dict[str, Any]]
+ROOT = Path(__file__).parents[2]
+
+
+def solved(given: list[Path], output: Path, *, together: int = 16, **options: Any) -> Told:
+    """Works through files in this process, in blocks of so many."""
+    chosen = BatchOptions(**options)
+    told: Told = []
+    with opened_journal(output, chosen, resume=False) as journal:
+        sources = [source.to_dict() for source in Inputs(given, output=output)]
+        for start in range(0, len(sources), together):
+            job = {"sources": sources[start : start + together], "options": chosen.to_dict()}
+            store = {"output": journal.store.output, "token": journal.store.token}
+            solver.work({**job, "store": store}, ArchiveReader(), told.append)
+    return told
+
+
+@pytest.fixture
+def mixed(tmp_path: Path) -> Path:
+    folder = tmp_path / "in"
+    write_curves(folder, 5)
+    (folder / "roof.obj").write_bytes(holed_text().encode())
+    second = vertex_lines(circle(30, 8) + 3) + "l " + " ".join(map(str, [*range(-30, 0), -30])) + "\n"
+    (folder / "two.obj").write_text(curve_text(circle(12, 20)) + second)
+    (folder / "broken.obj").write_text("v 0 0 zero\n")
+    return folder
+
+
+def test_results_do_not_depend_on_what_is_solved_together(mixed: Path, tmp_path: Path) -> None:
+    # the promise that a resumed run and a run on other workers leave the same bytes stands on this
+    for together in (1, 3, 16):
+        solved([mixed], tmp_path / f"out{together}", together=together, what="surface")
+    one = results(tmp_path / "out1")
+    assert len(one) == 3 * 5 + 3 + 5 + 1
+    assert results(tmp_path / "out3") == one
+    assert results(tmp_path / "out16") == one
+
+
+def test_a_patch_has_the_loop_as_its_rim_and_the_surface_can_be_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "ring.obj"
+    path.write_text("o ring\n" + curve_text(circle(40)))
+    solved([path], tmp_path / "out", what="surface")
+    found = record(tmp_path / "out", "ring.obj")
+    (entry,) = found["loops"]
+    assert entry["files"] == {"patch": "loop-0-ring.obj", "surface": "loop-0-ring.safetensors"}
+    folder = tmp_path / "out" / "files" / "ring.obj"
+    (rim,) = boundary_loops(folder / "loop-0-ring.obj")
+    np.testing.assert_array_equal(np.sort(rim.points, axis=0), np.sort(circle(40), axis=0))
+    alone = solve_plateau(BoundaryLoop.from_points(circle(40)))
+    surface = SpinorSurface.load(folder / "loop-0-ring.safetensors")
+    z = alone.domain.triangulation.points
+    np.testing.assert_array_equal(surface.position(z), alone.surface.position(z))
+    assert (entry["name"], entry["kind"], entry["status"], entry["vertices"]) == ("ring", "curve", "done", 40)
+    assert entry["area"] == alone.area
+    assert entry["stability"]["verdict"] == alone.stability.verdict
+    assert entry["residual_rms_per_edge"] == alone.boundary_residual.rms_per_edge
+    assert sum(entry["seconds"].values()) > 0
+    assert found["version"]
+
+
+def test_a_mesh_is_filled_and_keeps_its_own_bytes(tmp_path: Path) -> None:
+    path = tmp_path / "roof.obj"
+    path.write_bytes(holed_text().encode())
+    solved([path], tmp_path / "out")
+    filled = tmp_path / "out" / "files" / "roof.obj" / "filled.obj"
+    assert filled.read_bytes().startswith(holed_text().encode())
+    assert boundary_loops(filled) == []
+    found = record(tmp_path / "out", "roof.obj")
+    assert found["filled"]["watertight"] is True
+    assert found["loops"][0]["files"] == {"patch": "loop-0-roof%2Fsouth.obj"}
+
+
+@pytest.mark.parametrize("format", ["ply", "glb", "npz"])
+def test_other_formats_hold_the_same_triangles(tmp_path: Path, format: str) -> None:
+    path = tmp_path / "roof.obj"
+    path.write_bytes(holed_text().encode())
+    solved([path], tmp_path / "out", format=format)
+    folder = tmp_path / "out" / "files" / "roof.obj"
+    assert {file.suffix for file in folder.iterdir()} == {".json", f".{format}"}
+    if format == "npz":
+        with np.load(folder / "filled.npz", allow_pickle=False) as arrays:
+            vertices, faces = arrays["vertices"], arrays["faces"]
+    else:
+        mesh = read_mesh(folder / f"filled.{format}").mesh
+        vertices, faces = mesh.vertices, mesh.faces
+    assert boundary_loops((vertices, faces)) == []
+    np.testing.assert_allclose(vertices[:5], [[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0], [0.5, 0.5, 1]], rtol=1e-7)
+
+
+@pytest.mark.parametrize("format", ["obj", "npz"])
+def test_loops_alone_are_written_without_being_solved(
+    mixed: Path, tmp_path: Path, format: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("spinor_geom.plateau.task.Task.of", lambda *_: pytest.fail("a loop was solved"))
+    solved([mixed], tmp_path / "out", what="loops", format=format)
+    (first, second) = record(tmp_path / "out", "in/two.obj")["loops"]
+    assert (first["status"], first["vertices"], second["vertices"]) == ("done", 12, 30)
+    path = tmp_path / "out" / "files" / "in" / "two.obj" / second["files"]["loop"]
+    if format == "npz":
+        points = np.load(path, allow_pickle=False)["points"]
+    else:
+        (curve,) = read_mesh(path).polylines
+        assert curve[0] == curve[-1]
+        points = read_mesh(path).mesh.vertices[curve[:-1]]
+    np.testing.assert_array_equal(points, circle(30, 8) + 3)
+
+
+def test_comparisons_stand_in_the_record(tmp_path: Path) -> None:
+    (path,) = write_curves(tmp_path, 1)
+    solved([path], tmp_path / "out", compare=True)
+    (entry,) = record(tmp_path / "out", "curve000.obj")["loops"]
+    assert 0 < entry["comparison"]["hausdorff"]["mean"] < entry["comparison"]["hausdorff"]["max"] < 0.2
+    assert not any("seconds" in key for key in entry["comparison"])
+    assert entry["seconds"]["comparison"] > 0
+
+
+def test_edge_length_and_tolerance_are_obeyed(tmp_path: Path) -> None:
+    (path,) = write_curves(tmp_path, 1)
+    faces = []
+    for number, length in enumerate(("auto", 0.2)):
+        solved([path], tmp_path / f"out{number}", edge_length=length, tolerance=1e-14)
+        (entry,) = record(tmp_path / f"out{number}", "curve000.obj")["loops"]
+        assert (entry["status"], entry["patch_faces"] > 0) == ("imperfect", True)
+        assert "above the tolerance" in entry["reason"]
+        faces.append(entry["patch_faces"])
+    assert faces[1] > 2 * faces[0]
+
+
+def test_a_mistake_of_ours_costs_one_file(mixed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = solver.open_file
+
+    def mistaken(stream: io.BufferedReader, key: str, options: BatchOptions) -> Any:
+        if key.endswith("curve003.obj"):
+            raise KeyError("forgotten")
+        return honest(stream, key, options)
+
+    monkeypatch.setattr(solver, "open_file", mistaken)
+    told = solved([mixed], tmp_path / "together")
+    assert {"alone": True} in told
+    solved([mixed], tmp_path / "alone", together=1)
+    found = record(tmp_path / "alone", "in/curve003.obj")
+    assert found["status"] == "fault"
+    assert "unexpected KeyError in test_task.py" in found["reason"]
+    assert record(tmp_path / "alone", "in/curve004.obj")["status"] == "done"
+
+
+def broken_texts() -> Iterator[bytes]:
+    """Files that were cut off, damaged, or made to be hard to read."""
+    random = np.random.default_rng(7)
+    squiggle = (ROOT / "data" / "squiggle_on_sphere.obj").read_bytes()
+    whole = [holed_text().encode(), curve_text(circle(9)).encode(), squiggle]
+    for data in whole:
+        yield from (data[: int(share * len(data))] for share in random.random(8))
+        for _ in range(8):
+            damaged = bytearray(data)
+            for place in random.integers(len(data), size=3):
+                damaged[place] = random.integers(256)
+            yield bytes(damaged)
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\n"
+    for text in (
+        "",
+        "l 1 2 3 1\n",
+        f"{corners}l 1 2 3 9\n",
+        f"{corners}l 1 1 1\n",
+        f"{corners}l 1 2 1 2 1\n",
+        f"{corners}l 1 2 3 4 2 1\n",
+        f"{corners}l 1 2\nl 2 3\nl 2 4\n",
+        f"{corners}f 1 2 3\nf 1 2 3\n",
+        f"{corners}f 1 2 3\nf 2 1 3\n",
+        f"{corners}f 1 2 2\n",
+        f"{corners}f 1 2 3\nf 1 2 4\nf 2 1 3\nf 1 2 3 4\n",
+        f"{corners}f 1 2 3\n",
+        "v 1e308 0 0\nv -1e308 0 0\nv 0 1e308 0\nv 0 0 1\nl 1 2 3 1\nf 1 2 3\nf 1 3 4\n",
+        "v 1e-310 0 0\nv -1e-310 0 0\nv 0 1e-310 0\nl 1 2 3 1\n",
+        "v nan nan nan\nv inf 0 0\nv 0 0 0\nl 1 2 3 1\nf 1 2 3\n",
+        "v 0 0 0\nv 1 0 0\nv 2 0 0\nl 1 2 3 1\n",
+        "v 0 0 0\nv 0 0 0\nv 0 0 0\nl 1 2 3 1\n",
+        f"{corners}l 1 2 99999999999999999999\n",
+        f"{corners}o {'x' * 5000}\ng {chr(0x2028)}../../{chr(0x202E)}\nl 1 2 4 3 1\n",
+        f"{corners}call ../../etc/passwd\nmtllib /etc/shadow\ncsh rm\nl 1 2 4 3 1\n",
+    ):
+        yield text.encode()
+
+
+@pytest.mark.parametrize("what", ["fill", "loops"])
+def test_broken_files_fail_for_a_reason_and_alone(tmp_path: Path, what: str) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    texts = list(broken_texts())
+    for number, data in enumerate(texts if what == "loops" else texts[:32] + texts[48:]):
+        (folder / f"{number:02}.obj").write_bytes(data)
+    told = solved([folder], tmp_path / "out", what=what)
+    done = [event["finished"] for event in told if "finished" in event]
+    assert len(done) == len(list(folder.iterdir()))
+    assert not [one for one in done if one["status"] == "fault"]
+    assert all(one["reason"] or one["first"] for one in done if one["status"] != "done")
+    assert {"alone": True} not in told
+    # nothing but the results of each
+    assert {path.name for path in tmp_path.iterdir()} == {"in", "out"}
+    assert {path.parent.name for path in (tmp_path / "out" / "files").rglob("record.json")} == {
+        path.name for path in folder.iterdir()
+    }
+
+
+def test_no_pickle_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pickle
+
+    data = pickle.dumps({"v": [0, 0, 0]})
+    for name in ("a.obj", "b.obj"):
+        (tmp_path / name).write_bytes(data)
+    np.savez(tmp_path / "c.npz", x=np.array([{}], dtype=object), allow_pickle=True)
+    (tmp_path / "c.npz").rename(tmp_path / "c.obj")
+    for loader in ("load", "loads", "Unpickler"):
+        monkeypatch.setattr(pickle, loader, lambda *_args, **_options: pytest.fail("something was unpickled"))
+    told = solved([tmp_path / f"{name}.obj" for name in "abc"], tmp_path / "out")
+    assert [event["finished"]["status"] for event in told if "finished" in event] == ["failed"] * 3
+
+
+def test_nothing_is_written_where_a_link_leads_out(tmp_path: Path) -> None:
+    (path,) = write_curves(tmp_path / "in", 1)
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    options = BatchOptions()
+    with opened_journal(tmp_path / "out", options, resume=False) as journal:
+        (tmp_path / "out" / "files").mkdir()
+        (tmp_path / "out" / "files" / "in").symlink_to(outside)
+        (source,) = Inputs([path.parent], output=tmp_path / "out")
+        with pytest.raises(BatchError, match="leads out of the output folder"):
+            journal.store.commit(source, {}, {})
+    assert list(outside.iterdir()) == []
+
+
+def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
+    (path,) = write_curves(tmp_path / "in", 1)
+    options = BatchOptions()
+    with opened_journal(tmp_path / "out", options, resume=False) as old:
+        pass
+    with opened_journal(tmp_path / "out", options, resume=False):
+        (source,) = Inputs([path], output=tmp_path / "out")
+        with pytest.raises(BatchError, match="another run"):
+            old.store.commit(source, {}, {})
+    assert not (tmp_path / "out" / "files" / "curve000.obj").exists()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"what": "holes"},
+        {"format": "stl"},
+        {"what": "loops", "format": "ply"},
+        {"edge_length": 0.0},
+        {"edge_length": "long"},
+        {"tolerance": -1.0},
+        {"closing": float("nan")},
+    ],
+)
+def test_options_are_checked(wrong: dict[str, Any]) -> None:
+    with pytest.raises(OptionError):
+        BatchOptions(**wrong)
+
+
+@pytest.fixture
+def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., dict[str, Any]]]:
+    """Runs a block in a process of its own, as a worker does."""
+    monkeypatch.setenv("PYTHONPATH", harmful_site)
+
+    def run(given: list[Path], output: Path, *, token: str | None = None, **limits: Any) -> dict[str, Any]:
+        options = BatchOptions()
+        with opened_journal(output, options, resume=output.exists()) as journal:
+            job = {
+                "sources": [source.to_dict() for source in Inputs(given, output=output)],
+                "options": options.to_dict(),
+                "store": {"output": journal.store.output, "token": token or journal.store.token},
+            }
+            return isolate.run_block(job, {"seconds": 30.0, "memory": 1 << 30, "retries": 2, **limits})
+
+    yield run
+    isolate._solver().end()
+
+
+def test_harm_costs_only_the_file_that_does_it(process: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    paths = write_curves(folder, 2)
+    for name in ("crash", "hang", "hog"):
+        (folder / f"{name}.obj").write_text(paths[0].read_text())
+    done = process([folder], tmp_path / "out", seconds=5.0, retries=0)
+    assert done["stop"] == ""
+    found = {one["key"].removeprefix("in/"): (one["status"], one["reason"]) for one in done["finished"]}
+    assert found == {
+        "crash.obj": ("fault", "its process died by SIGSEGV"),
+        "curve000.obj": ("done", ""),
+        "curve001.obj": ("done", ""),
+        "hang.obj": ("fault", "took longer than 5 s; raise the limit"),
+        "hog.obj": ("fault", "took more than 1024 MiB of memory; raise the limit, or split the file"),
+    }
+    assert record(tmp_path / "out", "in/crash.obj")["reason"] == "its process died by SIGSEGV"
+
+    # a run that has to stop leaves the process ready for the next
+    stopped = process(paths, tmp_path / "other", token="that of another run")
+    assert "another run" in stopped["stop"]
+    assert len(process(paths, tmp_path / "other")["finished"]) == 2
+
+
+def test_a_process_that_cannot_start_stops_the_batch(
+    process: Callable[..., dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['torch'] = None\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]]))
+    done = process(write_curves(tmp_path / "in", 3), tmp_path / "out")
+    assert done["finished"] == []
+    assert "cannot start: its process died with status 1: ModuleNotFoundError" in done["stop"]
+
+
+def test_names_that_are_no_text_reach_tables_log_and_page(tmp_path: Path) -> None:
+    folder, output = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    (folder / os.fsdecode(b"\xff.obj")).symlink_to("nowhere")
+    (folder / os.fsdecode(b"\xfe=1.obj")).write_text("g =1+1\n" + curve_text(circle(9)))
+    solved([folder], output)
+    with opened_journal(output, BatchOptions(), resume=True) as journal:
+        paths = write_summary(journal, Inputs([folder], output=output), BatchOptions(), {"seconds": 1.0})
+        log = journal.log.read_text(encoding="utf-8")
+    assert log.startswith("failed\tin/%FF.obj\t")
+    assert [row["source"] for row in pq.read_table(paths["table"]).to_pylist()] == ["in/%FE=1.obj", "in/%FF.obj"]
+    # no formula for a spreadsheet
+    assert "in/%FE=1.obj,0,'=1+1," in paths["table_csv"].read_text(encoding="utf-8")
+    assert paths["page"].read_text(encoding="utf-8").count("<svg") >= 1
+
+
+def test_records_are_json_without_nan(mixed: Path, tmp_path: Path) -> None:
+    solved([mixed], tmp_path / "out")
+    for path in (tmp_path / "out" / "files").rglob("record.json"):
+        json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(name))
