@@ -63,7 +63,6 @@ class Settings:
         values: dict[str, Any] = {
             "points": (32, 64),
             "hole_points": (64,),
-            "repeat": 1,
             "time_limit": 60.0,
             "scaling_points": (50, 150, 500),
             "scaling_triangles": (1_000, 10_000),

@@ -148,7 +148,7 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="known cases, odd rims, mesh files (default: all)",
     )
     bench.add_argument("--methods", metavar="NAME[,NAME…]", type=_names, help="methods and tools (default: all)")
-    bench.add_argument("--repeat", metavar="N", type=_count, help="counted calls of each (default: 3, quick: 1)")
+    bench.add_argument("--repeat", metavar="N", type=_count, help="counted calls of each (default: 3)")
     bench.add_argument(
         "--time-limit", metavar="S", type=_positive, help="seconds for one measurement (default: 180, quick: 60)"
     )
