@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import itertools
 import os
@@ -93,9 +94,16 @@ def records(output: Path) -> list[Path]:
 
 
 def processes_of(pid: int) -> tuple[list[psutil.Process], list[psutil.Process]]:
-    """The processes that solve for a driver, and the workers that keep them."""
-    below = psutil.Process(pid).children(recursive=True)
-    solvers = [process for process in below if "spinor_geom.batching.solver" in process.cmdline()]
+    """The processes that solve for a driver, once they are there, and the workers that keep them."""
+    solvers: list[psutil.Process] = []
+
+    def found() -> bool:
+        with contextlib.suppress(psutil.Error):  # some come and go
+            below = psutil.Process(pid).children(recursive=True)
+            solvers[:] = [process for process in below if "spinor_geom.batching.solver" in process.cmdline()]
+        return bool(solvers)
+
+    wait_until(found)
     return solvers, [process.parent() for process in solvers]
 
 
@@ -147,8 +155,8 @@ def test_nothing_is_left_half_written(reference: BatchResult) -> None:
 def test_a_killed_driver_is_resumed_to_the_same_bytes(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     driver = started(corpus, "-o", output, "--workers", 1)
-    wait_until(lambda: len(records(output)) > 3)
     solvers, workers = processes_of(driver.pid)
+    wait_until(lambda: len(records(output)) > 3)
     driver.send_signal(signal.SIGKILL)
     driver.communicate()
     psutil.wait_procs([*solvers, *workers], timeout=20)
@@ -177,12 +185,11 @@ def test_a_killed_driver_is_resumed_to_the_same_bytes(reference: BatchResult, co
 def test_killed_workers_cost_time_only(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     driver = started(corpus, "-o", output, "--workers", 1)
+    solvers, workers = processes_of(driver.pid)
     wait_until(lambda: len(records(output)) > 1)
-    solvers, _ = processes_of(driver.pid)
     solvers[0].kill()
     count = len(records(output))
     wait_until(lambda: len(records(output)) > count + 1)
-    _, workers = processes_of(driver.pid)
     workers[0].kill()
     _, said = driver.communicate(timeout=120)
     assert driver.returncode == 1
@@ -245,8 +252,8 @@ def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> No
 def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     driver = started(corpus, "-o", output, "--workers", 1)
-    wait_until(lambda: len(records(output)) > 1)
     solvers, workers = processes_of(driver.pid)
+    wait_until(lambda: len(records(output)) > 1)
     os.killpg(driver.pid, signal.SIGINT)  # as a terminal does it
     _, said = driver.communicate(timeout=60)
     assert (driver.returncode, said) == (130, "spinor-geom: interrupted\n")
