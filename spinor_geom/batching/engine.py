@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 TOGETHER = 16
 # Blocks that wait at each worker.
 WAITING = 2
+# What the scheduler remembers of its own work, which nobody reads here.
+SHORT_LOGS = dict.fromkeys(("distributed.admin.log-length", "distributed.admin.low-level-log-length"), 100)
 # Blocks for each worker that are looked ahead, so that the last ones can be shared out evenly.
 AHEAD = 4
 
@@ -343,7 +345,7 @@ def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iter
             yield client
         return
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": limits.retries}),
+        dask.config.set({"distributed.scheduler.allowed-failures": limits.retries, **SHORT_LOGS}),
         LocalCluster(
             n_workers=workers or _cores(),
             threads_per_worker=1,
