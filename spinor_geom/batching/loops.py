@@ -17,12 +17,11 @@ from spinor_geom.errors import (
     LoopTooShortError,
     NonFiniteVertexError,
     OpenCurveError,
-    SelfCrossingLoopError,
     SpinorGeomError,
 )
 from spinor_geom.fill.one_loop import refuse_empty
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
-from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.mesh.intersections import require_simple
 from spinor_geom.mesh.knots import knot_determinant
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -72,10 +71,7 @@ def refuse_what_bounds_no_disk(loop: BoundaryLoop) -> None:
         SelfCrossingLoopError: it crosses or touches itself.
         KnottedLoopError: it is knotted.
     """
-    crossings = loop_crossings(loop.points)
-    if len(crossings):
-        edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
-        raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
+    require_simple(loop)
     determinant = knot_determinant(loop.points)
     if determinant is not None:
         raise KnottedLoopError(determinant=determinant)

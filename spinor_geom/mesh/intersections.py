@@ -11,6 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 
+from spinor_geom.errors import SelfCrossingLoopError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+
 # igl is imported inside the functions: reading meshes and finding loops does not need it
 
 MEETING_PER_DIAGONAL = 1e-12  # edges of a polygon that come nearer than this share of its diagonal meet
@@ -112,6 +115,18 @@ def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
     folded = _folds(points, float(tolerance))
     neighbours = np.stack([(folded - 1) % len(points), folded], axis=1)
     return _sorted(np.concatenate([np.stack([first[meet], second[meet]], axis=1), np.sort(neighbours, axis=1)]))
+
+
+def require_simple(loop: BoundaryLoop) -> None:
+    """Checks that a loop does not cross or touch itself.
+
+    Raises:
+        SelfCrossingLoopError: it does; the first two edges that meet are named by their vertices.
+    """
+    crossings = loop_crossings(loop.points)
+    if len(crossings):
+        edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
+        raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
 
 
 def _for_igl(

@@ -15,13 +15,12 @@ from spinor_geom.errors import (
     DomainError,
     FirstFillError,
     OptionError,
-    SelfCrossingLoopError,
     SingularMatrixError,
     SpinorGeomError,
 )
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.mesh.intersections import require_simple
 from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
@@ -140,10 +139,7 @@ class Task:
             CurveError: the formulas are not those of a smooth closed curve.
         """
         loop, formula = (given, None) if isinstance(given, BoundaryLoop) else _sampled(given)
-        crossings = loop_crossings(loop.points)
-        if len(crossings):
-            edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
-            raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
+        require_simple(loop)
         unit, clock = _at_unit_size(loop), Clock()
         curve = BoundaryCurve.from_loop(unit) if formula is None else formula.placed(unit.points, 1 / loop.diagonal)
         allowed = options.tolerance * unit.mean_edge_length
