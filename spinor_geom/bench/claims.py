@@ -15,7 +15,7 @@ OUR_DIGITS, THEIR_DIGITS = 1e-6, 1e-4
 CURVATURE = 1e-9  # per diameter
 NEARER = 1e4  # area errors of hole fillers, per ours
 # largest share of the reference's seconds for a whole fill, by points of the rim
-REFERENCE, REFERENCE_CASE, REFERENCE_SHARE = "meshlib-nicely", "enneper-0.8", {64: 4.0, 256: 1.0}
+REFERENCE, REFERENCE_CASE, REFERENCE_SHARE = "meshlib-nicely", "enneper-0.8", {64: 4.0, 256: 1.0, 1000: 0.333}
 LEAST_POINTS = 64  # of a loop that stands for a smooth curve
 BASELINES = ("libigl", "libigl-uniform")
 DISCRETE = (*BASELINES, "pymeshlab")

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from spinor_geom.bench.cases import KNOWN, Variation, known_case
+from spinor_geom.bench.claims import REFERENCE_CASE
 from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.holes import ODD, file_hole, mesh_files
 from spinor_geom.bench.isolate import Record, Task, run_isolated
@@ -35,7 +36,8 @@ class Settings:
         cases: names of known cases, odd rims and mesh files; empty for the usual ones.
         methods: names of loop methods and fillers; empty for all.
         points: of the loops of known cases.
-        hole_points: of the rims of known cases, for the fillers; only the first where they are not smooth.
+        hole_points: of the rims of known cases, for the fillers: all where they are compared with a reference, two of
+            other smooth rims, the first of rims with corners.
         repeat: counted calls of each task.
         time_limit: of each task, in seconds.
         variation: of known cases.
@@ -48,7 +50,7 @@ class Settings:
     cases: tuple[str, ...] = ()
     methods: tuple[str, ...] = ()
     points: tuple[int, ...] = (32, 64, 128, 256)
-    hole_points: tuple[int, ...] = (64, 256)
+    hole_points: tuple[int, ...] = (64, 256, 1000)
     repeat: int = 3
     time_limit: float = 180.0
     variation: Variation = field(default_factory=Variation)
@@ -190,13 +192,19 @@ def _fillers(settings: Settings, files: Sequence[Path]) -> Iterator[list[Task]]:
         group = [
             _task(settings, suite="hole", method=name, case=case, n=n)
             for case in names
-            for n in settings.hole_points[: None if case not in KNOWN or KNOWN[case][0] == "smooth" else 1]
+            for n in _hole_points(settings, case)
         ]
         group += [
             _task(settings, suite="odd", method=name, case=case, n=None, repeat=0) for case in settings.odd_names()
         ]
         group += [_task(settings, suite="file", method=name, case=str(path), n=None, repeat=0) for path in files]
         yield group
+
+
+def _hole_points(settings: Settings, case: str) -> tuple[int, ...]:
+    if case == REFERENCE_CASE:
+        return settings.hole_points
+    return settings.hole_points[: 2 if case not in KNOWN or KNOWN[case][0] == "smooth" else 1]
 
 
 def _scaling(settings: Settings) -> Iterator[list[Task]]:
