@@ -150,8 +150,9 @@ class NetworkSolver:
 
     @property
     def _turning(self) -> float:
-        """Turning angle that nine in ten of the loop's points do not exceed: its roughness."""
-        return float(np.quantile(turning_angles(self.loop.points), 0.9))
+        """Turning angle that nine in ten of the loop's points do not exceed, corners aside: its roughness."""
+        turning = turning_angles(self.loop.points)[~self.loop.corners]
+        return float(np.quantile(turning, 0.9)) if len(turning) else 0.0
 
     def _improved(self, fitted: _Fitted, disk: Disk) -> _Fitted:
         """The better of a fit and one that starts from a finer disk; the fit itself where that disk cannot be made."""

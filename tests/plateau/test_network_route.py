@@ -8,6 +8,7 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.plateau import network_route, solve_plateau
 from spinor_geom.plateau.network_route import _clear_of_poles
+from spinor_geom.plateau.task import Options, Task
 
 ANGLES = 2 * np.pi * np.arange(24) / 24
 
@@ -49,3 +50,11 @@ def test_residual_tells_what_the_surface_s_paths_lose(monkeypatch, order):
     assert measured > 1e-5 * loop.mean_edge_length
     # the way along Γ is not a distance from it: at most twice as large on this curve
     assert 0.5 * measured < solution.boundary_residual.rms < 4 * measured
+
+
+def test_corners_do_not_make_a_polygon_rough():
+    loop = gallery.schwarz_prism(1.5).sample(64)
+    assert np.count_nonzero(loop.corners) == 8
+    network = Task.of(loop, Options.checked("auto", 1e-3, 80, "leave", "cpu")).network
+    # a ninth of its points are corners of 90°: it would count as ragged, and be spared the second start that it needs
+    assert network._turning < 1e-6
