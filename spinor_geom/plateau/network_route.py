@@ -276,12 +276,14 @@ def _fit_and_refine(
     for remaining in reversed(range(_MAX_ROUNDS)):
         fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
         history += fit.history
-        if best is None and fit.residual > budget.allowed and stage.has_moduli:
+        residual = independent_residual(stage, fit, points=points)
+        # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
+        if best is None and residual.rms > budget.allowed and stage.has_moduli:
             corrected = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
             history, folds = corrected.history, corrected.folds
-            if corrected.fit.residual < fit.residual:
-                stage, fit = corrected.stage, corrected.fit
-        residual = independent_residual(stage, fit, points=points)
+            moved = independent_residual(corrected.stage, corrected.fit, points=points)
+            if moved.rms < residual.rms:
+                stage, fit, residual = corrected.stage, corrected.fit, moved
         if best is not None and residual.rms >= best.residual.rms:
             return replace(best, history=history)
         rounds = _MAX_ROUNDS - remaining
