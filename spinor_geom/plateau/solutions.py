@@ -145,6 +145,8 @@ def leave_unstable(solution: PlateauSolution, rim: Rim, solve: Solve, *, max_ite
     Returns:
         The last disk. History and timings are those of all tries, the reason says what was left.
     """
+    if solution.stability.verdict != "unstable":
+        return solution
     left: list[float] = []
     tries = _Tries(solve=solve, history=solution.history, timings=dict(solution.timings), limit=max_iterations)
     while solution.stability.verdict == "unstable" and len(left) < MOST_DEPARTURES:

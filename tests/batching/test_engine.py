@@ -7,6 +7,7 @@ import csv
 import itertools
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -250,8 +251,11 @@ def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_path: Path) -> None:
-    output = tmp_path / "out"
-    driver = started(corpus, "-o", output, "--workers", 1)
+    output, many = tmp_path / "out", tmp_path / "in"
+    many.mkdir()
+    for number in range(200):  # so many that it is not done before it is interrupted
+        shutil.copy(corpus / "curve000.obj", many / f"{number}.obj")
+    driver = started(many, "-o", output, "--workers", 1)
     solvers, workers = processes_of(driver.pid)
     wait_until(lambda: len(records(output)) > 1)
     os.killpg(driver.pid, signal.SIGINT)  # as a terminal does it
