@@ -69,6 +69,8 @@ def started(*arguments: object, limit_file: int | None = None) -> subprocess.Pop
     """The command line, in a process of its own."""
 
     def limited() -> None:
+        # whatever started the tests may ignore interrupts, as shells do for what runs in the background
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
         if limit_file is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit_file, limit_file))
 
