@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from figure_tables import Figure, figure_table, note, replaced_section
 
-from spinor_geom import BoundaryLoop, mesh_patch, solve_plateau, solve_plateau_batch
+from spinor_geom import BoundaryLoop, PlateauSolution, mesh_patch, solve_plateau, solve_plateau_batch
 from spinor_geom.bench.machine import machine, told
 from spinor_geom.bench.tables import Table
 from spinor_geom.files import atomic_path
@@ -166,7 +166,8 @@ def side_by_side(count: int = 48) -> Table:
         for solution in alone:
             mesh_patch(solution)
         meshed = perf_counter() - end
-        equal = sum(one.area == other.area for one, other in zip(alone, together, strict=True))  # type: ignore[union-attr]
+        areas = [other.area if isinstance(other, PlateauSolution) else None for other in together]
+        equal = sum(one.area == area for one, area in zip(alone, areas, strict=True))
         seconds = [f"{1000 * part / count:.0f}" for part in (middle - start, end - middle, meshed)]
         rows.append((str(points), *seconds, f"{equal} of {count}"))
     return Table(

@@ -46,7 +46,7 @@ class Limits:
     retries: int
 
 
-class Fault(Exception):  # noqa: N818 - the word for it everywhere else
+class FaultError(Exception):
     """The process that solves died or was ended.
 
     Attributes:
@@ -84,7 +84,7 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
 
             try:
                 solver.run({**job, "sources": block}, allowed, finished)
-            except Fault as fault:
+            except FaultError as fault:
                 guilty = fault.key if len(waiting) > 1 else next(iter(waiting), "")
                 if guilty not in waiting:
                     # any of them may have done it
@@ -105,7 +105,7 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
     return {"finished": done, "stop": ""}
 
 
-def _write_fault(job: Mapping[str, Any], entry: dict[str, Any], fault: Fault) -> dict[str, Any]:
+def _write_fault(job: Mapping[str, Any], entry: dict[str, Any], fault: FaultError) -> dict[str, Any]:
     record = failure(entry["key"], str(fault), status="fault")
     Store(**job["store"]).commit(Source.from_dict(entry), record, {})
     return summary(record)
@@ -137,7 +137,7 @@ class Solver:
             finished: is called with the summary of each.
 
         Raises:
-            Fault: the process died, or was ended at a limit; some sources may not be finished.
+            FaultError: the process died, or was ended at a limit; some sources may not be finished.
             BatchError: nothing can be written, or the process cannot start.
         """
         process = self._started()
@@ -151,7 +151,7 @@ class Solver:
         while True:
             try:
                 event = self._next(limits.seconds, limits.memory)
-            except Fault as fault:
+            except FaultError as fault:
                 fault.key = reading
                 raise
             reading = event.get("reading", "")
@@ -164,7 +164,7 @@ class Solver:
         if stop:
             raise BatchError(stop)
         if alone:
-            raise Fault("a mistake in one of several files", is_final=False)
+            raise FaultError("a mistake in one of several files", is_final=False)
 
     def _started(self) -> subprocess.Popen[str]:
         if self._process is not None and self._process.poll() is None:
@@ -184,7 +184,7 @@ class Solver:
         threading.Thread(target=_listen, args=(process, self._events), daemon=True).start()
         try:
             self._next(START_LIMIT, 0)
-        except Fault as fault:
+        except FaultError as fault:
             if process.returncode > 0:  # nobody killed it
                 raise BatchError(f"the process that solves cannot start: {fault}; see what is installed") from fault
             raise
@@ -200,13 +200,13 @@ class Solver:
                 used = self._memory() if memory else 0
                 if used > memory:
                     self.end()
-                    raise Fault(
+                    raise FaultError(
                         f"took more than {memory / 2**20:.0f} MiB of memory; raise the limit, or split the file",
                         is_final=True,
                     ) from None
                 if monotonic() > deadline:
                     self.end()
-                    raise Fault(f"took longer than {seconds:g} s; raise the limit", is_final=True) from None
+                    raise FaultError(f"took longer than {seconds:g} s; raise the limit", is_final=True) from None
                 continue
             if event is None:
                 raise self._death()
@@ -221,7 +221,7 @@ class Solver:
         except psutil.Error:
             return 0
 
-    def _death(self) -> Fault:
+    def _death(self) -> FaultError:
         assert self._process is not None
         status = self._process.wait()
         self._said.seek(0)
@@ -232,7 +232,7 @@ class Solver:
         if status < 0:
             with contextlib.suppress(ValueError):
                 how = f"by {signal.Signals(-status).name}"
-        return Fault(f"its process died {how}{f': {last[:300]}' if last else ''}", is_final=False)
+        return FaultError(f"its process died {how}{f': {last[:300]}' if last else ''}", is_final=False)
 
     def end(self) -> None:
         """Ends the process, if there is one."""

@@ -100,6 +100,7 @@ def _told(answers: Iterator[Any], source: Source, tell: Tell) -> Iterator[Any]:
 
 def _stream(source: Source, *, archives: ArchiveReader, stack: ExitStack) -> BinaryIO:
     """The text of a source, which can be gone back in; that of a small one is in memory."""
+    # the stack closes it, after the file's results are written
     opened = open(source.path, "rb") if source.member is None else archives.open(source.path, source.member)  # noqa: SIM115
     stream: BinaryIO = stack.enter_context(closing(opened))
     if source.size > SMALL:
@@ -125,6 +126,7 @@ def _commit(store: Store, source: Source, record: dict[str, Any], files: Any, te
 def main() -> None:
     """Does the jobs that come in, until no more can come."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the driver decides what an interrupt means
+    # nobody reads this process's standard error; what matters of a loop stands in its record
     warnings.simplefilter("ignore")
     # what libraries print goes to standard error
     channel = os.fdopen(os.dup(1), "w", encoding="ascii")

@@ -60,7 +60,7 @@ class _Worker:
     """One process, with a thread that reads its answers."""
 
     def __init__(self, module: str) -> None:
-        # a file, not a pipe: nobody has to empty it
+        # a file, not a pipe: nobody has to empty it; it lives as long as the process
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         # packages are looked for where this process looks, not in the folder it happens to run in
         command = [sys.executable, "-c", _START, json.dumps(sys.path), module]
