@@ -31,6 +31,8 @@ _SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
 _MOST_ROWS = 20_000
 # a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 _LARGEST_RADIUS = 0.75
+# where it comes near to that by the lengths wanted at its corners, the one wanted in its middle decides
+_DOUBTFUL = 0.8
 # new points of one batch keep this share of the smaller of their circumradii between them
 _BATCH_SPACING = 0.8
 # a batch adds points in proportion to those there are, so the number of batches grows like a logarithm
@@ -247,8 +249,11 @@ def _refine(
         seen = mesh.inside[is_open[faces[mesh.inside]].any(axis=1)]
         p = points[faces[seen]]
         # sizes at the vertices, each asked for once, are enough until the triangles are nearly small enough
-        wanted = size(p.mean(axis=1)) if at_centres else at_points[faces[seen]].mean(axis=1)
+        wanted = at_points[faces[seen]].mean(axis=1)
         centre, radius, shortest = circumcircles(p)
+        if at_centres:
+            doubtful = np.flatnonzero(radius > _DOUBTFUL * _LARGEST_RADIUS * wanted)
+            wanted[doubtful] = size(p[doubtful].mean(axis=1))
         excess = radius / (_LARGEST_RADIUS * wanted)
         poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * sine))
         poor = poor[~guard.too_near(centre[poor])]

@@ -1,7 +1,7 @@
 """Triangle meshes, their boundary loops, and the smooth curves through them.
 
 `TriangleMesh` holds a checked mesh, `find_boundary_loops` gives its holes as `BoundaryLoop` objects, `BoundaryCurve` is
-the spline through a loop, and `MeshExtension` is what a fill appends. numpy, scipy and libigl only.
+the smooth curve through a loop, and `MeshExtension` is what a fill appends. numpy, scipy and libigl only.
 """
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, Plane, detect_corners, turning_angles

@@ -1,4 +1,4 @@
-"""The smooth boundary curve Γ: a spline through all vertices of a loop, with its corners kept."""
+"""The smooth boundary curve Γ through all vertices of a loop, with its corners kept."""
 
 from __future__ import annotations
 
@@ -28,6 +28,12 @@ MIN_POINTS_FOR_HIGH_DEGREE = 16
 # A higher degree must predict left-out points this many times better: on rough curves it only swings.
 GAIN_PER_DEGREE = 2.5
 ARC_NODES = 6
+# The spectrum of points that lie on an analytic curve at equal steps of its parameter falls off: what is left of it in
+# its last fifth is at most this share of what its last half holds, or of the error of splines, or rounding error as a
+# share of the extent.
+SPECTRAL_FALL, SPECTRAL_ROUNDING = 1e-2, 1e-14
+# Edges of such a curve that differ by a larger factor leave it to splines by arcs, whose parameter is the length.
+MOST_UNEVEN = 10.0
 # Polynomials of a formula: their degree, the error that is allowed, as a share of the curve's extent, where it is
 # looked for on each piece, and the numbers of pieces that are tried. Derivatives of the formula may differ by more.
 FORMULA_DEGREE, FORMULA_ERROR = 11, 1e-14
@@ -67,9 +73,11 @@ class BoundaryCurve:
 
     Attributes:
         breaks: (M + 1,) parameters of the vertices, from 0 to 1: share of the length up to the vertex, by chords for
-            degree 3, by arcs of the cubic spline for higher degrees (chords would spoil their order).
+            degree 3, by arcs of the cubic spline for degrees 5 and 7 (chords would spoil their order); equal steps for
+            a trigonometric polynomial or a formula.
         coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
-        corners: (M,) bool, at which vertices Γ′ jumps; elsewhere Γ is d − 1 times continuously differentiable.
+        corners: (M,) bool, at which vertices Γ′ jumps; elsewhere splines are d − 1 times continuously differentiable,
+            other curves analytic but for rounding errors.
         slopes: coefficients of Γ′ where that comes from a formula: differentiated polynomials lose three digits.
     """
 
@@ -80,9 +88,11 @@ class BoundaryCurve:
 
     @classmethod
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
-        """The interpolating spline through all vertices of a loop.
+        """The interpolating curve through all vertices of a loop.
 
-        Without corners it is periodic, of the degree 3, 5 or 7 that predicts every second vertex best from as many of
+        Where the vertices sample an analytic curve at equal steps of its parameter, as a falling spectrum shows, it is
+        the trigonometric polynomial through them, which converges faster than any order. Otherwise it is a spline.
+        Without corners that is periodic, of the degree 3, 5 or 7 that predicts every second vertex best from as many of
         the others to either side: smooth loops get the high orders, noisy ones the cubic. With corners it is one cubic
         not-a-knot spline from each corner to the next (from a single corner back to itself); a side of two or one edges
         is a parabola or a straight line.
@@ -93,11 +103,16 @@ class BoundaryCurve:
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
         require_distinct_neighbours(loop.points)
-        degree = DEGREES[0] if loop.corners.any() else _predicting_degree(loop.points)
-        if degree == DEGREES[0]:
-            breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
-        else:
-            breaks, coefficients = _smooth_spline(loop.points, degree)
+        if not loop.corners.any() and len(loop) >= MIN_POINTS_FOR_HIGH_DEGREE:
+            breaks = _by_arcs(loop.points)
+            degree, error = _predicting_degree(loop.points, breaks)
+            if _is_trigonometric(loop.points, error):
+                even = np.arange(len(loop) + 1) / len(loop)
+                return cls(breaks=even, coefficients=_trigonometric_coefficients(loop.points), corners=loop.corners)
+            if degree > DEGREES[0]:
+                spline = _smooth_spline(loop.points, breaks, degree)
+                return cls(breaks=breaks, coefficients=spline, corners=loop.corners)
+        breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
         return cls(breaks=breaks, coefficients=coefficients, corners=loop.corners)
 
     @classmethod
@@ -299,16 +314,54 @@ def _formula_breaks(
 
 def _formula_coefficients(function: CurveFunction, breaks: Float[np.ndarray, " m1"]) -> Float[np.ndarray, "d1 m 3"]:
     """Polynomials through the values of Γ or Γ′ at Chebyshev's points inside each piece and at its start."""
-    # the last point is not the end: at a corner that is the next side's
-    x = (1 - np.cos(np.pi * np.arange(FORMULA_DEGREE + 1) / (FORMULA_DEGREE + 0.5))) / 2
-    width = np.diff(breaks)
+    x, width = _places_in_piece(), np.diff(breaks)
     values = np.asarray(function(breaks[:-1, None] + width[:, None] * x), dtype=np.float64)
     if values.shape != (len(width), len(x), 3):
         raise CurveError(reason=f"gives arrays of shape {values.shape} for {len(width), len(x)} points", parameter=0.0)
-    powers = np.linalg.solve(np.vander(x), np.moveaxis(values, 1, 0).reshape(len(x), -1)).reshape(len(x), -1, 3)
+    return _through(np.moveaxis(values, 1, 0), width)
+
+
+def _places_in_piece() -> Float[np.ndarray, " d1"]:
+    """Chebyshev's points of a piece of length 1, without its end: at a corner that is the next side's."""
+    return (1 - np.cos(np.pi * np.arange(FORMULA_DEGREE + 1) / (FORMULA_DEGREE + 0.5))) / 2
+
+
+def _through(values: Float[np.ndarray, "d1 m 3"], width: Float[np.ndarray, " m"]) -> Float[np.ndarray, "d1 m 3"]:
+    """Polynomials with given values at those places of pieces of given widths."""
+    x = _places_in_piece()
+    powers = np.linalg.solve(np.vander(x), values.reshape(len(x), -1)).reshape(values.shape)
     coefficients = powers / width[:, None] ** np.arange(FORMULA_DEGREE, -1, -1)[:, None, None]
-    coefficients[-1] = values[:, 0]
+    coefficients[-1] = values[0]
     return np.asarray(coefficients)
+
+
+def _trigonometric_coefficients(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "d1 m 3"]:
+    """Polynomials of the trigonometric polynomial through points at equal steps, a piece from each to the next."""
+    m = len(points)
+    spectrum = np.fft.rfft(points, axis=0)
+    frequency = np.arange(len(spectrum))
+    turn = np.exp(2j * np.pi / m * frequency * _places_in_piece()[:, None])
+    values = np.fft.irfft(turn[:, :, None] * spectrum, n=m, axis=1)
+    values[0] = points
+    return _through(values, np.full(m, 1 / m))
+
+
+def _is_trigonometric(points: Float[np.ndarray, "m 3"], error: float) -> bool:
+    """Whether a trigonometric polynomial through points at equal steps is nearer to their curve than splines.
+
+    Args:
+        points: of a closed curve.
+        error: expected of the best spline.
+    """
+    edges = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1)
+    if edges.max() > MOST_UNEVEN * edges.min():
+        return False
+    m = len(points)
+    power = (np.abs(np.fft.rfft(points, axis=0) / m) ** 2).sum(axis=1)
+    frequency = np.arange(len(power))
+    upper, last = (float(np.sqrt(2 * power[frequency > share * m / 2].sum())) for share in (0.5, 0.8))
+    rounding = SPECTRAL_ROUNDING * np.ptp(points, axis=0).max()
+    return last <= max(SPECTRAL_FALL * max(upper, error), rounding) and last < max(error, rounding)
 
 
 def _require_own_derivatives(fitted: BoundaryCurve, curve: ClosedCurve, s: Float[np.ndarray, "m k"]) -> None:
@@ -344,21 +397,20 @@ def piecewise_cubic(
 
 
 def _smooth_spline(
-    points: Float[np.ndarray, "m 3"], degree: int
-) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d_plus_1 m 3"]]:
-    """The periodic spline of a degree above 3, by the arcs of the cubic."""
-    breaks = _by_arcs(points)
+    points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"], degree: int
+) -> Float[np.ndarray, "d_plus_1 m 3"]:
+    """The polynomials of the periodic spline of a degree above 3."""
     spline = _periodic(breaks, points, degree)
     powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
     # the constant terms are the vertices themselves, to the last bit
-    return breaks, np.stack([*powers, points])
+    return np.stack([*powers, points])
 
 
-def _predicting_degree(points: Float[np.ndarray, "m 3"]) -> int:
-    """The degree of the local polynomials that predict every second point best from the others."""
-    if len(points) < MIN_POINTS_FOR_HIGH_DEGREE:
-        return DEGREES[0]
-    breaks = _by_arcs(points)
+def _predicting_degree(points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"]) -> tuple[int, float]:
+    """The degree of the local polynomials that predict every second point best from the others.
+
+    Also the RMS error to expect of the spline through all points: that of the prediction less what an order gains.
+    """
     # an odd number of points leaves two neighbours next to each other; nothing is lost by that
     kept, left_out = np.arange(0, len(points) - 1, 2), np.arange(1, len(points), 2)
     errors = []
@@ -372,7 +424,7 @@ def _predicting_degree(points: Float[np.ndarray, "m 3"]) -> int:
     for higher in range(1, len(DEGREES)):
         if GAIN_PER_DEGREE * errors[higher] < errors[best]:
             best = higher
-    return DEGREES[best]
+    return DEGREES[best], float(errors[best]) / 2 ** (DEGREES[best] + 1)
 
 
 def _lagrange_at_0(nodes: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:

@@ -113,7 +113,7 @@ class HarmonicSolver:
         clock: of the stages.
         on_iteration: is called at each step.
         history: the steps so far.
-        start: slide on the unit disk to start from.
+        start: the harmonic disk on the unit disk, where it was found before.
         to_rounding: whether steps go on until the gradient is rounding error.
     """
 
@@ -125,7 +125,7 @@ class HarmonicSolver:
     clock: Clock
     on_iteration: Callable[[Iteration], None] | None = None
     history: list[Iteration] = field(default_factory=list)
-    start: Float[Tensor, " n"] | None = None
+    start: HarmonicDisk | None = None
     to_rounding: bool = False
 
     @cached_property
@@ -274,7 +274,10 @@ class HarmonicSolver:
 
     def _on_disk(self) -> Iterator[Found]:
         form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
-        yield from self._fitted(form, self._equal_steps if self.start is None else self.start, "disk", None)
+        if self.start is None:
+            yield from self._fitted(form, self._equal_steps, "disk", None)
+        else:
+            yield from self._fitted(form, self.start.slide, "disk", None, first=self.start)
 
     def tries_from(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Iterator[Found]:
         """The minimal disk of less energy that a discrete disk leads to, on its flattening.
@@ -377,9 +380,23 @@ class HarmonicSolver:
         return form, disk.slide
 
     def _fitted(
-        self, form: DirichletForm, slide: Float[Tensor, " n"], route: Route, shape: Shape | None
+        self,
+        form: DirichletForm,
+        slide: Float[Tensor, " n"],
+        route: Route,
+        shape: Shape | None,
+        *,
+        first: HarmonicDisk | None = None,
     ) -> Iterator[Found]:
-        """The fit with as many nodes as the tolerance asks for, or as help."""
+        """The fit with as many nodes as the tolerance asks for, or as help.
+
+        Args:
+            form: of Ω.
+            slide: to start from.
+            route: for the record.
+            shape: of Ω; none for the unit disk.
+            first: the harmonic disk with that slide, where it is known.
+        """
         m = len(self.loop)
         nodes = max(len(slide), m * self._first_per_edge)
         fine = self._fine_gradient
@@ -389,7 +406,9 @@ class HarmonicSolver:
         limit = "more nodes on the domain's boundary do not help"
         for attempt in itertools.count():
             n = _even(nodes)
-            disk = self._solved(self._exact, form, resampled(slide, n), fine, near=attempt > 0 and not self._rough)
+            disk = first
+            if disk is None or attempt > 0:
+                disk = self._solved(self._exact, form, resampled(slide, n), fine, near=attempt > 0 and not self._rough)
             if disk.crowded:
                 limit = "the nodes crowd on the domain's boundary"
                 break
@@ -483,7 +502,7 @@ class HarmonicSolver:
             seconds = (time.perf_counter() - begin) / len(chosen)
             for i, disk in zip(some, disks, strict=True):
                 solvers[i].clock.add("slide", seconds)
-                started[i] = replace(solvers[i], start=disk.slide)
+                started[i] = replace(solvers[i], start=disk)
         return started
 
 

@@ -40,6 +40,8 @@ _MOST_LIFTS, _WORTHWHILE = 8, 0.9
 # points for each node: while a surface is sought, and where its distance is told: with p and q, of up to half as many
 # frequencies as nodes, the square of the distance has twice as many as nodes
 _POINTS_PER_NODE, _POINTS_TOLD = 2, 4
+# so few nodes that more points cost less than placing the surface once more
+_FEW_NODES = 512
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +90,8 @@ def lifted(
     Raises:
         SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
     """
-    sampled = _SampledBoundary.of(form, disk.slide, _POINTS_PER_NODE, curve)
+    each = _POINTS_TOLD if len(disk.slide) <= _FEW_NODES else _POINTS_PER_NODE
+    sampled = _SampledBoundary.of(form, disk.slide, each, curve)
     points = disk.points
     best: _Placed | None = None
     for _ in range(_MOST_LIFTS):
@@ -105,13 +108,16 @@ def lifted(
         best = placed
         if best.rms <= allowed:
             break
-        points = points - placed.error[::_POINTS_PER_NODE]
+        points = points - placed.error[::each]
     assert best is not None
-    dense = _SampledBoundary.of(form, disk.slide, _POINTS_TOLD, curve)
-    told = dense.placed(best.values, resampled(best.slide, len(dense.slide)), rounds=1)
+    if each < _POINTS_TOLD:
+        sampled = _SampledBoundary.of(form, disk.slide, _POINTS_TOLD, curve)
+        told = sampled.placed(best.values, resampled(best.slide, len(sampled.slide)), rounds=1)
+    else:
+        told = best
     passed = passed_over(told.null_curve.real, told.slide, told.error, curve)
     return Lift(
-        model=dense.model(told.values),
+        model=sampled.model(told.values),
         null_curve=told.null_curve,
         slide=told.slide,
         rms=(told.rms**2 + passed.mean_square) ** 0.5,

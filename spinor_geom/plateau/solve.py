@@ -70,14 +70,14 @@ def solve_plateau(
 ) -> PlateauSolution | tuple[PlateauSolution, ...]:
     """A minimal disk over a closed curve: exactly minimal, its boundary on Γ as nearly as the model allows.
 
-    Γ is the spline through all of the loop's points, with its corners kept. A plane loop bounds the plane region inside
-    it, exactly. Loops without corners take Douglas's route: the slide along Γ that makes the harmonic disk over Ω
-    conformal, by Newton's method, and p and q from its boundary; Ω is the unit disk where that serves the loop, else a
-    domain made for it. Loops with corners, and those that route does not bring near to Γ, take a Cauchy network: a
-    discrete disk over the loop is flattened with its boundary lengths kept, which gives Ω; p and q start from the
-    disk's frames along ∂Ω and are fitted by Gauss-Newton with the slide along Γ eliminated, in rounds, each with more
-    Cauchy units where the residual is. Minimal disks need not be minima of the area: one that is unstable is left along
-    an eigenvector of its second variation for one of less area.
+    Γ is the curve through all of the loop's points, with its corners kept (`BoundaryCurve`). A plane loop bounds the
+    plane region inside it, exactly. Loops without corners take Douglas's route: the slide along Γ that makes the
+    harmonic disk over Ω conformal, by Newton's method, and p and q from its boundary; Ω is the unit disk where that
+    serves the loop, else a domain made for it. Loops with corners, and those that route does not bring near to Γ, take
+    a Cauchy network: a discrete disk over the loop is flattened with its boundary lengths kept, which gives Ω; p and q
+    start from the disk's frames along ∂Ω and are fitted by Gauss-Newton with the slide along Γ eliminated, in rounds,
+    each with more Cauchy units where the residual is. Minimal disks need not be minima of the area: one that is
+    unstable is left along an eigenvector of its second variation for one of less area.
 
     Args:
         loop: the curve, from a mesh or `BoundaryLoop.from_points`; or a curve in formulas, which no sampling limits:

@@ -298,7 +298,9 @@ class Task:
         with clock.stage("stability"):
             stability = assess_stability(surface)
         with clock.stage("certificates"):
-            area, crossings = area_in_domain(surface), crossing_faces(surface)
+            # a plane disk is its Ω, whose boundary was found to be simple
+            crossings = 0 if found.route == "plane" else crossing_faces(surface)
+            area = area_in_domain(surface)
         residual = BoundaryResidual(
             rms=found.rms * loop.diagonal,
             max=found.max * loop.diagonal,

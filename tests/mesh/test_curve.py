@@ -47,9 +47,14 @@ def distance_to_wave(points: np.ndarray) -> np.ndarray:
 
 
 def force_degree(degree: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets the rule take a degree whatever the points are."""
+    """Lets the rule take a spline of a degree whatever the points are."""
+    splines_only(monkeypatch)
     monkeypatch.setattr(rules, "DEGREES", tuple(range(3, degree + 1, 2)))
     monkeypatch.setattr(rules, "GAIN_PER_DEGREE", 0.0)
+
+
+def splines_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "MOST_UNEVEN", 0.0)
 
 
 def jump(curve: BoundaryCurve, order: int, at: np.ndarray) -> np.ndarray:
@@ -142,7 +147,10 @@ class TestDegree:
         ],
         ids=lambda value: str(value if isinstance(value, int) else len(value)),
     )
-    def test_smooth_samplings_get_high_degrees_once_they_are_resolved(self, points: np.ndarray, degree: int) -> None:
+    def test_smooth_samplings_get_high_degrees_once_they_are_resolved(
+        self, points: np.ndarray, degree: int, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        splines_only(monkeypatch)
         assert curve_of(points, []).degree == degree
 
     @settings(deadline=None, max_examples=30)
@@ -178,6 +186,47 @@ class TestDegree:
         assert moved.degree == curve.degree
         s = np.linspace(0, 1, 50)
         np.testing.assert_allclose(moved.point(s), 1e3 * motion(curve.point(s)), atol=1e-7)
+
+
+class TestTrigonometric:
+    @pytest.mark.parametrize(("count", "uneven"), [(17, 0.0), (32, 0.0), (33, 0.0), (64, 0.3), (301, 0.3)])
+    def test_equal_steps_of_a_parameter_give_the_curve_itself(self, count: int, uneven: float) -> None:
+        curve = curve_of(wave(count, uneven), [])
+        assert curve.degree == 11
+        np.testing.assert_array_equal(curve.breaks, np.arange(count + 1) / count)
+        error = distance_to_wave(curve.point(np.linspace(0, 1, 997, endpoint=False))).max()
+        # the parameter t + 0.3·sin(t + 1) has all frequencies, the wave itself two
+        assert error < (1e-13 if uneven == 0 or count > 300 else 1e-9)
+
+    def test_converges_faster_than_any_order(self) -> None:
+        s = np.linspace(0, 1, 1000, endpoint=False)
+        errors = [distance_to_wave(curve_of(wave(count, 0.7), []).point(s)).max() for count in (20, 24, 28, 32)]
+        assert (np.divide(errors[1:], errors[:-1]) < 0.03).all()
+
+    def test_derivatives_are_those_of_the_curve(self) -> None:
+        curve, s = curve_of(circle(40)), np.linspace(0, 1, 333)
+        np.testing.assert_allclose(np.linalg.norm(curve.derivative(s), axis=1), 2 * np.pi, rtol=1e-12)
+        np.testing.assert_allclose(curve.second_derivative(s), -((2 * np.pi) ** 2) * curve.point(s), atol=1e-8)
+
+    @pytest.mark.parametrize("count", [40, 41])
+    def test_does_not_depend_on_the_start_or_the_direction(self, count: int) -> None:
+        points, s = wave(count, 0.3), np.linspace(0, 1, 100)
+        curve = curve_of(points, [])
+        np.testing.assert_allclose(curve_of(np.roll(points, 7, 0), []).point(s + 7 / count), curve.point(s), atol=1e-13)
+        np.testing.assert_allclose(curve_of(points[::-1], []).point(-s - 1 / count), curve.point(s), atol=1e-13)
+
+    @pytest.mark.parametrize("count", [64, 65])
+    def test_uneven_or_noisy_points_are_left_to_splines(self, count: int) -> None:
+        t = 2 * np.pi * (np.arange(count) + 0.3 * np.random.default_rng(0).random(count)) / count
+        assert curve_of(wave_point(t), []).degree < 11
+        noisy = wave(count) + 1e-7 * np.random.default_rng(0).normal(size=(count, 3))
+        assert curve_of(noisy, []).degree < 11
+        # steps that vary by a factor of 19
+        t = 2 * np.pi * np.arange(count) / count
+        assert curve_of(wave_point(t + 0.9 * np.sin(t)), []).degree < 11
+
+    def test_rounded_coordinates_do_not_hide_what_is_smooth(self) -> None:
+        assert curve_of(np.round(wave(32), 7), []).degree == 11
 
 
 class TestConvergence:

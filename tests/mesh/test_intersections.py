@@ -386,3 +386,14 @@ def test_long_loops_take_little_time() -> None:
     assert len(loop_crossings(loop)) == 0
     # about 5 ms where nothing else runs; all pairs would take seconds
     assert process_time() - start < 0.25
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=SEEDS, count=st.integers(5, 20), turns=st.integers(1, 2), motion=rigid_motions())
+def test_stars_are_simple_where_they_wind_once(seed: int, count: int, turns: int, motion: RigidMotion) -> None:
+    rng = np.random.default_rng(seed)
+    t = 2 * np.pi * turns * (np.arange(count) + 0.5 * rng.random(count)) / count
+    radius = 1 + rng.random(count)
+    points = motion(np.stack([radius * np.cos(t), radius * np.sin(t), np.zeros(count)], axis=1))
+    # a plane curve that winds twice crosses itself
+    assert (len(loop_crossings(points)) == 0) == (turns == 1)
