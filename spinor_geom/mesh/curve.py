@@ -323,7 +323,7 @@ def _formula_coefficients(function: CurveFunction, breaks: Float[np.ndarray, " m
 
 def _places_in_piece() -> Float[np.ndarray, " d1"]:
     """Chebyshev's points of a piece of length 1, without its end: at a corner that is the next side's."""
-    return (1 - np.cos(np.pi * np.arange(FORMULA_DEGREE + 1) / (FORMULA_DEGREE + 0.5))) / 2
+    return np.asarray((1 - np.cos(np.pi * np.arange(FORMULA_DEGREE + 1) / (FORMULA_DEGREE + 0.5))) / 2)
 
 
 def _through(values: Float[np.ndarray, "d1 m 3"], width: Float[np.ndarray, " m"]) -> Float[np.ndarray, "d1 m 3"]:
@@ -361,7 +361,7 @@ def _is_trigonometric(points: Float[np.ndarray, "m 3"], error: float) -> bool:
     frequency = np.arange(len(power))
     upper, last = (float(np.sqrt(2 * power[frequency > share * m / 2].sum())) for share in (0.5, 0.8))
     rounding = SPECTRAL_ROUNDING * np.ptp(points, axis=0).max()
-    return last <= max(SPECTRAL_FALL * max(upper, error), rounding) and last < max(error, rounding)
+    return bool(last <= max(SPECTRAL_FALL * max(upper, error), rounding) and last < max(error, rounding))
 
 
 def _require_own_derivatives(fitted: BoundaryCurve, curve: ClosedCurve, s: Float[np.ndarray, "m k"]) -> None:

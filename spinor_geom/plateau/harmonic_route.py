@@ -18,11 +18,9 @@ from jaxtyping import Float, Int
 from scipy.fft import next_fast_len
 from torch import Tensor
 
-from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import Disk
-from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.errors import DomainError, FirstFillError, SurfaceError
+from spinor_geom.errors import DomainError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import DEGREES, BoundaryCurve
 from spinor_geom.plateau.clock import Clock
@@ -35,14 +33,9 @@ from spinor_geom.plateau.douglas import (
     slide_downhill,
 )
 from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.harmonic_domains import DomainCandidates, Step
 from spinor_geom.plateau.lift import Lift, lifted, surface_of
-from spinor_geom.plateau.omega import (
-    NodeDensity,
-    Shape,
-    reflattened,
-    resolved_form,
-    rounded_boundary,
-)
+from spinor_geom.plateau.omega import Shape
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.solution import Iteration, Route
 
@@ -54,22 +47,6 @@ _LONG = 240
 _RAGGED_STEPS = 80
 # A loop longer than so many times its width crowds on the disk.
 _DISK_ELONGATION = 2.5
-# Points that Ω is made from, and most vertices of it.
-_FEWEST_POINTS, _POINTS = 32, 128
-# Steps of ∂Ω for each of them, and the width, in points, of the Gaussian that rounds ∂Ω: it has to be analytic.
-_STEPS_PER_POINT, _STEPS_PER_POINT_FINE = 4, (8, 12)
-_ROUNDING_ROUGH, _ROUNDING_SMOOTH, _ROUNDING_FINE = 0.7, 0.35, 0.2
-# Width of a loop, as a density of nodes, from which its fingers want the fine ∂Ω: on a coarser one they close up.
-_NARROW = 1.7
-# Gaussian width, in points, of the smooth loop that a rough one is deformed from, and the number of deformations.
-_SMOOTHING = 2.0
-# Ratio of consecutive widths from there to as many edges, and nodes on each width.
-_WIDTH_RATIO, _NODES_PER_WIDTH = 4.0, 8.0
-_DEFORMATIONS = 4
-# Width of the Gaussian, as a share of the loop, that leaves of it not much more than an ellipse.
-_WIDEST = 0.25
-# Shares of a new flattening that are tried until Ω is simple.
-_SHARES_OF_FLATTENING = (1.0, 0.7, 0.4)
 # Nodes per edge of a rough loop that a distance from Γ, in edges, is met with as a rule; smooth loops start with one.
 _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
 _MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 96
@@ -194,57 +171,35 @@ class HarmonicSolver:
         """Of a rough loop: a small share of what waves as long as an edge and as high as the distance allowed have."""
         return _NEGLIGIBLE * 2 * np.pi * len(self.loop) * self.allowed**2 if self._rough else 0.0
 
-    @property
-    def _count(self) -> int:
-        return int(np.clip(len(self.loop), _FEWEST_POINTS, _POINTS))
-
     @cached_property
-    def _density(self) -> NodeDensity:
-        return NodeDensity(self.curve, self._count)
-
-    @property
-    def _is_narrow(self) -> bool:
-        return self._density.narrowest > _NARROW
-
-    @property
-    def _shapes(self) -> tuple[tuple[Shape, ...], ...]:
-        """∂Ω's resolutions, the likelier first, of each kind the cheaper first.
-
-        The fine ones resolve each vertex of a rough loop of few points.
-        """
-        coarse, fine = (self._coarse,), self._fine
-        if self._is_narrow:
-            return (fine,)
-        return (fine, coarse) if self._rough and len(self.loop) <= self._density.points else (coarse, fine)
-
-    @property
-    def _coarse(self) -> Shape:
-        rounding = _ROUNDING_ROUGH if self._rough else _ROUNDING_SMOOTH
-        return Shape(density=self._density, steps_per_point=_STEPS_PER_POINT, rounding=rounding)
-
-    @property
-    def _fine(self) -> tuple[Shape, ...]:
-        return tuple(
-            Shape(density=self._density, steps_per_point=steps, rounding=_ROUNDING_FINE)
-            for steps in _STEPS_PER_POINT_FINE
+    def _domains(self) -> DomainCandidates:
+        return DomainCandidates(
+            loop=self.loop,
+            curve=self.curve,
+            is_rough=self._rough,
+            nodes_per_edge=self._first_per_edge,
+            device=self.device,
+            clock=self.clock,
         )
 
     def tries(self) -> Iterator[Found]:
         """A minimal disk on one Ω after the other, the cheapest first, for the caller to take or leave."""
         if self.suits_disk:
             yield from self._on_disk()
-        for shapes in self._shapes:
+        domains = self._domains
+        for shapes in domains.shapes:
             for shape in shapes:
-                way = self._near(shape)
-                form = self._unfolded(way[0].curve, shape)
+                way = domains.near(shape)
+                form = domains.unfolded(way[0].curve, shape)
                 if form is not None:
                     yield from self._deformed(way, form, shape, "unfolded")
                     break
-        far, near = self._far(self._coarse), self._near(self._coarse)
+        coarse = domains.coarse
+        far, near = domains.far(coarse), domains.near(coarse)
         for start in reversed(range(len(far))):
-            form = self._unfolded(far[start].curve, self._coarse)
+            form = domains.unfolded(far[start].curve, coarse)
             if form is not None:
-                yield from self._deformed([*far[start:], *near], form, self._coarse, "deformed")
+                yield from self._deformed([*far[start:], *near], form, coarse, "deformed")
                 return
 
     def on_disk(self) -> Found:
@@ -268,12 +223,12 @@ class HarmonicSolver:
             matching: of the unstable one.
         """
         slide = torch.tensor(matching[:, 1], device=self.device)
-        form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
+        form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._domains.count))
         start = slide_downhill(self._exact, form, resampled(slide, min(len(slide), _MOST_FOR_MODES)))
         return None if start is None else next(self._fitted(form, start, "disk", None), None)
 
     def _on_disk(self) -> Iterator[Found]:
-        form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
+        form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._domains.count))
         if self.start is None:
             yield from self._fitted(form, self._equal_steps, "disk", None)
         else:
@@ -286,60 +241,13 @@ class HarmonicSolver:
             disk: over the loop at unit size.
             rim: indices of the loop's points that are its boundary vertices.
         """
-        shape = self._fine[0] if self._is_narrow else self._coarse
-        t = shape.density.parameter(self.curve.breaks[rim])
-        try:
-            with self.clock.stage("flattening"):
-                polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
-                form = resolved_form(
-                    rounded_boundary(polygon, t, steps=shape.steps, width=shape.rounding_width, count=self._count),
-                    shape.steps,
-                    self.device,
-                )
-        except DomainError:
-            return
-        yield from self._deformed([_Step(curve=self.curve, nodes=shape.steps)], form, shape, "flattened")
+        shape = self._domains.likeliest
+        form = self._domains.flattened(disk, rim, shape)
+        if form is not None:
+            way = [Step(curve=self.curve, nodes=shape.steps)]
+            yield from self._deformed(way, form, shape, "flattened")
 
-    def _unfolded(self, curve: BoundaryCurve, shape: Shape) -> DirichletForm | None:
-        """Ω from the unfolded least-area triangulation of a curve; None where it is not simple or too narrow."""
-        even = np.arange(shape.points) / shape.points
-        try:
-            with self.clock.stage("first fill"):
-                polygon = unfolded_loop(curve.point(shape.density.slide(even)), saws=True)
-            with self.clock.stage("flattening"):
-                boundary = rounded_boundary(
-                    polygon, even, steps=shape.steps, width=shape.rounding_width, count=self._count
-                )
-                return resolved_form(boundary, shape.steps, self.device)
-        except (DomainError, FirstFillError):
-            return None
-
-    def _near(self, shape: Shape) -> list[_Step]:
-        """Γ, or where it is rough curves that lead to it from one so smooth that the points of Ω resolve it.
-
-        Newton's method finds its way through many sharp bends only if they grow on it, and Ω grows with them.
-        """
-        m = len(self.loop)
-        if not self._rough or (shape.steps_per_point > _STEPS_PER_POINT and m <= shape.points):
-            return [_Step(curve=self.curve, nodes=shape.steps)]
-        nodes = max(shape.steps, self._first_per_edge * m)
-        smoothest, least = _SMOOTHING / min(shape.points, m), _SMOOTHING / m
-        count = 1 + int(np.ceil(np.log(smoothest / least) / np.log(_WIDTH_RATIO)))
-        averages = [self._average(width, shape) for width in np.geomspace(smoothest, least, count)]
-        rest = [
-            averages[-1].curve.towards(self.curve, share) for share in np.arange(1, _DEFORMATIONS + 1) / _DEFORMATIONS
-        ]
-        return [*averages, *(_Step(curve=curve, nodes=nodes) for curve in rest)]
-
-    def _far(self, shape: Shape) -> list[_Step]:
-        """Curves that lead to Γ from not much more than an ellipse: averages over ever shorter parts of it."""
-        widths = _WIDEST * 0.7 ** np.arange(int(np.log(_SMOOTHING / shape.points / _WIDEST) / np.log(0.7)) + 1)
-        return [self._average(width, shape) for width in widths]
-
-    def _average(self, width: float, shape: Shape) -> _Step:
-        return _Step(curve=self.curve.smoothed(width), nodes=max(shape.steps, int(_NODES_PER_WIDTH / width)))
-
-    def _deformed(self, way: list[_Step], form: DirichletForm, shape: Shape, route: Route) -> Iterator[Found]:
+    def _deformed(self, way: list[Step], form: DirichletForm, shape: Shape, route: Route) -> Iterator[Found]:
         """The fit for the last of several curves, each on the Ω that the one before left."""
         slide = torch.tensor(shape.density.slide(np.arange(shape.steps) / shape.steps), device=self.device)
         for place, step in enumerate(way):
@@ -350,34 +258,8 @@ class HarmonicSolver:
             slide = disk.slide
             if place == 0 or shape.unevenness(slide) > _UNEVEN:
                 with self.clock.stage("flattening"):
-                    form, slide = self._flattened_anew(disk, form, shape)
+                    form, slide = self._domains.flattened_anew(disk, form, shape)
         yield from self._fitted(form, slide, route, shape)
-
-    def _flattened_anew(
-        self, disk: HarmonicDisk, form: DirichletForm, shape: Shape
-    ) -> tuple[DirichletForm, Float[Tensor, " n"]]:
-        """Ω from a harmonic disk, as much of it as stays simple, and the disk's slide along it."""
-        for share in _SHARES_OF_FLATTENING:
-            again = reflattened(
-                disk,
-                form,
-                shape.density,
-                share=share,
-                steps=shape.steps,
-                width=shape.rounding_width,
-                count=self._count,
-            )
-            if again is None:
-                break
-            boundary, t, s = again
-            try:
-                new = resolved_form(boundary, shape.steps, self.device)
-            except DomainError:
-                continue
-            even = np.arange(len(t)) / len(t)
-            slide = np.interp(even, np.concatenate([t - 1, t, t + 1]), np.concatenate([s - 1, s, s + 1]))
-            return new, torch.tensor(slide, device=self.device)
-        return form, disk.slide
 
     def _fitted(
         self,
@@ -433,7 +315,7 @@ class HarmonicSolver:
                 limit = "the limit on steps was reached"
                 break
             if shape is not None and shape.unevenness(slide) > _UNEVEN:
-                form, slide = self._flattened_anew(disk, form, shape)
+                form, slide = self._domains.flattened_anew(disk, form, shape)
         if best is not None:
             yield self._found(*best, route=route, limit=limit)
 
@@ -504,14 +386,6 @@ class HarmonicSolver:
                 solvers[i].clock.add("slide", seconds)
                 started[i] = replace(solvers[i], start=disk)
         return started
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Step:
-    """A curve on the way to Γ, and the nodes that its slide takes."""
-
-    curve: BoundaryCurve
-    nodes: int
 
 
 def _even(nodes: int) -> int:
