@@ -8,7 +8,8 @@ from collections.abc import Container, Sequence
 
 _LONG = 60  # letters, from which on the text of a cell is broken into lines
 
-STYLE = """:root { color-scheme: light dark; --paper: #fff; --ink: #222; --faint: #ddd; --alert: #fdecea; --link: #1f5fa8 }
+STYLE = """:root { color-scheme: light dark; --paper: #fff; --ink: #222; --faint: #ddd; --alert: #fdecea;
+--link: #1f5fa8 }
 @media (prefers-color-scheme: dark) { :root { --paper: #16181c; --ink: #e4e4e2; --faint: #3a3d43; --alert: #48201d;
 --link: #8fbdf0 } }
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; color: var(--ink);

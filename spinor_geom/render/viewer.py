@@ -33,7 +33,8 @@ pointer-events: none; color: var(--ink) }
 .bar { font-size: 12px; display: block } .bar b { font-weight: normal; float: right }
 form.panel { font-size: 13px; display: flex; flex-wrap: wrap; gap: .5rem 1rem; align-items: flex-start }
 form.panel fieldset { border: 1px solid var(--faint); border-radius: 4px } form.panel label { display: block }
-form.panel output { width: 16rem; min-height: 2.2rem } canvas:focus-visible, form.panel :focus-visible { outline: 2px solid var(--link) }"""
+form.panel output { width: 16rem; min-height: 2.2rem } canvas:focus-visible,
+form.panel :focus-visible { outline: 2px solid var(--link) }"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
