@@ -3,9 +3,9 @@
   "use strict";
   const STOPS = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
   const PLAIN = [143, 179, 217];
-  const VERTEX = `attribute vec3 position, normal, colour; uniform mat4 turn; uniform vec3 size;
+  const VERTEX = `attribute vec3 position, normal, colour, conjugate; uniform mat4 turn; uniform vec3 size; uniform vec2 family;
     varying vec3 n, c;
-    void main() { vec4 p = turn * vec4(position, 1.0); n = mat3(turn) * normal; c = colour;
+    void main() { vec4 p = turn * vec4(family.x * position + family.y * conjugate, 1.0); n = mat3(turn) * normal; c = colour;
       gl_Position = vec4(p.x * size.x, p.y * size.y, -0.4 * p.z - size.z, 1.0); }`;
   const FRAGMENT = `precision mediump float; varying vec3 n, c;
     void main() { float light = 0.35 + 0.65 * abs(normalize(n).z); gl_FragColor = vec4(c * light, 1.0); }`;
@@ -46,9 +46,15 @@
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, text); gl.compileShader(shader); gl.attachShader(made, shader);
     }
-    ["position", "normal", "colour"].forEach((name, k) => gl.bindAttribLocation(made, k, name));
+    ["position", "normal", "colour", "conjugate"].forEach((name, k) => gl.bindAttribLocation(made, k, name));
     gl.linkProgram(made);
     return made;
+  }
+
+  // of cos t a + sin t b over all t
+  function longest(a, b) {
+    const [aa, ab, bb] = [[a, a], [a, b], [b, b]].map(([u, v]) => u[0] * v[0] + u[1] * v[1] + u[2] * v[2]);
+    return Math.sqrt((aa + bb) / 2 + Math.hypot((aa - bb) / 2, ab));
   }
 
   function show(host, view) {
@@ -56,10 +62,13 @@
     const low = [0, 1, 2].map((i) => Infinity), high = [0, 1, 2].map((i) => -Infinity);
     for (let k = 0; k < points.length; k++) { low[k % 3] = Math.min(low[k % 3], points[k]); high[k % 3] = Math.max(high[k % 3], points[k]); }
     const middle = low.map((x, i) => (x + high[i]) / 2);
+    const other = view.conjugate ? decode(view.conjugate, Float32Array) : new Float32Array(points.length).map((_, k) => middle[k % 3]);
     let radius = 1e-30;
-    for (let k = 0; k < points.length; k += 3)
-      radius = Math.max(radius, Math.hypot(points[k] - middle[0], points[k + 1] - middle[1], points[k + 2] - middle[2]));
-    for (let k = 0; k < points.length; k++) points[k] = (points[k] - middle[k % 3]) / radius;
+    for (let k = 0; k < points.length; k += 3) {
+      const arm = [0, 1, 2].map((i) => points[k + i] - middle[i]), away = [0, 1, 2].map((i) => other[k + i] - middle[i]);
+      radius = Math.max(radius, view.conjugate ? longest(arm, away) : Math.hypot(...arm));
+    }
+    for (const list of [points, other]) for (let k = 0; k < list.length; k++) list[k] = (list[k] - middle[k % 3]) / radius;
 
     const title = document.createElement("figcaption"), canvas = document.createElement("canvas");
     const choice = document.createElement("select"), scale = document.createElement("span");
@@ -73,7 +82,18 @@
     const surface = program(gl, FRAGMENT), line = program(gl, LINE), edges = edgesOf(faces);
     const buffer = (kind, data) => { const b = gl.createBuffer(); gl.bindBuffer(kind, b); gl.bufferData(kind, data, gl.STATIC_DRAW); return b; };
     const attribute = (data, k) => { buffer(gl.ARRAY_BUFFER, data); gl.enableVertexAttribArray(k); gl.vertexAttribPointer(k, 3, gl.FLOAT, false, 0, 0); };
-    attribute(points, 0); attribute(normals(points, faces), 1);
+    attribute(points, 0); attribute(normals(points, faces), 1);  // the members of a family have the same normals
+    let family = [1, 0];
+    if (view.conjugate) {
+      attribute(other, 3);
+      const slider = document.createElement("input"), label = document.createElement("label"), angle = document.createElement("output");
+      Object.assign(slider, { type: "range", min: 0, max: 360, value: 0 });
+      slider.addEventListener("input", () => {
+        family = [Math.cos(slider.value * Math.PI / 180), Math.sin(slider.value * Math.PI / 180)];
+        angle.textContent = `${slider.value}°`; draw();
+      });
+      angle.textContent = "0°"; label.append("θ ", slider, angle); host.append(label);
+    }
     const faceBuffer = buffer(gl.ELEMENT_ARRAY_BUFFER, faces), edgeBuffer = buffer(gl.ELEMENT_ARRAY_BUFFER, edges);
     gl.enable(gl.DEPTH_TEST);
 
@@ -95,6 +115,7 @@
         if (made === line && !view.edges) continue;
         gl.useProgram(made);
         gl.uniformMatrix4fv(gl.getUniformLocation(made, "turn"), false, turn);
+        gl.uniform2f(gl.getUniformLocation(made, "family"), ...family);
         gl.uniform3f(gl.getUniformLocation(made, "size"), zoom, zoom, made === line ? 0.004 : 0);  // lines lie before their faces
         if (made === line) { gl.disableVertexAttribArray(2); gl.vertexAttrib3f(2, 0.25, 0.27, 0.32); } else gl.enableVertexAttribArray(2);
         gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, list);

@@ -36,6 +36,8 @@ class MeshView:
         faces: triangles.
         fields: values at the vertices that it may be coloured by, by name; NaN is grey. The first is shown first.
         edges: whether the triangles' edges are drawn.
+        conjugate: positions on the conjugate surface; with them a slider turns through the associate family, cos θ of
+            the vertices and sin θ of these, both from the middle of the vertices.
     """
 
     title: str
@@ -43,6 +45,7 @@ class MeshView:
     faces: Int[np.ndarray, "f 3"]
     fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
     edges: bool = True
+    conjugate: Float[np.ndarray, "n 3"] | None = None
 
 
 class Views:
@@ -62,6 +65,7 @@ class Views:
             "faces": _base64(np.asarray(view.faces, dtype="<u4")),
             "fields": {name: _field(values) for name, values in view.fields.items()},
             "edges": view.edges,
+            "conjugate": None if view.conjugate is None else _base64(np.asarray(view.conjugate, dtype="<f4")),
         }
         self._views.append(json.dumps(data))
         return f'<figure class="view" id="{place}"></figure>'
