@@ -17,7 +17,7 @@ from spinor_geom.surface import SpinorSurface, formulas
 
 VERTICES = 4000
 # lines of the grid across the longer side of Ω, and points on each
-GRID_LINES, _LINE_POINTS = 16, 600
+GRID_LINES, _LINE_POINTS = 16, 240
 # a period larger than this share of the boundary's length is no error of the quadrature
 _LARGEST_PERIOD = 1e-6
 

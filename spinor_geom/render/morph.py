@@ -21,7 +21,7 @@ FRAMES = 72
 _PER_SECOND = 25
 # MPEG-4 wants multiples of 16
 _SIZE = (640, 640)
-_COLOURS = 255
+_COLOURS, _PAPER = 256, 240
 _VERTICES = 4000
 
 
@@ -100,9 +100,10 @@ def _write_gif(pictures: Sequence[Path], path: Path) -> None:
     beside = Image.new("RGB", (_SIZE[0] * len(some), _SIZE[1]))
     for place, frame in enumerate(some):
         beside.paste(frame, (place * _SIZE[0], 0))
-    # each is the middle of several, but the paper is white
+    # each is the middle of several, and those almost white would be taken for the white paper
+    rows: list[list[int]] = np.reshape(beside.quantize(_COLOURS).getpalette() or [], (-1, 3)).tolist()
     table = Image.new("P", (1, 1))
-    table.putpalette([*(beside.quantize(_COLOURS).getpalette() or ()), 255, 255, 255])
+    table.putpalette([x for row in rows for x in (row if min(row) < _PAPER else [255, 255, 255])])
     few = [frame.quantize(palette=table, dither=Image.Dither.NONE) for frame in frames]
     few[0].save(path, save_all=True, append_images=few[1:], duration=1000 // _PER_SECOND, loop=0, optimize=True)
 
