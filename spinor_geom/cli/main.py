@@ -57,6 +57,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_reproduce(commands)
     _add_bench(commands)
     _add_batch(commands)
+    _add_morph(commands)
     return parser
 
 
@@ -244,6 +245,30 @@ def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         default=2,
         help="tries of a file after its process died (default: %(default)s)",
     )
+
+
+def _add_morph(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    morph = commands.add_parser(
+        "morph",
+        help="turn a surface through its associate family, as the catenoid into the helicoid",
+        epilog="exit status: 0 the file was written, 2 the surface has no associate family or cannot be read, or the "
+        "output's format is unknown",
+    )
+    morph.add_argument(
+        "surface",
+        metavar="SURFACE",
+        help="a saved surface (.safetensors), or a name in the gallery, such as catenoid or enneper; for a name that "
+        "does not exist all are listed",
+    )
+    morph.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        type=Path,
+        required=True,
+        help="animation (.gif, .mp4), or page with a slider (.html)",
+    )
+    morph.add_argument("--frames", metavar="N", type=_count, default=72, help="of an animation (default: %(default)s)")
 
 
 def _count(text: str) -> int:
