@@ -101,6 +101,7 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     )
     fill.add_argument("--merge", action="store_true", help="first merge vertices of equal position (STL files need it)")
     fill.add_argument("--report", metavar="JSON", type=Path, help="write a report")
+    fill.add_argument("--html", metavar="HTML", type=Path, help="write a page that shows the fill, for any browser")
     fill.add_argument("--compare", action="store_true", help="compare each fill with a discrete minimal surface")
     fill.add_argument("--picture", metavar="PNG", type=Path, help="draw the open mesh beside the filled one")
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-MESH_COLOUR, INSIDE_COLOUR, PATCH_COLOUR, RIM_COLOUR = "#c9ced6", "#8d7f73", "#f28e2b", "#1f3b73"
+from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR
+
 RIM_WIDTH, LABEL_SIZE = 4, 14
 # two windows side by side share the width; a margin keeps the mesh off the frame
 MARGIN = 1.12

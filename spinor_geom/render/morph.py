@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,8 +13,9 @@ from spinor_geom.errors import OptionError
 from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
 from spinor_geom.render.family import AssociateFamily, associate_family
+from spinor_geom.render.page import document
 from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.viewer import MeshView, Views, page
+from spinor_geom.render.viewer import STYLE, MeshView, Views
 from spinor_geom.surface import SpinorSurface
 
 SUFFIXES = (".gif", ".html", ".mp4")
@@ -88,7 +90,7 @@ def family_page(family: AssociateFamily, *, title: str) -> str:
         fields={"Gauss curvature": family.gauss_curvature[:used]},
     )
     views = Views()
-    return page(title, [f"<h1>{title}</h1>", views.figure(view)], views)
+    return document(title, [f"<h1>{html.escape(title)}</h1>", views.figure(view), views.script()], style=STYLE)
 
 
 def _write_gif(pictures: Sequence[Path], path: Path) -> None:
