@@ -46,7 +46,7 @@ def run_blocks(page: Path) -> None:
 
 @contextlib.contextmanager
 def workplace() -> Iterator[Path]:
-    """An empty folder as the present one, with what a clone has for the pages' code: `data/`, and folders to write to."""
+    """An empty folder as the present one, with what the pages' code finds in a clone: `data/`, `pictures/`, `out/`."""
     before = Path.cwd()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

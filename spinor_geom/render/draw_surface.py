@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-FRONT_COLOUR, BACK_COLOUR, LINE_COLOUR, RIM_COLOUR = "#f6bd68", "#86b3dd", "#5a4a3c", "#1f3b73"
+from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR, RIM_COLOUR
+
 COLOURS = "viridis"
 # lengths per radius of what is shown
 RIM_RADIUS, LINE_RADIUS, MARGIN = 0.009, 0.0026, 1.06
@@ -61,7 +62,7 @@ def draw(arrays: Path, folder: Path, width: int, height: int) -> None:
         plotter.add_mesh(surface, color=FRONT_COLOUR, backface_params={"color": BACK_COLOUR, **_rest(look)}, **look)
     curves = [
         (_strips(pyvista, scene["vertices"], scene[name]), share * radius, colour)
-        for name, share, colour in (("rims", RIM_RADIUS, RIM_COLOUR), ("lines", LINE_RADIUS, LINE_COLOUR))
+        for name, share, colour in (("rims", RIM_RADIUS, RIM_COLOUR), ("lines", LINE_RADIUS, GRID_COLOUR))
         if len(scene[name])
     ]
     tubes = []
