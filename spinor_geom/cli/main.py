@@ -58,6 +58,8 @@ def build_parser() -> argparse.ArgumentParser:
     _add_bench(commands)
     _add_batch(commands)
     _add_morph(commands)
+    _add_view(commands)
+    _add_render(commands)
     return parser
 
 
@@ -269,6 +271,57 @@ def _add_morph(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="animation (.gif, .mp4), or page with a slider (.html)",
     )
     morph.add_argument("--frames", metavar="N", type=_count, default=72, help="of an animation (default: %(default)s)")
+
+
+_SHOWN = "mesh file (obj, ply, stl, off, glb) or saved surface (.safetensors)"
+_CURVATURE = "colours tell the curvature: Gauss curvature of a surface, |H| of a mesh"
+
+
+def _add_view(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    view = commands.add_parser(
+        "view",
+        help="open a window with a mesh or a surface",
+        epilog="exit status: 0 the window was closed, 2 the file cannot be read or there is no display",
+    )
+    view.add_argument("input", metavar="IN", type=Path, help=_SHOWN)
+    view.add_argument("--curvature", action="store_true", help=_CURVATURE)
+
+
+def _add_render(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    render = commands.add_parser(
+        "render",
+        help="draw a mesh or a surface as a PNG, without a display",
+        epilog="exit status: 0 the picture was written, 2 the file cannot be read or the picture not be drawn",
+    )
+    render.add_argument("input", metavar="IN", type=Path, help=_SHOWN)
+    render.add_argument("-o", "--output", metavar="PNG", type=Path, required=True, help="the picture")
+    render.add_argument("--curvature", action="store_true", help=_CURVATURE)
+    render.add_argument("--size", metavar="WxH", type=_size, default=(1200, 960), help="in pixels (default: 1200x960)")
+    render.add_argument(
+        "--eye",
+        metavar="X,Y,Z",
+        type=_direction,
+        default=(1.0, -2.0, 1.3),
+        help="direction to the eye: right, backwards, up (default: 1,-2,1.3); write --eye=-1,... for a negative X",
+    )
+    render.add_argument(
+        "--up", choices=("y", "z"), help="axis that points upwards (default: y for mesh files, z for saved surfaces)"
+    )
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    return _count(width), _count(height)
+
+
+def _direction(text: str) -> tuple[float, ...]:
+    try:
+        direction = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        direction = ()
+    if len(direction) != 3 or not 0 < sum(x * x for x in direction) < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a direction such as 1,-2,1.3")
+    return direction
 
 
 def _count(text: str) -> int:

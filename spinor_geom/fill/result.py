@@ -11,6 +11,7 @@ from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.shown import Shown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,7 +107,7 @@ class LoopOutcome:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FillResult:
+class FillResult(Shown):
     """A filled mesh with its evidence.
 
     Attributes:

@@ -51,13 +51,13 @@ def write_png(scene: FillScene, path: str | os.PathLike[str]) -> None:
         Path(target).write_bytes(picture.read_bytes())
 
 
-def draw_apart(module: str, *arguments: str, time_limit: float = TIME_LIMIT) -> None:
+def draw_apart(module: str, *arguments: str, time_limit: float | None = TIME_LIMIT) -> None:
     """Runs a module that draws in a process of its own, with what it takes to draw without a display.
 
     Args:
         module: its name.
         arguments: its command line.
-        time_limit: in seconds.
+        time_limit: in seconds; None for a window, which stays as long as it is looked at.
 
     Raises:
         RenderError: it failed, or took longer.
@@ -79,6 +79,8 @@ def draw_apart(module: str, *arguments: str, time_limit: float = TIME_LIMIT) -> 
 
 
 def _explanation(status: int, said: str) -> str:
+    if "bad X server" in said:
+        return "no window was opened: the display cannot be reached; check DISPLAY, or 'spinor-geom render' a picture"
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     if status < 0 or any(name in said for name in ("libGL", "EGL", "OpenGL", "OSMesa")):
         return (

@@ -1,9 +1,8 @@
 // Views of surfaces, lines and points in one page: plain WebGL, nothing is fetched.
 (function () {
   "use strict";
-  // viridis, which is perceptually uniform
-  const STOPS = ["#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c", "#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"].map(rgb);
-  const UNKNOWN = [190, 190, 190];
+  const SCALE = JSON.parse(document.getElementById("colours").textContent);
+  const STOPS = SCALE.stops.map(rgb), UNKNOWN = rgb(SCALE.unknown);
   const SPACE = `uniform mat3 turn; uniform vec3 centre; uniform vec2 size; uniform float nearer;
     vec4 seen(vec3 p) { vec3 q = turn * (p - centre); return vec4(q.xy * size, -0.4 * q.z - nearer, 1.0); }`;
   const SURFACE = [`attribute vec3 position, normal, colour; varying vec3 n, c; ${SPACE}
@@ -171,12 +170,11 @@
       this.on = new Set();
       this.chosen = "";
       this.build();
-      const gl = this.gl = this.canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
+      const gl = this.gl = this.canvas.getContext("webgl", { alpha: false, antialias: true, preserveDrawingBuffer: true });
       if (!gl || !gl.getExtension("OES_element_index_uint")) { this.note.textContent = "this browser has no WebGL"; this.works = false; return; }
       this.works = true;
       this.programs = { faces: program(gl, SURFACE), edges: program(gl, EDGE), lines: program(gl, STROKE), dots: program(gl, DOT) };
       gl.enable(gl.DEPTH_TEST); gl.enable(gl.BLEND); gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
-      gl.enable(gl.POLYGON_OFFSET_FILL);
       this.measure();
       this.parts = data.layers.map((layer) => new Layer(gl, layer, (own, other, angle) => this.placed(own, other, angle)));
       data.layers = null;
@@ -330,14 +328,13 @@
         if (part.switch && !this.on.has(part.switch)) continue;
         if (part.kind === "faces") {
           const at = use("faces", 0);
-          gl.polygonOffset(1, 1);
-          gl.uniform4f(at("inside"), ...part.back);
+          gl.uniform4f(at("inside"), ...(part.fields[this.field] ? [0, 0, 0, 0] : part.back));
           gl.uniform1f(at("lit"), this.flat ? 0 : 1);
           feed(gl, [[part.position, 3], [part.normal, 3], [part.painted, 3]]);
           gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.elements);
           gl.drawElements(gl.TRIANGLES, part.list.length, gl.UNSIGNED_INT, 0);
           if (part.edges === true || this.on.has(part.edges)) {
-            const edge = use("edges", 0.0005);
+            const edge = use("edges", 0.003);
             gl.uniform3f(edge("colour"), 0.22, 0.24, 0.29);
             feed(gl, [[part.position, 3]]);
             gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.edgeElements());
@@ -345,7 +342,6 @@
           }
         } else if (part.kind === "lines") {
           const at = use("lines", 0.003);
-          gl.polygonOffset(0, 0);
           gl.uniform2f(at("pixels"), width / 2, height / 2);
           feed(gl, [[part.start, 3], [part.end, 3], [part.corner, 2]]);
           gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.elements);

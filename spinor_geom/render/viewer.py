@@ -12,10 +12,9 @@ from importlib.resources import files
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.render.colours import RIM_COLOUR
+from spinor_geom.render.colours import PLAIN_COLOUR, RIM_COLOUR, UNKNOWN_COLOUR, VIRIDIS
 from spinor_geom.render.scene import Camera
 
-PLAIN_COLOUR = "#8fb3d9"
 # share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
 _TAIL = 0.03
 # name of the loop choice for what is shown for every loop
@@ -258,10 +257,17 @@ class Views:
 
     def script(self) -> str:
         """The data of all views and the program that shows them."""
+        colours = json.dumps({"stops": VIRIDIS, "unknown": UNKNOWN_COLOUR})
         # "</" would end the script element
         data = ("[" + ",".join(self._views) + "]").replace("</", "<\\/")
         program = files("spinor_geom.render").joinpath("viewer.js").read_text(encoding="utf-8")
-        return f'<script type="application/json" id="views">{data}</script>\n<script>{program}</script>'
+        return "\n".join(
+            [
+                f'<script type="application/json" id="colours">{colours}</script>',
+                f'<script type="application/json" id="views">{data}</script>',
+                f"<script>{program}</script>",
+            ]
+        )
 
 
 def _layer(layer: Faces | Lines | Dots) -> dict[str, object]:

@@ -41,7 +41,7 @@ def test_no_title_ends_the_script_or_the_page():
     evil = "</script><script>alert(1)</script>"
     figure = views.figure(MeshView(title=evil, vertices=VERTICES, faces=FACES))
     text = document(evil, [figure, views.script()])
-    assert text.count("</script>") == 2
+    assert text.count("</script>") == 3
     assert "<title></script>" not in text
     assert views_of(text)[0]["title"] == evil
 
