@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-FRONT_COLOUR, BACK_COLOUR, LINE_COLOUR, RIM_COLOUR = "#f6bd68", "#86b3dd", "#5a4a3c", "#1f3b73"
+from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR, RIM_COLOUR
+
 COLOURS = "viridis"
-# lengths per radius of what is shown
-RIM_RADIUS, LINE_RADIUS, MARGIN = 0.009, 0.0026, 1.06
+# lengths per half the height of what is shown
+RIM_RADIUS, LINE_RADIUS, MARGIN = 0.0125, 0.0038, 1.06
 TUBE_SIDES = 10
 # direction to the light in the camera's frame (right, up, to the eye), and its strength
 LIGHTS = (((-0.5, 0.7, 0.8), 0.55), ((0.9, 0.1, 0.6), 0.25), ((0.1, -0.7, 0.7), 0.2), ((0.0, 0.0, 1.0), 0.2))
@@ -60,8 +61,8 @@ def draw(arrays: Path, folder: Path, width: int, height: int) -> None:
     else:
         plotter.add_mesh(surface, color=FRONT_COLOUR, backface_params={"color": BACK_COLOUR, **_rest(look)}, **look)
     curves = [
-        (_strips(pyvista, scene["vertices"], scene[name]), share * radius, colour)
-        for name, share, colour in (("rims", RIM_RADIUS, RIM_COLOUR), ("lines", LINE_RADIUS, LINE_COLOUR))
+        (_strips(pyvista, scene["vertices"], scene[name]), share * float(scene["half_height"]), colour)
+        for name, share, colour in (("rims", RIM_RADIUS, RIM_COLOUR), ("lines", LINE_RADIUS, GRID_COLOUR))
         if len(scene[name])
     ]
     tubes = []

@@ -12,10 +12,11 @@ import numpy as np
 from spinor_geom.errors import OptionError
 from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
+from spinor_geom.render.colours import GRID_COLOUR, RIM_COLOUR
 from spinor_geom.render.family import AssociateFamily, associate_family
 from spinor_geom.render.page import document
 from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.viewer import STYLE, MeshView, Views
+from spinor_geom.render.viewer import STYLE, Faces, Lines, Scale, Scene, Views
 from spinor_geom.surface import SpinorSurface
 
 SUFFIXES = (".gif", ".html", ".mp4")
@@ -81,13 +82,27 @@ def family_page(family: AssociateFamily, *, title: str) -> str:
 
     Colours tell the Gauss curvature, which is the same for the whole family.
     """
-    used = len(family.vertices) - len(np.unique(family.lines))
-    view = MeshView(
-        title="Drag to turn, wheel to zoom, double click to set it spinning; the slider turns θ.",
-        vertices=family.vertices[:used],
-        conjugate=family.conjugate[:used],
+    rim = np.arange(family.boundary_size)
+    name = "Gauss curvature"
+    faces = Faces(
+        vertices=family.vertices[: family.mesh_size],
+        conjugate=family.conjugate[: family.mesh_size],
         faces=family.faces,
-        fields={"Gauss curvature": family.gauss_curvature[:used]},
+        fields={name: family.gauss_curvature[: family.mesh_size]},
+    )
+    lines = [
+        Lines(vertices=family.vertices, conjugate=family.conjugate, edges=edges, colour=colour, width=width)
+        for edges, colour, width in (
+            (family.lines, GRID_COLOUR, 1.0),
+            (np.stack([rim, np.roll(rim, -1)], axis=1), RIM_COLOUR, 2.5),
+        )
+    ]
+    view = Scene(
+        title="Drag to turn, wheel to zoom, double click to set it spinning; the slider turns θ.",
+        layers=(faces, *lines),
+        scales={name: Scale.of(faces.fields[name])},
+        spins=True,
+        shape="square",
     )
     views = Views()
     return document(title, [f"<h1>{html.escape(title)}</h1>", views.figure(view), views.script()], style=STYLE)

@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike
 
 from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
-from spinor_geom.render.family import AssociateFamily
+from spinor_geom.render.family import AssociateFamily, associate_family
 from spinor_geom.render.png import TIME_LIMIT, draw_apart
+from spinor_geom.surface import SpinorSurface
 
 # from the surface to the eye: in front of it and above, the third axis upwards
 EYE = (1.0, -2.0, 1.3)
@@ -47,8 +48,14 @@ class Portrait:
     values: Float[np.ndarray, " n"] | None = None
 
     @classmethod
-    def of(cls, family: AssociateFamily) -> Portrait:
-        """A surface and its family."""
+    def of(cls, surface: SpinorSurface | AssociateFamily) -> Portrait:
+        """A surface and its family, with its boundary and the image of a square grid in Ω.
+
+        Raises:
+            PeriodError: see `associate_family`.
+            SurfaceError: the surface is not finite on its domain.
+        """
+        family = associate_family(surface) if isinstance(surface, SpinorSurface) else surface
         rim = np.arange(family.boundary_size)
         return cls(
             vertices=family.vertices,
