@@ -9,8 +9,11 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
+from scipy.spatial import cKDTree
 
+from spinor_geom.comparison import MOST_CURVATURE_POINTS
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.errors import SpinorGeomError, ZeroOnContourError
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
@@ -24,6 +27,7 @@ from spinor_geom.render.viewer import ALWAYS, Dots, Faces, Lines
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 MEAN, DISTANCE, GAUSS = "mean curvature", "distance to the discrete minimal surface", "Gauss curvature"
+EXACT = "mean curvature of the surface"
 GRID, NORMALS = "conformal grid", "normals"
 # triangles of a mesh that are shown; of a larger one those nearest to its loops
 MOST_FACES = 120_000
@@ -172,12 +176,13 @@ class LoopViews:
             return {"p": p, "q": q, "f": -2 * q * q, "g": -p / q}
 
 
-def loop_views(outcome: LoopOutcome, *, details: bool = True) -> LoopViews:
+def loop_views(outcome: LoopOutcome, *, details: bool = True, exact: bool = False) -> LoopViews:
     """What is shown of a filled loop.
 
     Args:
         outcome: of a loop that has a patch.
         details: whether to compute the fields and the discrete minimal surface.
+        exact: whether to measure |H| of the surface itself too, by automatic differentiation: it takes seconds.
     """
     patch, solution = outcome.patch, outcome.solution
     assert patch is not None
@@ -219,6 +224,7 @@ def loop_views(outcome: LoopOutcome, *, details: bool = True) -> LoopViews:
             MEAN: _continued(mean, patch.faces),
             DISTANCE: distance,
             GAUSS: np.asarray(surface.gauss_curvature(patch.points)),
+            **({EXACT: _measured(surface, patch)} if exact else {}),
         },
         baseline_figures=figures,
         normals=normals if side >= 0 else -normals,
@@ -230,8 +236,6 @@ def surroundings(result: FillResult, *, edges: str) -> tuple[list[Faces | Lines 
     mesh, loops = result.original, [outcome.loop for outcome in result.loops]
     faces, left_out = mesh.faces, max(len(mesh.faces) - MOST_FACES, 0)
     if left_out and loops:
-        from scipy.spatial import cKDTree
-
         tree = cKDTree(np.concatenate([loop.points for loop in loops]))
         distance = tree.query(mesh.vertices[mesh.faces].mean(axis=1))[0]
         faces = faces[np.sort(np.argpartition(distance, MOST_FACES)[:MOST_FACES])]
@@ -301,6 +305,17 @@ class LevelLines:
         pairs = np.arange(len(points)).reshape(-1, 2)
         look: dict[str, Any] = {"colour": "#ffffff", "halo": _GRID_COLOUR, "width": 1.2}
         return Lines(vertices=points, edges=pairs, switch=switch, loop=loop, **look)
+
+
+def _measured(surface: SpinorSurface, patch: Patch) -> Float[np.ndarray, " n"]:
+    """|H| of the surface at inner vertices of the patch, all or some evenly spread; elsewhere that of the nearest."""
+    inner = np.arange(patch.boundary_size, len(patch.points))
+    if not len(inner):
+        return np.full(len(patch.points), np.nan)
+    some = inner[np.unique(np.linspace(0, len(inner) - 1, MOST_CURVATURE_POINTS).astype(int))]
+    values = np.abs(np.asarray(surface.mean_curvature(patch.points[some])))
+    _, nearest = cKDTree(plane_coordinates(patch.points[some])).query(plane_coordinates(patch.points))
+    return np.asarray(values[nearest])
 
 
 def _continued(values: Float[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " n"]:

@@ -17,7 +17,17 @@ from spinor_geom.files import atomic_path
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.render.domain_colouring import domain_colours
-from spinor_geom.render.loop_views import DISTANCE, GAUSS, GRID, MEAN, NORMALS, LoopViews, loop_views, surroundings
+from spinor_geom.render.loop_views import (
+    DISTANCE,
+    EXACT,
+    GAUSS,
+    GRID,
+    MEAN,
+    NORMALS,
+    LoopViews,
+    loop_views,
+    surroundings,
+)
 from spinor_geom.render.page import document, picture, table
 from spinor_geom.render.plots import inline_svg, log_log
 from spinor_geom.render.scene import camera_on
@@ -26,8 +36,14 @@ from spinor_geom.render.viewer import STYLE, Scale, Scene, Views
 # of how many filled loops, the longest first, Ω and its functions are shown
 MOST_LOOPS = 8
 _PANEL, _WIREFRAME = "fill", "wireframe"
-_COLOURS = {"": "one colour", MEAN: "mean curvature |H| of the mesh", DISTANCE: DISTANCE, GAUSS: GAUSS}
-_UNITS = {MEAN: "/ mesh unit", DISTANCE: "mesh units", GAUSS: "/ mesh unit²"}
+_COLOURS = {
+    "": "one colour",
+    MEAN: "mean curvature |H| of the mesh",
+    EXACT: "mean curvature |H| of the surface, measured",
+    DISTANCE: DISTANCE,
+    GAUSS: GAUSS,
+}
+_UNITS = {MEAN: "/ mesh unit", EXACT: "/ mesh unit", DISTANCE: "mesh units", GAUSS: "/ mesh unit²"}
 _MOST_SAID = 3  # remarks that are not folded
 # the solution's own figures say them too
 _TOLD_ALREADY = ("residual_rms_per_edge", "residual_max_per_edge")
@@ -57,8 +73,9 @@ def report(
     Args:
         result: from `fill_hole(..., return_report=True)`.
         path: where to write it as well.
-        comparisons: of loops with discrete minimal surfaces, by the loops' places, where some were made: their figures
-            are shown too.
+        comparisons: of loops with discrete minimal surfaces, by the loops' places, where some were made. Their figures
+            are shown too, and |H| of these loops' surfaces as a colour, measured by automatic differentiation, which
+            takes seconds; without, |H| is that of the patches' triangles.
 
     Returns:
         The page.
@@ -68,7 +85,8 @@ def report(
         OSError: the file cannot be written.
     """
     filled = [outcome for outcome in result.loops if outcome.patch is not None]
-    details = [loop_views(outcome) for outcome in filled[:MOST_LOOPS]]
+    compared = comparisons or {}
+    details = [loop_views(outcome, exact=outcome.index in compared) for outcome in filled[:MOST_LOOPS]]
     views = Views()
     text = document(
         "spinor-geom fill",
@@ -77,7 +95,7 @@ def report(
             f"<p>{html.escape(_summary(result))}</p>",
             *_left_open(result.loops),
             *_pictures(result, details, views),
-            *(_loop_section(one, (comparisons or {}).get(one.outcome.index)) for one in details),
+            *(_loop_section(one, compared.get(one.outcome.index)) for one in details),
             *_convergence(filled[:MOST_LOOPS]),
             "<h2>All loops</h2>",
             f'<div class="all">{_loop_table(result.loops)}</div>',
@@ -132,11 +150,8 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
     layers, left_out = surroundings(result, edges=_WIREFRAME)
     for index, outcome in patches.items():
         layers += (shown[index] if index in shown else loop_views(outcome, details=False)).in_space(edges=_WIREFRAME)
-    scales = {
-        name: Scale.of(np.concatenate([one.fields[name] for one in details]), _UNITS[name])
-        for name in _COLOURS
-        if name and details
-    }
+    known = {name: [one.fields[name] for one in details if name in one.fields] for name in _COLOURS}
+    scales = {name: Scale.of(np.concatenate(values), _UNITS[name]) for name, values in known.items() if values}
     cameras = {"": camera_on(used, first)} | {str(i): camera_on(used, outcome) for i, outcome in patches.items()}
     scene = Scene(
         title="The filled mesh: patches orange, loops blue",
@@ -149,7 +164,7 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
     )
     panel = Views.panel(
         _PANEL,
-        colours=_COLOURS if details else {"": "one colour"},
+        colours={name: label for name, label in _COLOURS.items() if name in ("", *scales)},
         switches={_WIREFRAME: False, GRID: False, NORMALS: False} if details else {_WIREFRAME: False},
         loops={
             str(one.outcome.index): f"loop {one.outcome.index}: {len(one.outcome.loop)} vertices" for one in details

@@ -207,6 +207,7 @@ def test_a_closed_mesh_has_a_page(result: FillResult, chromium: Any, tmp_path: P
 
 def test_the_figures_are_those_of_the_report(result: FillResult) -> None:
     text = spinor_geom.report(result)
+    assert "of the surface, measured" not in text
     for outcome in result.loops:
         assert outcome.solution is not None
         assert f"<td>{outcome.solution.area:.6g}</td>" in text
@@ -229,6 +230,7 @@ def test_the_command_writes_the_page_with_comparisons(tmp_path: Path) -> None:
     assert main(["fill", str(mesh), "-o", str(tmp_path / "o.obj"), "--compare", "--html", str(target)]) == 0
     text = target.read_text(encoding="utf-8")
     assert "comparison: exact curvature: max" in text
+    assert "mean curvature |H| of the surface, measured" in text
     assert sorted(path.name for path in target.parent.iterdir()) == ["report.html"]
 
 
