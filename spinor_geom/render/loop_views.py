@@ -303,7 +303,7 @@ class LevelLines:
         start, end = vertices[self.edges[..., 0]], vertices[self.edges[..., 1]]
         points = (start + self.shares[..., None] * (end - start)).reshape(-1, 3)
         pairs = np.arange(len(points)).reshape(-1, 2)
-        look: dict[str, Any] = {"colour": "#ffffff", "halo": _GRID_COLOUR, "width": 1.2}
+        look: dict[str, Any] = {"colour": "#ffffff", "halo": _GRID_COLOUR, "width": 1.6}
         return Lines(vertices=points, edges=pairs, switch=switch, loop=loop, **look)
 
 

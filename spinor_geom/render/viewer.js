@@ -28,8 +28,9 @@
   // --- data ----------------------------------------------------------------------------------------------------------
 
   function rgb(text) { return [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16)); }
-  function decode(text, Type) {
-    const letters = atob(text), bytes = new Uint8Array(letters.length);
+  let arrays = [];
+  function decode(place, Type) {
+    const letters = atob(arrays[place]), bytes = new Uint8Array(letters.length);
     for (let k = 0; k < bytes.length; k++) bytes[k] = letters.charCodeAt(k);
     return new Type(bytes.buffer);
   }
@@ -102,8 +103,8 @@
       this.gl = gl;
       this.place = place;  // points of space to points of the view
       this.own = decode(data.vertices, Float32Array);
-      this.other = data.conjugate ? decode(data.conjugate, Float32Array) : null;
-      this.list = data.elements ? decode(data.elements, Uint32Array) : null;
+      this.other = data.conjugate !== undefined ? decode(data.conjugate, Float32Array) : null;
+      this.list = data.elements !== undefined ? decode(data.elements, Uint32Array) : null;
       this.rgb = rgb(data.colour).map((x) => x / 255);
       this.back = data.inside ? [...rgb(data.inside).map((x) => x / 255), 1] : [0, 0, 0, 0];
       if (data.kind === "faces") {
@@ -136,8 +137,8 @@
       this.end = store(gl, gl.ARRAY_BUFFER, end, this.end);
     }
     paint(field, scale) {
-      const text = field && this.fields && this.fields[field], count = this.own.length / 3;
-      const colours = new Float32Array(3 * count), values = text ? decode(text, Float32Array) : null;
+      const text = field ? this.fields[field] : undefined, count = this.own.length / 3;
+      const colours = new Float32Array(3 * count), values = text !== undefined ? decode(text, Float32Array) : null;
       for (let k = 0; k < count; k++) {
         const c = values ? colourOf(values[k], scale.low, scale.high) : null;
         for (let i = 0; i < 3; i++) colours[3 * k + i] = c ? c[i] / 255 : this.rgb[i];
@@ -206,7 +207,7 @@
         this.host.insertBefore(this.choice, this.note);
         this.choice.addEventListener("change", () => this.show(this.choice.value));
       }
-      if (this.layers.some((layer) => layer.conjugate)) {
+      if (this.layers.some((layer) => layer.conjugate !== undefined)) {
         const label = make("label", this.host), say = () => { said.textContent = `${this.angle.value}°`; };
         label.append("θ ");
         this.angle = make("input", label);
@@ -229,7 +230,7 @@
       this.middle = low.map((x, i) => (x + high[i]) / 2);
       this.radius = 1e-30;
       own.forEach((p, number) => {
-        const text = this.layers[number].conjugate, other = text ? decode(text, Float32Array) : null;
+        const place = this.layers[number].conjugate, other = place !== undefined ? decode(place, Float32Array) : null;
         for (let k = 0; k < p.length; k += 3) {
           const arm = [0, 1, 2].map((i) => p[k + i] - this.middle[i]);
           const away = other ? [0, 1, 2].map((i) => other[k + i] - this.middle[i]) : [0, 0, 0];
@@ -328,7 +329,7 @@
         if (part.switch && !this.on.has(part.switch)) continue;
         if (part.kind === "faces") {
           const at = use("faces", 0);
-          gl.uniform4f(at("inside"), ...(part.fields[this.field] ? [0, 0, 0, 0] : part.back));
+          gl.uniform4f(at("inside"), ...(part.fields[this.field] !== undefined ? [0, 0, 0, 0] : part.back));
           gl.uniform1f(at("lit"), this.flat ? 0 : 1);
           feed(gl, [[part.position, 3], [part.normal, 3], [part.painted, 3]]);
           gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.elements);
@@ -341,12 +342,12 @@
             gl.drawElements(gl.LINES, part.edgeCount, gl.UNSIGNED_INT, 0);
           }
         } else if (part.kind === "lines") {
-          const at = use("lines", 0.003);
+          const at = use("lines", 0);
           gl.uniform2f(at("pixels"), width / 2, height / 2);
           feed(gl, [[part.start, 3], [part.end, 3], [part.corner, 2]]);
           gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.elements);
-          const strokes = [[part.rgb, part.width, 0.003]];
-          if (part.halo) strokes.unshift([rgb(part.halo).map((x) => x / 255), part.width + 2, 0.0025]);
+          const strokes = [[part.rgb, part.width, 0.0045]];
+          if (part.halo) strokes.unshift([rgb(part.halo).map((x) => x / 255), part.width + 2, 0.004]);
           for (const [colour, thick, nearer] of strokes) {
             gl.uniform3f(at("colour"), ...colour);
             gl.uniform1f(at("width"), thick / 2 * fine);
@@ -354,7 +355,7 @@
             gl.drawElements(gl.TRIANGLES, 3 * part.list.length, gl.UNSIGNED_INT, 0);
           }
         } else {
-          const at = use("dots", 0.004);
+          const at = use("dots", 0.006);
           gl.uniform3f(at("colour"), ...part.rgb);
           gl.uniform1f(at("width"), part.size * fine);
           feed(gl, [[part.position, 3]]);
@@ -397,6 +398,7 @@
   }
 
   document.addEventListener("DOMContentLoaded", () => {
+    arrays = JSON.parse(document.getElementById("arrays").textContent);
     const views = JSON.parse(document.getElementById("views").textContent).map((data) => new View(document.getElementById(data.place), data));
     const working = views.filter((view) => view.works);
     for (const view of working) if (view.panel === null) view.show(Object.keys(view.scales)[0] || "");

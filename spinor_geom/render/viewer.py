@@ -194,6 +194,8 @@ class Views:
     def __init__(self) -> None:
         """No views yet."""
         self._views: list[str] = []
+        # each array once, however many layers have it
+        self._places: dict[str, int] = {}
 
     def figure(self, view: MeshView | Scene) -> str:
         """The element in which the view will stand."""
@@ -202,7 +204,7 @@ class Views:
         data = {
             "place": place,
             "title": scene.title,
-            "layers": [_layer(layer) for layer in scene.layers],
+            "layers": [self._layer(layer) for layer in scene.layers],
             "scales": {name: vars(scale) for name, scale in scene.scales.items()},
             "panel": scene.panel,
             "cameras": {loop: _camera(camera) for loop, camera in scene.cameras.items()},
@@ -264,35 +266,40 @@ class Views:
         return "\n".join(
             [
                 f'<script type="application/json" id="colours">{colours}</script>',
+                f'<script type="application/json" id="arrays">{json.dumps(list(self._places))}</script>',
                 f'<script type="application/json" id="views">{data}</script>',
                 f"<script>{program}</script>",
             ]
         )
 
+    def _layer(self, layer: Faces | Lines | Dots) -> dict[str, object]:
+        """A layer in JSON's types; arrays as their places among all."""
+        data: dict[str, object] = {
+            "kind": type(layer).__name__.lower(),
+            "vertices": self._array(layer.vertices, "<f4"),
+            "colour": layer.colour,
+            "loop": layer.loop,
+        }
+        if isinstance(layer, Dots):
+            return {**data, "size": layer.size}
+        data |= {"switch": layer.switch}
+        if layer.conjugate is not None:
+            data["conjugate"] = self._array(layer.conjugate, "<f4")
+        if isinstance(layer, Lines):
+            elements = self._array(layer.edges, "<u4")
+            return {**data, "elements": elements, "width": layer.width, "halo": layer.halo}
+        return {
+            **data,
+            "elements": self._array(layer.faces, "<u4"),
+            "inside": layer.inside,
+            "edges": layer.edges,
+            "fields": {name: self._array(values, "<f4") for name, values in layer.fields.items()},
+        }
 
-def _layer(layer: Faces | Lines | Dots) -> dict[str, object]:
-    """A layer in JSON's types; arrays as little-endian bytes in base 64."""
-    data: dict[str, object] = {
-        "kind": type(layer).__name__.lower(),
-        "vertices": _base64(np.asarray(layer.vertices, dtype="<f4")),
-        "colour": layer.colour,
-        "loop": layer.loop,
-    }
-    if isinstance(layer, Dots):
-        return {**data, "size": layer.size}
-    data |= {"switch": layer.switch}
-    if layer.conjugate is not None:
-        data["conjugate"] = _base64(np.asarray(layer.conjugate, dtype="<f4"))
-    if isinstance(layer, Lines):
-        elements = _base64(np.asarray(layer.edges, dtype="<u4"))
-        return {**data, "elements": elements, "width": layer.width, "halo": layer.halo}
-    return {
-        **data,
-        "elements": _base64(np.asarray(layer.faces, dtype="<u4")),
-        "inside": layer.inside,
-        "edges": layer.edges,
-        "fields": {name: _base64(np.asarray(values, dtype="<f4")) for name, values in layer.fields.items()},
-    }
+    def _array(self, values: np.ndarray, kind: str) -> int:
+        """The place of an array: its little-endian bytes in base 64."""
+        text = base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
+        return self._places.setdefault(text, len(self._places))
 
 
 def _camera(camera: Camera) -> dict[str, object]:
@@ -302,7 +309,3 @@ def _camera(camera: Camera) -> dict[str, object]:
         "frame": np.stack([right, camera.up, camera.direction]).ravel().tolist(),
         "radius": camera.radius,
     }
-
-
-def _base64(values: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()

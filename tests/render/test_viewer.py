@@ -18,8 +18,9 @@ def views_of(text):
     return json.loads(data)
 
 
-def array(text, kind):
-    return np.frombuffer(base64.b64decode(text), dtype=kind)
+def array(text, place, kind):
+    (data,) = re.findall(r'<script type="application/json" id="arrays">(.*?)</script>', text, re.DOTALL)
+    return np.frombuffer(base64.b64decode(json.loads(data)[place]), dtype=kind)
 
 
 def test_a_page_holds_its_meshes_and_their_colours():
@@ -30,9 +31,9 @@ def test_a_page_holds_its_meshes_and_their_colours():
     (view,) = views_of(text)
     assert f'id="{view["place"]}"' in figure
     (layer,) = view["layers"]
-    np.testing.assert_array_equal(array(layer["vertices"], "<f4").reshape(-1, 3), VERTICES.astype(np.float32))
-    np.testing.assert_array_equal(array(layer["elements"], "<u4").reshape(-1, 3), FACES)
-    np.testing.assert_array_equal(array(layer["fields"]["distance"], "<f4"), field.astype(np.float32))
+    np.testing.assert_array_equal(array(text, layer["vertices"], "<f4").reshape(-1, 3), VERTICES.astype(np.float32))
+    np.testing.assert_array_equal(array(text, layer["elements"], "<u4").reshape(-1, 3), FACES)
+    np.testing.assert_array_equal(array(text, layer["fields"]["distance"], "<f4"), field.astype(np.float32))
     assert 1 <= view["scales"]["distance"]["low"] < view["scales"]["distance"]["high"] <= 3
 
 
@@ -41,7 +42,7 @@ def test_no_title_ends_the_script_or_the_page():
     evil = "</script><script>alert(1)</script>"
     figure = views.figure(MeshView(title=evil, vertices=VERTICES, faces=FACES))
     text = document(evil, [figure, views.script()])
-    assert text.count("</script>") == 3
+    assert text.count("</script>") == 4
     assert "<title></script>" not in text
     assert views_of(text)[0]["title"] == evil
 
@@ -53,3 +54,13 @@ def test_a_field_without_values_is_grey_and_pictures_are_in_the_page():
     (view,) = views_of(views.script())
     assert (view["scales"]["none"]["low"], view["scales"]["none"]["high"]) == (0.0, 1.0)
     assert picture(b"\x89PNG", 'a "b"').startswith('<img alt="a &quot;b&quot;" src="data:image/png;base64,iVBORw')
+
+
+def test_an_array_that_several_layers_have_is_in_the_page_once():
+    views = Views()
+    for title in ("a", "b"):
+        views.figure(MeshView(title=title, vertices=VERTICES, faces=FACES))
+    text = views.script()
+    assert text.count(base64.b64encode(VERTICES.astype("<f4").tobytes()).decode()) == 1
+    first, second = (view["layers"][0] for view in views_of(text))
+    assert (first["vertices"], first["elements"]) == (second["vertices"], second["elements"])
