@@ -18,6 +18,5 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         raise RenderError(NO_DISPLAY)
     shape = read_shape(arguments.input)
     title = f"{arguments.input.name}{f', {shape.curvature}'.replace('_', ' ') * arguments.curvature}"
-    values = shape.values[shape.curvature] if arguments.curvature else None
-    show(shape.vertices, shape.faces, shape.rims, values, title=title)
+    show(shape.vertices, shape.faces, shape.rims, shape.told if arguments.curvature else None, title=title)
     return ExitStatus.DONE

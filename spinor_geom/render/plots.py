@@ -53,9 +53,11 @@ def log_log(
 
 def inline_svg(figure: Figure, alt: str) -> str:
     """A figure as an `svg` element of a page, without a background, its black in the page's own colour of text."""
+    for legend in figure.legends:
+        legend.set_frame_on(False)
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": alt}):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     drawing = buffer.getvalue()
-    drawing = drawing[drawing.index("<svg") :].replace("#000000", "currentColor").replace("#262626", "currentColor")
-    return drawing.replace("<svg", f'<svg role="img" aria-label="{html.escape(alt)}"', 1)
+    drawing = drawing[drawing.index("<svg") :].replace("#000000", "currentColor")
+    return drawing.replace("<svg", f'<svg role="img" fill="currentColor" aria-label="{html.escape(alt)}"', 1)

@@ -36,7 +36,8 @@ _PAGE_STYLE = """body { max-width: 90rem; margin: 1rem auto } h1 { font-size: 1.
 .beside { display: grid; grid-template-columns: minmax(0, 9fr) minmax(0, 4fr) }
 @media (max-width: 50rem) { .beside { display: block } }
 .refused { background: var(--alert); padding: .5rem 1rem; border-radius: 4px; margin: .5rem 0 }
-.functions img { width: 13rem } .plot svg { max-width: 44rem; width: 100%; height: auto } [hidden] { display: none }"""
+.all { max-height: 40rem; overflow: auto } .functions img { width: 13rem }
+.plot svg { max-width: 44rem; width: 100%; height: auto } [hidden] { display: none }"""
 
 
 def report(
@@ -76,10 +77,10 @@ def report(
             f"<p>{html.escape(_summary(result))}</p>",
             *_left_open(result.loops),
             *_pictures(result, details, views),
-            "<h2>All loops</h2>",
-            _loop_table(result.loops),
-            *_convergence(filled[:MOST_LOOPS]),
             *(_loop_section(one, (comparisons or {}).get(one.outcome.index)) for one in details),
+            *_convergence(filled[:MOST_LOOPS]),
+            "<h2>All loops</h2>",
+            f'<div class="all">{_loop_table(result.loops)}</div>',
             views.script(),
         ],
         style=STYLE + _PAGE_STYLE,

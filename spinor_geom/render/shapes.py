@@ -64,6 +64,12 @@ class Shape:
         """The edges with one face."""
         return boundary_edges(self.faces)
 
+    @property
+    def told(self) -> Float[np.ndarray, " n"]:
+        """The curvature, its extremes cut off at the ends of its `Scale`."""
+        scale = Scale.of(self.values[self.curvature])
+        return np.asarray(np.clip(self.values[self.curvature], scale.low, scale.high))
+
 
 def shape_of(shown: Any) -> Shape:
     """The triangles of anything that has some.
@@ -209,17 +215,12 @@ def portrait_of(shape: Shape, *, curvature: bool, up: Literal["y", "z"]) -> Port
         curvature: whether colours tell the curvature, over its `Scale`; else each side has a colour of its own.
         up: the axis that points upwards.
     """
-    values: Float[np.ndarray, " n"] | None = None
-    if curvature:
-        own = shape.values[shape.curvature]
-        scale = Scale.of(own)
-        values = np.clip(own, scale.low, scale.high)
     portrait = Portrait(
         vertices=shape.vertices,
         faces=shape.faces,
         rims=shape.rims,
         lines=np.zeros((0, 2), dtype=np.int64),
-        values=values,
+        values=shape.told if curvature else None,
     )
     return portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "y" else portrait
 
