@@ -12,7 +12,7 @@ from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR, R
 
 COLOURS = "viridis"
 # lengths per half the height of what is shown
-RIM_RADIUS, LINE_RADIUS, MARGIN = 0.0125, 0.0038, 1.06
+RIM_RADIUS, LINE_RADIUS, MARGIN = 0.01, 0.003, 1.06
 TUBE_SIDES = 10
 # direction to the light in the camera's frame (right, up, to the eye), and its strength
 LIGHTS = (((-0.5, 0.7, 0.8), 0.55), ((0.9, 0.1, 0.6), 0.25), ((0.1, -0.7, 0.7), 0.2), ((0.0, 0.0, 1.0), 0.2))
