@@ -12,7 +12,7 @@ from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR, R
 
 COLOURS = "viridis"
 # lengths per half the height of what is shown
-RIM_RADIUS, LINE_RADIUS, MARGIN = 0.0125, 0.0038, 1.06
+RIM_RADIUS, LINE_RADIUS, MARGIN = 0.01, 0.003, 1.06
 TUBE_SIDES = 10
 # direction to the light in the camera's frame (right, up, to the eye), and its strength
 LIGHTS = (((-0.5, 0.7, 0.8), 0.55), ((0.9, 0.1, 0.6), 0.25), ((0.1, -0.7, 0.7), 0.2), ((0.0, 0.0, 1.0), 0.2))
@@ -36,11 +36,7 @@ def draw(arrays: Path, folder: Path, width: int, height: int) -> None:
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="none")
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
-    for (x, y, z), strength in LIGHTS:
-        direction = x * right + y * up + z * eye
-        plotter.add_light(
-            pyvista.Light(position=focus + direction, focal_point=focus, intensity=strength, light_type="scene light")
-        )
+    add_lights(plotter, focus, right, up, eye)
     surface = pyvista.PolyData.from_regular_faces(scene["vertices"], scene["faces"])
     # once: the members of the family have the same normals
     surface.compute_normals(
@@ -88,6 +84,25 @@ def draw(arrays: Path, folder: Path, width: int, height: int) -> None:
         plotter.render()
         plotter.screenshot(str(folder / f"{number:04d}.png"))
     plotter.close()
+
+
+def add_lights(plotter: Any, focus: Any, right: Any, up: Any, eye: Any) -> None:
+    """Soft light from several sides, all from before the picture.
+
+    Args:
+        plotter: with no light of its own.
+        focus: the point that is looked at.
+        right: direction in the picture.
+        up: direction in the picture.
+        eye: direction from the focus to the eye.
+    """
+    import pyvista
+
+    for (x, y, z), strength in LIGHTS:
+        place = focus + x * right + y * up + z * eye
+        plotter.add_light(
+            pyvista.Light(position=place, focal_point=focus, intensity=strength, light_type="scene light")
+        )
 
 
 def _rest(look: dict[str, Any]) -> dict[str, Any]:

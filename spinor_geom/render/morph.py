@@ -102,7 +102,7 @@ def family_page(family: AssociateFamily, *, title: str) -> str:
         layers=(faces, *lines),
         scales={name: Scale.of(faces.fields[name])},
         spins=True,
-        shape="square",
+        shape="wide",
     )
     views = Views()
     return document(title, [f"<h1>{html.escape(title)}</h1>", views.figure(view), views.script()], style=STYLE)
