@@ -232,7 +232,7 @@ def test_the_command_takes_a_name_or_a_saved_surface(tmp_path: Path, capsys: pyt
     gallery.named_surface("enneper").save(saved)
     assert main(["morph", "enneper", "-o", str(first)]) == 0
     assert main(["morph", str(saved), "-o", str(second)]) == 0
-    views = [path.read_text(encoding="utf-8").split('id="views"')[1] for path in (first, second)]
+    views = [path.read_text(encoding="utf-8").split('id="arrays"')[1] for path in (first, second)]
     assert views[0] == views[1]
     assert main(["morph", "ennepers", "-o", str(first)]) == 2
     assert "it has associate, catenoid" in capsys.readouterr().err
