@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from tests.browser import browser, visit
+from tests.likeness import SAME, difference
 
 ROOT = Path(__file__).parents[2]
 README_PICTURES = ("demosthenes.png", "error.png", "gallery.png")
@@ -97,14 +98,6 @@ def test_the_readme_s_pictures_open_in_a_browser_and_are_small(tmp_path: Path) -
         assert (ROOT / "docs" / name).stat().st_size < 300_000
 
 
-def likeness(one: object, other: object) -> float:
-    """Mean difference of two pictures' blurred grey values, per range."""
-    from PIL import Image
-
-    small = [np.asarray(image.convert("L").resize((120, 60), Image.Resampling.BOX), float) for image in (one, other)]  # type: ignore[attr-defined]
-    return float(np.abs(small[0] - small[1]).mean() / 255)
-
-
 @pytest.mark.skipif("SPINOR_GEOM_SITE" not in os.environ, reason="no built site: SPINOR_GEOM_SITE names none")
 def test_the_readme_s_pictures_are_those_of_the_site(pages: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from PIL import Image
@@ -117,8 +110,8 @@ def test_the_readme_s_pictures_are_those_of_the_site(pages: Path, monkeypatch: p
     drawn = [Image.open(pages / name).convert("L") for name in names]
     assert all(np.asarray(picture).std() > 20 for picture in drawn)
     strip = pictures.gallery_strip([pages / name for name in names])
-    assert likeness(strip, Image.open(ROOT / "docs" / "gallery.png")) < 0.01
-    error = Image.open(pages / "pictures" / "error.png")
-    assert likeness(error, Image.open(ROOT / "docs" / "error.png")) < 0.01
+    assert difference(strip, ROOT / "docs" / "gallery.png") < SAME
+    error = pages / "pictures" / "error.png"
+    assert difference(error, ROOT / "docs" / "error.png") < SAME
     # another picture is not taken for it
-    assert likeness(error, Image.open(ROOT / "docs" / "gallery.png")) > 0.05
+    assert difference(error, ROOT / "docs" / "gallery.png") > 5 * SAME
