@@ -24,6 +24,7 @@ from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.shown import Shown
 
 FORMATS: dict[str, tuple[Callable[[bytes, Path | None], FileContents], Callable[[FileContents], bytes]]] = {
     ".obj": (read_obj, encode_obj),
@@ -35,7 +36,7 @@ FORMATS: dict[str, tuple[Callable[[bytes, Path | None], FileContents], Callable[
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MeshFile:
+class MeshFile(Shown):
     """A mesh file in memory: what it holds, its triangles, and what was appended to it.
 
     Written in the format it was read from, a file keeps everything that was in it byte for byte (in GLB: every

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution
     from spinor_geom.plateau.solve import solve_plateau as solve_plateau
     from spinor_geom.plateau.solve import solve_plateau_batch as solve_plateau_batch
+    from spinor_geom.render.report import report as report
     from spinor_geom.surface.spinor_surface import SpinorSurface as SpinorSurface
 
 _MODULES = {
@@ -65,6 +66,7 @@ _MODULES = {
     "fill_hole": "spinor_geom.fill.fill_hole",
     "mesh_patch": "spinor_geom.meshing.embed",
     "read_mesh": "spinor_geom.adapters",
+    "report": "spinor_geom.render.report",
     "solve_plateau": "spinor_geom.plateau.solve",
     "solve_plateau_batch": "spinor_geom.plateau.solve",
 }

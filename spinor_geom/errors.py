@@ -259,6 +259,19 @@ class SurfaceError(SpinorGeomError):
     """A surface has no finite value where one is needed."""
 
 
+class PeriodError(SurfaceError):
+    """A surface has no associate family: its conjugate does not close around ∂Ω."""
+
+    def __init__(self, *, period: Sequence[float], length: float) -> None:
+        told = ", ".join(f"{x:.3g}" for x in period)
+        super().__init__(
+            f"the surface has no associate family: around its boundary, of length {length:.3g}, the conjugate surface "
+            f"moves by ({told}) instead of closing; p or q has a pole inside the domain: cut the domain open there",
+            period=tuple(period),
+            length=length,
+        )
+
+
 class SingularMatrixError(SpinorGeomError, ValueError):
     """A Laplacian cannot be factored: faces without area, as loops that cross themselves have them."""
 

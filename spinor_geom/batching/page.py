@@ -18,15 +18,14 @@ from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.render.page import document, table
 from spinor_geom.render.thumbnail import thumbnail
 
 # How many of each are shown; all of them are in the table.
 FIRST, WORST, FAILED, REASONS = 24, 24, 48, 40
-STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:75rem;padding:0 1rem;color:#222}
-h2{margin-top:2rem}table{border-collapse:collapse}
-td,th{padding:.2rem .7rem;text-align:left;border-bottom:1px solid #ddd}
-.loops{display:flex;flex-wrap:wrap;gap:1rem}figure{margin:0;width:170px;font-size:12px;overflow-wrap:anywhere}
-svg{border:1px solid #ddd;background:#fff}"""
+STYLE = """.loops { display: flex; flex-wrap: wrap; gap: 1rem }
+.loops figure { margin: 0; width: 170px; font-size: 12px; overflow-wrap: anywhere }
+svg { border: 1px solid var(--faint); background: #fff }"""
 
 
 class PageParts:
@@ -82,7 +81,9 @@ def write_page(parts: PageParts, store: Store, settings: dict[str, Any], path: P
         path: the page.
     """
     failed = "".join(_figure(store, loop) for loop in parts.failed)
-    sections = [
+    body = [
+        "<h1>spinor-geom batch</h1>",
+        "<p>All loops: <a href=loops.csv>loops.csv</a>, <a href=loops.parquet>loops.parquet</a>.</p>",
         "<h2>Files</h2>" + _table(parts.files.items(), ("status", "files")),
         "<h2>Loops</h2>" + _table(parts.loops.items(), ("status", "loops")),
         "<h2>Options</h2>" + _table(settings.items(), ("option", "value")),
@@ -102,10 +103,7 @@ def write_page(parts: PageParts, store: Store, settings: dict[str, Any], path: P
     ]
     with atomic_path(path) as temporary:
         temporary.write_text(
-            f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>spinor-geom batch</title>'
-            f"<style>{STYLE}</style></head><body><h1>spinor-geom batch</h1>"
-            "<p>All loops: <a href=loops.csv>loops.csv</a>, <a href=loops.parquet>loops.parquet</a>.</p>"
-            f"{''.join(sections)}</body></html>\n",
+            document("spinor-geom batch", body, style=STYLE),
             encoding="utf-8",
             errors="replace",
         )
@@ -117,9 +115,7 @@ def _kind(reason: str) -> str:
 
 
 def _table(rows: Iterable[tuple[Any, Any]], header: tuple[str, str]) -> str:
-    lines = [f"<tr><th>{header[0]}<th>{header[1]}</tr>"]
-    lines += [f"<tr><td>{escape(str(key))}<td>{escape(str(value))}</tr>" for key, value in rows]
-    return f"<table>{''.join(lines)}</table>"
+    return table(header, [(str(key), str(value)) for key, value in rows])
 
 
 def _figure(store: Store, loop: dict[str, Any]) -> str:

@@ -17,9 +17,10 @@ from spinor_geom.bench.machine import told
 from spinor_geom.bench.runner import VIEWS, Run
 from spinor_geom.bench.scaling import fits
 from spinor_geom.bench.tables import Table, option_table, tables
-from spinor_geom.experiments.drawing import log_log
 from spinor_geom.files import atomic_path, write_json
-from spinor_geom.render.viewer import MeshView, Views, page, picture
+from spinor_geom.render import page
+from spinor_geom.render.plots import log_log
+from spinor_geom.render.viewer import STYLE, MeshView, Views
 
 PAGE, TABLES, CSV, JSON, PLOTS = "report.html", "tables.md", "records.csv", "records.json", "plots"
 _RESOLUTION = 110
@@ -101,12 +102,15 @@ def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
         "<h2>Disks to turn</h2><p>Drag to turn, wheel to zoom, double click to set it spinning again.</p>",
         *_figures(run, views),
         "<h2>Error against cost</h2>",
-        *(f"<figure>{picture(data, name)}<figcaption>{name}</figcaption></figure>" for name, data in images.items()),
+        *(
+            f"<figure>{page.picture(data, name)}<figcaption>{name}</figcaption></figure>"
+            for name, data in images.items()
+        ),
         "<h2>Figures</h2>",
         *_rows(made[2:]),
         *_rows([option_table()]),
     ]
-    return page("spinor-geom bench", body, views)
+    return page.document("spinor-geom bench", [*body, views.script()], style=STYLE)
 
 
 def _figures(run: Run, views: Views) -> list[str]:
@@ -128,18 +132,9 @@ def _rows(made: Sequence[Table]) -> list[str]:
         parts.append(f"<h3>{html.escape(table.title)}</h3>")
         if table.note:
             parts.append(f"<p>{html.escape(table.note)}</p>")
-        head = "".join(f"<th>{html.escape(column)}</th>" for column in table.columns)
-        lines = []
-        for k, row in enumerate(table.rows):
-            cells = "".join(_cell(cell) for cell in row)
-            lines.append(f"<tr{' class=missed' if k in table.marked else ''}>{cells}</tr>")
-        parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>")
+        rows = [[cell.strip("*") for cell in row] for row in table.rows]
+        parts.append(page.table(table.columns, rows, marked=table.marked))
     return parts
-
-
-def _cell(text: str) -> str:
-    plain = html.escape(text.strip("*"))
-    return f'<td class="long">{plain}</td>' if len(text) > 60 else f"<td>{plain}</td>"
 
 
 def _drawn(figure: Figure, path: Path) -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
@@ -16,6 +16,9 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.optional import require
 
+if TYPE_CHECKING:
+    from spinor_geom.comparison import Comparison
+
 COLUMNS = ("loop", "vertices", "perimeter", "filled", "residual/edge", "area", "stability", "new faces")
 CROSSINGS = "crossings"  # a column more, where there are some
 
@@ -24,9 +27,12 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     """Fills, writes, reports; what cannot work is refused before anything is solved."""
     if arguments.picture is not None:
         require("pyvista", extra="render")
+    if arguments.html is not None:
+        require("matplotlib", extra="render")
     mesh = read_surface(arguments.input, merge=arguments.merge)
     edge_length: float | Literal["auto"] = "auto" if arguments.edge_length is None else arguments.edge_length
-    outputs = [path for path in (arguments.output, arguments.report, arguments.picture) if path is not None]
+    named = (arguments.output, arguments.report, arguments.picture, arguments.html)
+    outputs = [path for path in named if path is not None]
     require_format(arguments.output)
     for path in outputs:
         require_writable(path)
@@ -51,13 +57,14 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         path.parent.mkdir(parents=True, exist_ok=True)
     filled.write(arguments.output)
     report = {"input": str(arguments.input), "output": str(arguments.output), **result.to_dict()}
-    if arguments.compare:
-        add_comparisons(report, result, edge_length)
+    comparisons = add_comparisons(report, result, edge_length) if arguments.compare else {}
     if arguments.report is not None:
         write_json(arguments.report, report)
     show_result(result)
     if arguments.picture is not None:
         draw(result, arguments.picture)
+    if arguments.html is not None:
+        write_page(result, arguments.html, comparisons)
     return ExitStatus.DONE if result.complete and result.intersection_free else ExitStatus.IMPERFECT
 
 
@@ -84,10 +91,13 @@ def require_writable(path: Path) -> None:
         raise MeshFileError(f"{path}: cannot be written, {above} is not a folder that may be written to", path=path)
 
 
-def add_comparisons(report: dict[str, Any], result: FillResult, edge_length: float | Literal["auto"]) -> None:
+def add_comparisons(
+    report: dict[str, Any], result: FillResult, edge_length: float | Literal["auto"]
+) -> dict[int, Comparison]:
     """Compares each fill with its discrete minimal surface: printed, and put under its loop in the report."""
     from spinor_geom.comparison import compare
 
+    comparisons = {}
     for outcome, entry in zip(result.loops, report["loops"], strict=True):
         if not outcome.filled or outcome.solution is None:
             continue
@@ -97,8 +107,10 @@ def add_comparisons(report: dict[str, Any], result: FillResult, edge_length: flo
             entry["comparison"] = {"reason": str(error)}
             complain(f"loop {outcome.index}: no comparison: {error}")
             continue
+        comparisons[outcome.index] = comparison
         entry["comparison"] = comparison.to_dict()
         show_lines(f"loop {outcome.index}\n{comparison}", piped=True)
+    return comparisons
 
 
 def show_result(result: FillResult) -> None:
@@ -145,3 +157,10 @@ def draw(result: FillResult, path: Path) -> None:
     from spinor_geom.render.scene import fill_scene
 
     write_png(fill_scene(result), path)
+
+
+def write_page(result: FillResult, path: Path, comparisons: dict[int, Comparison]) -> None:
+    """Writes the page that shows the fill."""
+    from spinor_geom.render.report import report
+
+    report(result, path, comparisons=comparisons)

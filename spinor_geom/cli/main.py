@@ -57,6 +57,9 @@ def build_parser() -> argparse.ArgumentParser:
     _add_reproduce(commands)
     _add_bench(commands)
     _add_batch(commands)
+    _add_morph(commands)
+    _add_view(commands)
+    _add_render(commands)
     return parser
 
 
@@ -100,6 +103,7 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     )
     fill.add_argument("--merge", action="store_true", help="first merge vertices of equal position (STL files need it)")
     fill.add_argument("--report", metavar="JSON", type=Path, help="write a report")
+    fill.add_argument("--html", metavar="HTML", type=Path, help="write a page that shows the fill, for any browser")
     fill.add_argument("--compare", action="store_true", help="compare each fill with a discrete minimal surface")
     fill.add_argument("--picture", metavar="PNG", type=Path, help="draw the open mesh beside the filled one")
 
@@ -243,6 +247,81 @@ def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         default=2,
         help="tries of a file after its process died (default: %(default)s)",
     )
+
+
+def _add_morph(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    morph = commands.add_parser(
+        "morph",
+        help="turn a surface through its associate family, as the catenoid into the helicoid",
+        epilog="exit status: 0 the file was written, 2 the surface has no associate family or cannot be read, or the "
+        "output's format is unknown",
+    )
+    morph.add_argument(
+        "surface",
+        metavar="SURFACE",
+        help="a saved surface (.safetensors), or a name in the gallery, such as catenoid or enneper; for a name that "
+        "does not exist all are listed",
+    )
+    morph.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        type=Path,
+        required=True,
+        help="animation (.gif, .mp4), or page with a slider (.html)",
+    )
+    morph.add_argument("--frames", metavar="N", type=_count, default=72, help="of an animation (default: %(default)s)")
+
+
+_SHOWN = "mesh file (obj, ply, stl, off, glb) or saved surface (.safetensors)"
+_CURVATURE = "colours tell the curvature: Gauss curvature of a surface, |H| of a mesh"
+
+
+def _add_view(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    view = commands.add_parser(
+        "view",
+        help="open a window with a mesh or a surface",
+        epilog="exit status: 0 the window was closed, 2 the file cannot be read or there is no display",
+    )
+    view.add_argument("input", metavar="IN", type=Path, help=_SHOWN)
+    view.add_argument("--curvature", action="store_true", help=_CURVATURE)
+
+
+def _add_render(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    render = commands.add_parser(
+        "render",
+        help="draw a mesh or a surface as a PNG, without a display",
+        epilog="exit status: 0 the picture was written, 2 the file cannot be read or the picture not be drawn",
+    )
+    render.add_argument("input", metavar="IN", type=Path, help=_SHOWN)
+    render.add_argument("-o", "--output", metavar="PNG", type=Path, required=True, help="the picture")
+    render.add_argument("--curvature", action="store_true", help=_CURVATURE)
+    render.add_argument("--size", metavar="WxH", type=_size, default=(1200, 960), help="in pixels (default: 1200x960)")
+    render.add_argument(
+        "--eye",
+        metavar="X,Y,Z",
+        type=_direction,
+        default=(1.0, -2.0, 1.3),
+        help="direction to the eye: right, backwards, up (default: 1,-2,1.3); write --eye=-1,... for a negative X",
+    )
+    render.add_argument(
+        "--up", choices=("y", "z"), help="axis that points upwards (default: y for mesh files, z for saved surfaces)"
+    )
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    return _count(width), _count(height)
+
+
+def _direction(text: str) -> tuple[float, ...]:
+    try:
+        direction = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        direction = ()
+    if len(direction) != 3 or not 0 < sum(x * x for x in direction) < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a direction such as 1,-2,1.3")
+    return direction
 
 
 def _count(text: str) -> int:

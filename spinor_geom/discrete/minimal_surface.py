@@ -17,6 +17,7 @@ from spinor_geom.domain.triangulation import SizeFunction, graded_size, triangul
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+from spinor_geom.shown import Shown
 
 DiscreteMethod = Literal["libigl", "pymeshlab"]
 # The first mesh only has to be near enough for its flattening to be right.
@@ -26,7 +27,7 @@ _FINE_GROWTH = 0.15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DiscreteMinimalSurface:
+class DiscreteMinimalSurface(Shown):
     """A triangulated disk whose boundary is a loop and whose area is stationary.
 
     Attributes:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from spinor_geom.errors import ZeroOnContourError
-from spinor_geom.experiments.drawing import Drawn, log_log, surfaces
+from spinor_geom.experiments.drawing import Drawn, surfaces
 from spinor_geom.experiments.experiment import kept_as
 from spinor_geom.experiments.paper_surfaces import solved_by_network
 from spinor_geom.experiments.timing import boundary_distance
@@ -21,6 +21,7 @@ from spinor_geom.gallery import KnownCurve
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
+from spinor_geom.render.plots import log_log
 from spinor_geom.surface import BranchPoint, SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 

@@ -11,10 +11,10 @@ from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 
 from spinor_geom.domain.quadrature import RuleName
-from spinor_geom.experiments.drawing import log_log
 from spinor_geom.experiments.experiment import Experiment, Outcome, fitted_slope
 from spinor_geom.experiments.mean_curvature import ORDERS, by_rule
 from spinor_geom.gallery import catenoid
+from spinor_geom.render.plots import log_log
 from spinor_geom.surface import SpinorSurface
 
 _FLOOR = 1e-12

@@ -1,4 +1,4 @@
-"""The kinds of pictures: errors on logarithmic axes, and surfaces in space."""
+"""The kinds of pictures that experiments leave: surfaces in space, and functions on the unit disk."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import proj3d
-from numpy.typing import ArrayLike
 
 from spinor_geom.mesh.curve import CurveFunction
+from spinor_geom.render.domain_colouring import domain_colours
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
@@ -24,48 +23,8 @@ _FILLED, _FILLED_UP = 0.95, 0.7  # of a surface's square, the title above it
 _RIM = 400  # points of a boundary
 _GRID = (16, 96)  # circles and points on each, of a surface over the unit disk
 _PHASE, _PIXELS = 2.2, 160  # inches and points of a side of a function's picture
-_SATURATION, _HALF = 0.8, 0.5  # of its colours, and the modulus of middle brightness
 
 HolomorphicFunction = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, " n"]]
-
-
-def log_log(
-    lines: Mapping[str, tuple[ArrayLike, ArrayLike]],
-    *,
-    x: str,
-    y: str,
-    slopes: Mapping[str, int] | None = None,
-    linear_x: bool = False,
-) -> Figure:
-    """Lines on logarithmic axes.
-
-    Args:
-        lines: (x, y) by label.
-        x: label of the axis.
-        y: label of the axis.
-        slopes: by label of a line, that of a straight line for comparison through the line's first point; the points
-            of the first line are then marked on the axis.
-        linear_x: whether x is not logarithmic.
-    """
-    figure = Figure(figsize=(7, 4.5), layout="constrained")
-    axes = figure.add_subplot()
-    for label, (at, value) in lines.items():
-        axes.plot(np.atleast_1d(at), np.atleast_1d(value), marker="o", markersize=3, label=label)
-    for (label, slope), style in zip((slopes or {}).items(), (":", "--"), strict=False):
-        at, value = (np.asarray(v, dtype=np.float64) for v in lines[label])
-        axes.plot(at, value[0] * (at / at[0]) ** slope, f"k{style}", linewidth=1, label=f"slope {slope}")
-    axes.set_yscale("log")
-    if not linear_x:
-        axes.set_xscale("log")
-    if slopes:
-        ticks = np.atleast_1d(next(iter(lines.values()))[0])
-        axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-        axes.minorticks_off()
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(visible=True, which="both", alpha=0.2)
-    figure.legend(loc="outside right upper", fontsize="small")
-    return figure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,7 +126,7 @@ def _on_screen(axes: Any, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray,
 
 
 def phases(rows: Mapping[str, Mapping[str, HolomorphicFunction]]) -> Figure:
-    """Functions on the unit disk: the hue is the argument, the brightness grows with the modulus, 0 is black.
+    """Functions on the unit disk in the colours of `domain_colours`.
 
     Args:
         rows: functions by name, by title of their row.
@@ -180,11 +139,8 @@ def phases(rows: Mapping[str, Mapping[str, HolomorphicFunction]]) -> Figure:
     inside = np.abs(z) <= 1
     for (title, row), line in zip(rows.items(), axes, strict=True):
         for (name, function), one in zip(row.items(), line, strict=True):
-            value = function(z[inside])
             picture = np.ones((*z.shape, 3))
-            modulus = np.abs(value)
-            hsv = [np.angle(value) / (2 * np.pi) % 1, np.full_like(modulus, _SATURATION), modulus / (_HALF + modulus)]
-            picture[inside] = hsv_to_rgb(np.stack(hsv, axis=-1))
+            picture[inside] = domain_colours(function(z[inside]))
             one.imshow(picture, origin="lower", extent=(-1, 1, -1, 1))
             one.set_title(f"{name}, {title}", fontsize="small")
             one.set_axis_off()

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Complex
 
 from spinor_geom.domain.quadrature import RuleName
-from spinor_geom.experiments.drawing import log_log
 from spinor_geom.experiments.experiment import Experiment, Outcome, fitted_slope
 from spinor_geom.experiments.paper_surfaces import reconstructed
 from spinor_geom.plateau.training import LevenbergMarquardt
+from spinor_geom.render.plots import log_log
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.radial import radial_mean_curvature
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from spinor_geom.experiments.drawing import log_log
 from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -19,6 +18,7 @@ from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.residual import passed_over
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 from spinor_geom.plateau.training.curve import CurveAsTensors
+from spinor_geom.render.plots import log_log
 from spinor_geom.surface import SpinorSurface
 
 # points of ∂Ω whose distance from Γ is measured

@@ -135,6 +135,7 @@ def fill_loop(
         filled=True,
         reason="" if solution.converged else solution.reason,
         solution=solution,
+        patch=patch,
         vertices_added=len(patch.vertices) - patch.boundary_size,
         faces_added=len(patch.faces),
         edges_split=split,

@@ -9,7 +9,9 @@ from typing import Any
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.shown import Shown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,6 +25,8 @@ class LoopOutcome:
         filled: whether the result has a patch on it.
         reason: why it was left open, or why its fill is not within the tolerance; empty for a fill that is.
         solution: the minimal surface, where one was found.
+        patch: its mesh as it was joined to the hole's rim, with the places of its vertices in Ω; None where it is not
+            filled.
         vertices_added: new vertices of its patch.
         faces_added: new faces of its patch.
         edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead.
@@ -41,6 +45,7 @@ class LoopOutcome:
     filled: bool
     reason: str
     solution: PlateauSolution | None = None
+    patch: Patch | None = None
     vertices_added: int = 0
     faces_added: int = 0
     edges_split: int = 0
@@ -102,7 +107,7 @@ class LoopOutcome:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FillResult:
+class FillResult(Shown):
     """A filled mesh with its evidence.
 
     Attributes:

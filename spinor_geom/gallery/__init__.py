@@ -16,6 +16,7 @@ from spinor_geom.gallery.curves import (
     zigzag_rim,
 )
 from spinor_geom.gallery.known import KnownCurve, KnownDisk, KnownPatch, KnownSurface
+from spinor_geom.gallery.names import SURFACES, named_surface
 from spinor_geom.gallery.perturb import evenly_sampled, noisy_loop, unevenly_sampled
 from spinor_geom.gallery.schwarz import (
     schwarz_d_hexagon,
@@ -38,6 +39,7 @@ from spinor_geom.gallery.surfaces import (
 )
 
 __all__ = [
+    "SURFACES",
     "Chart",
     "KnownCurve",
     "KnownDisk",
@@ -53,6 +55,7 @@ __all__ = [
     "henneberg",
     "horseshoe",
     "l_shape",
+    "named_surface",
     "noisy_loop",
     "plane_disk",
     "plane_polygon",

@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from spinor_geom.errors import VertexIndexError
 from spinor_geom.mesh.arrays import freeze_attributes, freeze_faces, freeze_points
 from spinor_geom.mesh.topology import coincident_vertices
+from spinor_geom.shown import Shown
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class TriangleMesh:
+class TriangleMesh(Shown):
     """Triangles over vertices in space, with values at the vertices; every array becomes a read-only copy.
 
     Faces run counter-clockwise seen from the side their normals point to. What a mesh holds is checked here as far as

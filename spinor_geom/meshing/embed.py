@@ -17,6 +17,7 @@ from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, OptionError
 from spinor_geom.meshing.triangulate import triangulate_patch
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Gauss–Legendre nodes on an edge of the patch: enough for this error, in edges, if a pole were on the boundary
@@ -27,7 +28,7 @@ EDGES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Patch:
+class Patch(Shown):
     """A triangulated piece of a minimal surface over a loop.
 
     Attributes:

@@ -12,6 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 Route = Literal["plane", "disk", "unfolded", "deformed", "flattened", "network", "trained"]
@@ -93,7 +94,7 @@ class Stability:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlateauSolution:
+class PlateauSolution(Shown):
     """A minimal disk over a loop.
 
     Attributes:

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-MESH_COLOUR, INSIDE_COLOUR, PATCH_COLOUR, RIM_COLOUR = "#c9ced6", "#8d7f73", "#f28e2b", "#1f3b73"
-RIM_WIDTH, LABEL_SIZE = 4, 14
+from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR
+from spinor_geom.render.draw_surface import add_lights
+
+RIM_WIDTH, LABEL_SIZE = 6, 14
 # two windows side by side share the width; a margin keeps the mesh off the frame
 MARGIN = 1.12
 
@@ -28,20 +30,26 @@ def draw(arrays: Path, picture: Path, width: int, height: int) -> None:
     scene = dict(np.load(arrays))
     mesh = pyvista.PolyData.from_regular_faces(scene["vertices"], scene["faces"])
     rims = pyvista.PolyData(scene["vertices"], lines=_cells(scene["rim_edges"])) if len(scene["rim_edges"]) else None
-    plotter: Any = pyvista.Plotter(off_screen=True, shape=(1, 2), window_size=[width, height], border=False)
+    mesh.compute_normals(
+        cell_normals=False, split_vertices=False, consistent_normals=False, auto_orient_normals=False, inplace=True
+    )
+    focus, direction, up = scene["camera"]
+    plotter: Any = pyvista.Plotter(
+        off_screen=True, shape=(1, 2), window_size=[width, height], border=False, lighting="none"
+    )
+    plotter.enable_anti_aliasing("ssaa", all_renderers=True)
+    add_lights(plotter, focus, np.cross(up, direction), up, direction)  # in both windows
+    soft = {"ambient": 0.42, "diffuse": 0.8, "specular": 0.08}
     for column, title in enumerate(("open", "filled")):
         plotter.subplot(0, column)
         plotter.set_background("white")
+        inside = {"color": INSIDE_COLOUR, **soft}
         plotter.add_mesh(
-            mesh,
-            color=MESH_COLOUR,
-            backface_params={"color": INSIDE_COLOUR, "ambient": 0.1},
-            ambient=0.15,
-            specular=0.1,
+            mesh, color=MESH_COLOUR, backface_params=inside, smooth_shading=True, split_sharp_edges=False, **soft
         )
         if column == 1 and len(scene["patch_faces"]):
             patch = pyvista.PolyData.from_regular_faces(scene["vertices"], scene["patch_faces"])
-            plotter.add_mesh(patch, color=PATCH_COLOUR, show_edges=True, edge_opacity=0.35)
+            plotter.add_mesh(patch, color=PATCH_COLOUR, show_edges=True, edge_opacity=0.4, **soft)
         if rims is not None:
             plotter.add_mesh(rims, color=RIM_COLOUR, line_width=RIM_WIDTH, render_lines_as_tubes=True)
         plotter.add_text(title, font_size=LABEL_SIZE, color="black")

@@ -47,28 +47,40 @@ def write_png(scene: FillScene, path: str | os.PathLike[str]) -> None:
             camera=np.stack([camera.focus, camera.direction, camera.up]),
             radius=np.array(camera.radius),
         )
-        _draw(arrays, picture)
+        draw_apart("spinor_geom.render.draw", str(arrays), str(picture), str(WIDTH), str(HEIGHT))
         Path(target).write_bytes(picture.read_bytes())
 
 
-def _draw(arrays: Path, picture: Path) -> None:
+def draw_apart(module: str, *arguments: str, time_limit: float | None = TIME_LIMIT) -> None:
+    """Runs a module that draws in a process of its own, with what it takes to draw without a display.
+
+    Args:
+        module: its name.
+        arguments: its command line.
+        time_limit: in seconds; None for a window, which stays as long as it is looked at.
+
+    Raises:
+        RenderError: it failed, or took longer.
+    """
     environment = dict(os.environ)
     package_root = str(Path(__file__).parents[2])
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [package_root, environment.get("PYTHONPATH", "")]))
     if sys.platform.startswith("linux") and not environment.get("DISPLAY"):
         environment.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    command = [sys.executable, "-m", "spinor_geom.render.draw", str(arrays), str(picture), str(WIDTH), str(HEIGHT)]
+    command = [sys.executable, "-m", module, *arguments]
     try:
         done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, errors="replace", timeout=TIME_LIMIT, check=False
+            command, env=environment, capture_output=True, text=True, errors="replace", timeout=time_limit, check=False
         )
     except subprocess.TimeoutExpired as error:
-        raise RenderError(f"no picture was drawn: the drawing took longer than {TIME_LIMIT:.0f} s") from error
-    if done.returncode != 0 or not picture.is_file():
+        raise RenderError(f"no picture was drawn: the drawing took longer than {time_limit:.0f} s") from error
+    if done.returncode != 0:
         raise RenderError(_explanation(done.returncode, done.stderr))
 
 
 def _explanation(status: int, said: str) -> str:
+    if "bad X server" in said:
+        return "no window was opened: the display cannot be reached; check DISPLAY, or 'spinor-geom render' a picture"
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     if status < 0 or any(name in said for name in ("libGL", "EGL", "OpenGL", "OSMesa")):
         return (

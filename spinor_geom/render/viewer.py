@@ -1,4 +1,4 @@
-"""Rotating views of coloured meshes in a page of its own: the data and the script are in the page."""
+"""Views of surfaces in space, to turn, in a page of its own: the data and the script are in the page."""
 
 from __future__ import annotations
 
@@ -12,23 +12,124 @@ from importlib.resources import files
 import numpy as np
 from jaxtyping import Float, Int
 
-# share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
-_TAIL = 0.01
+from spinor_geom.render.colours import PLAIN_COLOUR, RIM_COLOUR, UNKNOWN_COLOUR, VIRIDIS
+from spinor_geom.render.scene import Camera
 
-STYLE = """body { font: 15px/1.45 system-ui, sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem;
-color: #222 }
-table { border-collapse: collapse; margin: 1rem 0; font-size: 13px; display: block; overflow-x: auto }
-th, td { padding: .2rem .6rem; border-bottom: 1px solid #ddd; text-align: left; white-space: nowrap }
-td.long { white-space: normal; min-width: 22rem } tr.missed td { background: #fdecea }
-figure { display: inline-block; margin: .5rem; vertical-align: top } img { max-width: 100% }
-figure.view { width: 282px }
-canvas { width: 280px; height: 280px; border: 1px solid #ddd; display: block; touch-action: none }
-figcaption { font-size: 13px; max-width: 560px } select, span { font-size: 12px }"""
+# share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
+_TAIL = 0.03
+# name of the loop choice for what is shown for every loop
+ALWAYS = ""
+
+STYLE = """figure.view { width: 282px }
+figure.view canvas { width: 280px; height: 280px; border: 1px solid var(--faint); display: block; touch-action: none }
+figure.view select, figure.view span { font-size: 12px } figure.view input[type=range] { width: 100% }
+figure.wide, figure.square { width: auto; display: block }
+figure.wide canvas { width: 100%; height: 36rem } figure.square canvas { width: 100%; height: 16.4rem }
+.stage { position: relative } .ruler { position: absolute; left: .7rem; bottom: .7rem; font-size: 12px;
+pointer-events: none; color: var(--ink) }
+.ruler i { display: block; height: 4px; border: solid currentColor; border-width: 0 1px 1px }
+.bar i { display: block; height: 12px; border: 1px solid var(--faint) }
+.bar { font-size: 12px; display: block } .bar b { font-weight: normal; float: right }
+form.panel { font-size: 13px; display: flex; flex-wrap: wrap; gap: .5rem 1rem; align-items: flex-start }
+form.panel fieldset { border: 1px solid var(--faint); border-radius: 4px } form.panel label { display: block }
+form.panel output { width: 16rem; min-height: 2.2rem } canvas:focus-visible,
+form.panel :focus-visible { outline: 2px solid var(--link) }"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Faces:
+    """A surface in a view.
+
+    Attributes:
+        vertices: positions.
+        faces: triangles.
+        colour: where no field is shown.
+        inside: colour of the side that faces run clockwise on; that of the other side if none is given.
+        fields: values at the vertices that it may be coloured by, by name; NaN is grey.
+        edges: whether the triangles' edges are drawn, or the switch of the view's panel that says so.
+        switch: the switch of the view's panel that shows it; without one it is always shown.
+        loop: the loop of the view's panel for which it is shown; `ALWAYS` for each.
+        conjugate: see `MeshView`.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "f 3"]
+    colour: str = PLAIN_COLOUR
+    inside: str | None = None
+    fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
+    edges: bool | str = False
+    switch: str | None = None
+    loop: str = ALWAYS
+    conjugate: Float[np.ndarray, "n 3"] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lines:
+    """Straight pieces of lines in a view; what is not explained here is as in `Faces`.
+
+    Attributes:
+        vertices: their ends.
+        edges: pairs of ends.
+        colour: of all.
+        width: in pixels.
+        halo: colour of their edges, where they are to be seen on light and on dark.
+        switch: see `Faces`.
+        loop: see `Faces`.
+        conjugate: see `Faces`.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    edges: Int[np.ndarray, "e 2"]
+    colour: str = RIM_COLOUR
+    width: float = 1.5
+    halo: str | None = None
+    switch: str | None = None
+    loop: str = ALWAYS
+    conjugate: Float[np.ndarray, "n 3"] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dots:
+    """Points in a view; what is not explained here is as in `Faces`.
+
+    Attributes:
+        vertices: the points.
+        colour: of all.
+        size: their diameter in pixels.
+        loop: see `Faces`.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    colour: str = RIM_COLOUR
+    size: float = 7.0
+    loop: str = ALWAYS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """What the ends of the colour scale stand for.
+
+    Attributes:
+        low: value of the violet end.
+        high: value of the yellow end.
+        unit: of the values.
+    """
+
+    low: float
+    high: float
+    unit: str = ""
+
+    @classmethod
+    def of(cls, values: Float[np.ndarray, " n"], unit: str = "") -> Scale:
+        """The range of the values but for three in a hundred at each end; 0 to 1 where none is known."""
+        known = values[np.isfinite(values)]
+        low, high = np.quantile(known, [_TAIL, 1 - _TAIL]).tolist() if len(known) else (0.0, 1.0)
+        return cls(low=low, high=high, unit=unit)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshView:
-    """A mesh to be looked at.
+    """A mesh to be looked at, alone and turning.
 
     Attributes:
         title: below which it stands.
@@ -36,6 +137,8 @@ class MeshView:
         faces: triangles.
         fields: values at the vertices that it may be coloured by, by name; NaN is grey. The first is shown first.
         edges: whether the triangles' edges are drawn.
+        conjugate: positions on the conjugate surface; with them a slider turns through the associate family, cos θ of
+            the vertices and sin θ of these, both from the middle of the vertices.
     """
 
     title: str
@@ -43,6 +146,46 @@ class MeshView:
     faces: Int[np.ndarray, "f 3"]
     fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
     edges: bool = True
+    conjugate: Float[np.ndarray, "n 3"] | None = None
+
+    def scene(self) -> Scene:
+        """The mesh as the one layer of a view."""
+        layer = Faces(
+            vertices=self.vertices,
+            faces=self.faces,
+            fields=self.fields,
+            edges=self.edges,
+            conjugate=self.conjugate,
+        )
+        scales = {name: Scale.of(values) for name, values in self.fields.items()}
+        return Scene(title=self.title, layers=(layer,), scales=scales, spins=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """Surfaces, lines and points to be looked at together.
+
+    Attributes:
+        title: below which it stands.
+        layers: what is shown.
+        scales: of the layers' fields, by name; without a panel the view has a list of them, the first shown first.
+        panel: name of the controls that it follows, see `Views.panel`.
+        cameras: from where it is looked at first, by loop of the panel; `ALWAYS` for the others.
+        unit: of lengths, for the ruler; none is drawn without.
+        flat: whether it lies in the plane of the picture, and is moved and not turned.
+        spins: whether it turns by itself until it is touched.
+        shape: "view" (small), "square" or "wide".
+    """
+
+    title: str
+    layers: Sequence[Faces | Lines | Dots]
+    scales: Mapping[str, Scale] = field(default_factory=dict)
+    panel: str | None = None
+    cameras: Mapping[str, Camera] = field(default_factory=dict)
+    unit: str | None = None
+    flat: bool = False
+    spins: bool = False
+    shape: str = ""
 
 
 class Views:
@@ -51,60 +194,118 @@ class Views:
     def __init__(self) -> None:
         """No views yet."""
         self._views: list[str] = []
+        # each array once, however many layers have it
+        self._places: dict[str, int] = {}
 
-    def figure(self, view: MeshView) -> str:
+    def figure(self, view: MeshView | Scene) -> str:
         """The element in which the view will stand."""
+        scene = view.scene() if isinstance(view, MeshView) else view
         place = f"view-{len(self._views)}"
         data = {
             "place": place,
-            "title": view.title,
-            "vertices": _base64(np.asarray(view.vertices, dtype="<f4")),
-            "faces": _base64(np.asarray(view.faces, dtype="<u4")),
-            "fields": {name: _field(values) for name, values in view.fields.items()},
-            "edges": view.edges,
+            "title": scene.title,
+            "layers": [self._layer(layer) for layer in scene.layers],
+            "scales": {name: vars(scale) for name, scale in scene.scales.items()},
+            "panel": scene.panel,
+            "cameras": {loop: _camera(camera) for loop, camera in scene.cameras.items()},
+            "unit": scene.unit,
+            "flat": scene.flat,
+            "spins": scene.spins,
         }
         self._views.append(json.dumps(data))
-        return f'<figure class="view" id="{place}"></figure>'
+        return f'<figure class="view {scene.shape}" id="{place}"></figure>'
+
+    @staticmethod
+    def panel(
+        name: str,
+        *,
+        colours: Mapping[str, str],
+        switches: Mapping[str, bool],
+        loops: Mapping[str, str],
+    ) -> str:
+        """Controls that several views follow.
+
+        Args:
+            name: theirs, for the views' `Scene.panel`.
+            colours: labels by name of the field that surfaces are coloured by; the first, "" for none, is chosen.
+            switches: whether the layers of a switch are shown at first, by label, which is the switch's name.
+            loops: labels by name of the loop that is shown; the first is chosen. Parts of the page with
+                `data-panel-of` the panel and `data-loop` another loop are hidden.
+        """
+        radios = "".join(
+            f'<label><input type="radio" name="colour" value="{html.escape(field)}"{" checked" * (k == 0)}> '
+            f"{html.escape(label)}</label>"
+            for k, (field, label) in enumerate(colours.items())
+        )
+        boxes = "".join(
+            f'<label><input type="checkbox" name="show" value="{html.escape(switch)}"{" checked" * on}> '
+            f"{html.escape(switch)}</label>"
+            for switch, on in switches.items()
+        )
+        options = "".join(
+            f'<option value="{html.escape(loop)}">{html.escape(label)}</option>' for loop, label in loops.items()
+        )
+        choice = (
+            f'<fieldset><legend>Loop</legend><select name="loop" aria-label="loop">{options}</select></fieldset>'
+            if loops
+            else ""
+        )
+        return (
+            f'<form class="panel" data-panel="{html.escape(name)}" autocomplete="off">{choice}'
+            f"<fieldset><legend>Colour of the patches</legend>{radios}"
+            f'<output class="bar" aria-live="polite"></output></fieldset>'
+            f"<fieldset><legend>Show</legend>{boxes}</fieldset></form>"
+        )
 
     def script(self) -> str:
         """The data of all views and the program that shows them."""
+        colours = json.dumps({"stops": VIRIDIS, "unknown": UNKNOWN_COLOUR})
         # "</" would end the script element
         data = ("[" + ",".join(self._views) + "]").replace("</", "<\\/")
         program = files("spinor_geom.render").joinpath("viewer.js").read_text(encoding="utf-8")
-        return f'<script type="application/json" id="views">{data}</script>\n<script>{program}</script>'
+        return "\n".join(
+            [
+                f'<script type="application/json" id="colours">{colours}</script>',
+                f'<script type="application/json" id="arrays">{json.dumps(list(self._places))}</script>',
+                f'<script type="application/json" id="views">{data}</script>',
+                f"<script>{program}</script>",
+            ]
+        )
+
+    def _layer(self, layer: Faces | Lines | Dots) -> dict[str, object]:
+        """A layer in JSON's types; arrays as their places among all."""
+        data: dict[str, object] = {
+            "kind": type(layer).__name__.lower(),
+            "vertices": self._array(layer.vertices, "<f4"),
+            "colour": layer.colour,
+            "loop": layer.loop,
+        }
+        if isinstance(layer, Dots):
+            return {**data, "size": layer.size}
+        data |= {"switch": layer.switch}
+        if layer.conjugate is not None:
+            data["conjugate"] = self._array(layer.conjugate, "<f4")
+        if isinstance(layer, Lines):
+            elements = self._array(layer.edges, "<u4")
+            return {**data, "elements": elements, "width": layer.width, "halo": layer.halo}
+        return {
+            **data,
+            "elements": self._array(layer.faces, "<u4"),
+            "inside": layer.inside,
+            "edges": layer.edges,
+            "fields": {name: self._array(values, "<f4") for name, values in layer.fields.items()},
+        }
+
+    def _array(self, values: np.ndarray, kind: str) -> int:
+        """The place of an array: its little-endian bytes in base 64."""
+        text = base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
+        return self._places.setdefault(text, len(self._places))
 
 
-def page(title: str, body: Sequence[str], views: Views) -> str:
-    """A whole page that needs nothing from elsewhere.
-
-    Args:
-        title: of the page; a browser shows "ready: " before it once all views stand.
-        body: pieces of HTML.
-        views: whose figures stand in the body.
-    """
-    return "\n".join(
-        [
-            "<!doctype html>",
-            f'<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>',
-            f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head><body>',
-            *body,
-            views.script(),
-            "</body></html>",
-            "",
-        ]
-    )
-
-
-def picture(data: bytes, alt: str) -> str:
-    """A PNG inside the page."""
-    return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
-
-
-def _field(values: Float[np.ndarray, " n"]) -> dict[str, object]:
-    known = values[np.isfinite(values)]
-    low, high = np.quantile(known, [_TAIL, 1 - _TAIL]).tolist() if len(known) else (0.0, 1.0)
-    return {"values": _base64(np.asarray(values, dtype="<f4")), "low": low, "high": high}
-
-
-def _base64(values: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
+def _camera(camera: Camera) -> dict[str, object]:
+    right = np.cross(camera.up, camera.direction)
+    return {
+        "focus": camera.focus.tolist(),
+        "frame": np.stack([right, camera.up, camera.direction]).ravel().tolist(),
+        "radius": camera.radius,
+    }

@@ -20,6 +20,7 @@ from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.errors import DomainError, DtypeError, OptionError
 from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
 from spinor_geom.holomorphic.zeros import Zero, find_zeros
+from spinor_geom.shown import Shown
 from spinor_geom.surface import branch, curvature, formulas, frames, storage
 from spinor_geom.surface.anchors import Anchors
 
@@ -32,7 +33,7 @@ Vector = Sequence[float] | NDArray[Any] | Tensor
 _BLOCK, _BLOCK_OF_DERIVATIVES = 1 << 16, 1 << 13
 
 
-class SpinorSurface(torch.nn.Module):
+class SpinorSurface(Shown, torch.nn.Module):
     """The minimal surface r(z) = c + Re ∫ φ dz, φ = (p² − q², −i(p² + q²), 2pq), of two holomorphic functions p, q.
 
     The integral starts at `root`, where r = c. p and q are a model's outputs, mixed by a constant matrix: rotations,

@@ -25,6 +25,8 @@ HEAVY += ("dask", "distributed", "pyarrow", "filelock")
         ["reproduce", "--help"],
         ["bench", "--help"],
         ["batch", "--help"],
+        ["view", "--help"],
+        ["render", "--help"],
         ["fill"],
     ],
 )

@@ -6,7 +6,8 @@ import re
 
 import numpy as np
 
-from spinor_geom.render.viewer import MeshView, Views, page, picture
+from spinor_geom.render.page import document, picture
+from spinor_geom.render.viewer import MeshView, Views
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]])
 FACES = np.array([[0, 1, 2]])
@@ -17,29 +18,31 @@ def views_of(text):
     return json.loads(data)
 
 
-def array(text, kind):
-    return np.frombuffer(base64.b64decode(text), dtype=kind)
+def array(text, place, kind):
+    (data,) = re.findall(r'<script type="application/json" id="arrays">(.*?)</script>', text, re.DOTALL)
+    return np.frombuffer(base64.b64decode(json.loads(data)[place]), dtype=kind)
 
 
 def test_a_page_holds_its_meshes_and_their_colours():
     views = Views()
     field = np.array([1.0, np.nan, 3.0])
     figure = views.figure(MeshView(title="a mesh", vertices=VERTICES, faces=FACES, fields={"distance": field}))
-    text = page("title", [figure], views)
+    text = document("title", [figure, views.script()])
     (view,) = views_of(text)
     assert f'id="{view["place"]}"' in figure
-    np.testing.assert_array_equal(array(view["vertices"], "<f4").reshape(-1, 3), VERTICES.astype(np.float32))
-    np.testing.assert_array_equal(array(view["faces"], "<u4").reshape(-1, 3), FACES)
-    told = view["fields"]["distance"]
-    np.testing.assert_array_equal(array(told["values"], "<f4"), field.astype(np.float32))
-    assert 1 <= told["low"] < told["high"] <= 3
+    (layer,) = view["layers"]
+    np.testing.assert_array_equal(array(text, layer["vertices"], "<f4").reshape(-1, 3), VERTICES.astype(np.float32))
+    np.testing.assert_array_equal(array(text, layer["elements"], "<u4").reshape(-1, 3), FACES)
+    np.testing.assert_array_equal(array(text, layer["fields"]["distance"], "<f4"), field.astype(np.float32))
+    assert 1 <= view["scales"]["distance"]["low"] < view["scales"]["distance"]["high"] <= 3
 
 
 def test_no_title_ends_the_script_or_the_page():
     views = Views()
     evil = "</script><script>alert(1)</script>"
-    text = page(evil, [views.figure(MeshView(title=evil, vertices=VERTICES, faces=FACES))], views)
-    assert text.count("</script>") == 2
+    figure = views.figure(MeshView(title=evil, vertices=VERTICES, faces=FACES))
+    text = document(evil, [figure, views.script()])
+    assert text.count("</script>") == 4
     assert "<title></script>" not in text
     assert views_of(text)[0]["title"] == evil
 
@@ -49,5 +52,15 @@ def test_a_field_without_values_is_grey_and_pictures_are_in_the_page():
     nothing = np.full(3, np.nan)
     views.figure(MeshView(title="", vertices=VERTICES, faces=FACES, fields={"none": nothing}))
     (view,) = views_of(views.script())
-    assert (view["fields"]["none"]["low"], view["fields"]["none"]["high"]) == (0.0, 1.0)
+    assert (view["scales"]["none"]["low"], view["scales"]["none"]["high"]) == (0.0, 1.0)
     assert picture(b"\x89PNG", 'a "b"').startswith('<img alt="a &quot;b&quot;" src="data:image/png;base64,iVBORw')
+
+
+def test_an_array_that_several_layers_have_is_in_the_page_once():
+    views = Views()
+    for title in ("a", "b"):
+        views.figure(MeshView(title=title, vertices=VERTICES, faces=FACES))
+    text = views.script()
+    assert text.count(base64.b64encode(VERTICES.astype("<f4").tobytes()).decode()) == 1
+    first, second = (view["layers"][0] for view in views_of(text))
+    assert (first["vertices"], first["elements"]) == (second["vertices"], second["elements"])

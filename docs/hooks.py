@@ -1,0 +1,95 @@
+"""What the site's build does besides: runs the pages' code, takes the pictures that it makes, and sets formulas.
+
+Every page that shows `pictures/NAME.png` has its Python blocks run one after the other, in an empty folder; the
+pictures are what they write there. Formulas become MathML, which browsers show themselves.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from latex2mathml.converter import convert
+from mkdocs.structure.files import File
+from sybil import Sybil
+from sybil.parsers.markdown import PythonCodeBlockParser
+
+ROOT = Path(__file__).parents[1]
+_PICTURE = re.compile(r"\]\((pictures/[\w.-]+\.png)\)")
+_FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+# a white point, for builds that only check pages
+_EMPTY = bytes.fromhex(
+    "89504e470d0a1a0a0000000d4948445200000001000000010802000000907753de0000000c49444154789c63f8ffff3f0005fe02fe0def46b8"
+    "0000000049454e44ae426082"
+)
+
+
+def pictures_of(page: Path) -> list[str]:
+    """The pictures of a page that its code makes."""
+    return _PICTURE.findall(page.read_text(encoding="utf-8"))
+
+
+def run_blocks(page: Path) -> None:
+    """Runs the Python blocks of a page one after the other, in the present folder."""
+    document = Sybil(parsers=[PythonCodeBlockParser()]).parse(page)
+    document.namespace["__name__"] = "__main__"
+    for example in document.examples():
+        example.evaluate()
+
+
+@contextlib.contextmanager
+def workplace() -> Iterator[Path]:
+    """An empty folder as the present one, with what the pages' code finds in a clone: `data/`, `pictures/`, `out/`."""
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "data").symlink_to(ROOT / "data")
+        (folder / "pictures").mkdir()
+        (folder / "out").mkdir()
+        os.chdir(folder)
+        try:
+            yield folder
+        finally:
+            os.chdir(before)
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Adds the pictures to the site; with SPINOR_GEOM_PICTURES=none empty ones, and no code is run."""
+    target = Path(tempfile.mkdtemp())
+    config.extra["made_pictures"] = str(target)
+    (target / "pictures").mkdir()
+    for page in sorted(Path(config.docs_dir).glob("*.md")):
+        names = pictures_of(page)
+        if not names:
+            continue
+        with workplace() as folder:
+            if os.environ.get("SPINOR_GEOM_PICTURES") == "none":
+                for name in names:
+                    (folder / name).write_bytes(_EMPTY)
+            else:
+                run_blocks(page)
+            for name in names:
+                shutil.copy(folder / name, target / name)
+                files.append(File(name, str(target), config.site_dir, use_directory_urls=False))
+    return files
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Sets the formulas."""
+    return _FORMULA.sub(_set, content)
+
+
+def on_post_build(config: Any) -> None:
+    """Removes the folder of the pictures."""
+    shutil.rmtree(config.extra["made_pictures"])
+
+
+def _set(found: re.Match[str]) -> str:
+    return convert(html.unescape(found[2]), display="block" if found[1] == "div" else "inline")

@@ -1,0 +1,55 @@
+"""Surfaces by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from spinor_geom.errors import OptionError
+from spinor_geom.gallery import curves, schwarz, strips, surfaces
+from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface
+from spinor_geom.plateau.solve import solve_plateau
+from spinor_geom.surface import SpinorSurface
+
+# of a boundary with corners
+_POINTS = 96
+
+SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
+    "associate": surfaces.associate,
+    "catenoid": surfaces.catenoid,
+    "ellipse": partial(curves.ellipse, 2.0, 0.3),
+    "enneper": surfaces.enneper,
+    "helicoid": partial(surfaces.helicoid, both_sides=True),
+    "henneberg": surfaces.henneberg,
+    "horseshoe": strips.horseshoe,
+    "l-shape": partial(curves.l_shape, 0.5),
+    "random-polynomial": partial(surfaces.random_polynomial, 1),
+    "scherk": curves.scherk,
+    "schwarz-d-hexagon": schwarz.schwarz_d_hexagon,
+    "schwarz-d-quadrilateral": schwarz.schwarz_d_quadrilateral,
+    "schwarz-h": schwarz.schwarz_h,
+    "schwarz-p-hexagon": schwarz.schwarz_p_hexagon,
+    "schwarz-p-quadrilateral": schwarz.schwarz_p_quadrilateral,
+    "schwarz-prism": schwarz.schwarz_prism,
+    "tennis-seam": curves.tennis_seam,
+    "twisted-circle": curves.twisted_circle,
+}
+
+
+def named_surface(name: str) -> SpinorSurface:
+    """A surface of the gallery: in its formula where p and q have one, else as the solution over its boundary.
+
+    Args:
+        name: a key of `SURFACES`.
+
+    Raises:
+        OptionError: there is no such name.
+    """
+    if name not in SURFACES:
+        raise OptionError(f"there is no surface {name!r} in the gallery; it has {', '.join(SURFACES)}")
+    known = SURFACES[name]()
+    if isinstance(known, KnownSurface):
+        return known.surface
+    if isinstance(known, KnownPatch):
+        return solve_plateau(known.rim(_POINTS)).surface
+    return solve_plateau(known.sample(_POINTS) if known.corners else known).surface

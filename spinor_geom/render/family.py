@@ -1,0 +1,139 @@
+"""The associate family of a surface as meshes: two arrays of positions, and the cosine and sine of one angle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float, Int
+
+from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.plane_domain import PlaneDomain, sampled
+from spinor_geom.errors import PeriodError
+from spinor_geom.meshing.surface_mesh import mesh_surface
+from spinor_geom.surface import SpinorSurface, formulas
+
+VERTICES = 4000
+# lines of the grid across the longer side of Ω, and points on each
+GRID_LINES, _LINE_POINTS = 16, 240
+# a period larger than this share of the boundary's length is no error of the quadrature
+_LARGEST_PERIOD = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AssociateFamily:
+    """All surfaces with φ turned into e^{iθ}φ, on the same triangles; they are isometric and have the same normals.
+
+    Attributes:
+        vertices: those of the surface itself, θ = 0.
+        conjugate: those of the conjugate surface, θ = π/2, moved so that both have one mean.
+        faces: triangles, the same for all.
+        lines: edges of the images of a square grid in Ω; their ends follow the triangles' vertices.
+        boundary_size: the vertices of the rim come first, in order.
+        gauss_curvature: at the vertices, in 1/length², the same for all.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    conjugate: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "f 3"]
+    lines: Int[np.ndarray, "l 2"]
+    boundary_size: int
+    gauss_curvature: Float[np.ndarray, " n"]
+
+    def at(self, angle: float) -> Float[np.ndarray, "n 3"]:
+        """The vertices of the member with a given θ, in radians: cos θ of the surface and sin θ of its conjugate."""
+        if angle == 0:
+            return self.vertices
+        return np.asarray(self.centre + np.cos(angle) * self._arm + np.sin(angle) * (self.conjugate - self.centre))
+
+    @cached_property
+    def mesh_size(self) -> int:
+        """The number of the triangles' vertices, which come before those of the lines."""
+        return int(self.faces.max()) + 1
+
+    @cached_property
+    def centre(self) -> Float[np.ndarray, "3"]:
+        """The mean of the vertices, which is that of all members."""
+        return np.asarray(self.vertices.mean(axis=0))
+
+    @cached_property
+    def _arm(self) -> Float[np.ndarray, "n 3"]:
+        return np.asarray(self.vertices - self.centre)
+
+    @cached_property
+    def radius(self) -> float:
+        """The largest distance of a vertex of any member from the centre."""
+        return float(np.linalg.norm(np.concatenate([self.at(a) for a in _TURN]) - self.centre, axis=1).max())
+
+
+_TURN = np.linspace(0, np.pi, 60, endpoint=False)
+
+
+def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> AssociateFamily:
+    """The associate family on about so many vertices.
+
+    Args:
+        surface: over a domain around which ∮ φ dz = 0, as around every one without poles of p and q.
+        vertices: of the mesh.
+
+    Raises:
+        PeriodError: the conjugate surface does not close around ∂Ω, so that it has no mesh on this domain.
+        SurfaceError: the surface is not finite on its domain.
+    """
+    _check_periods(surface)
+    mesh = mesh_surface(surface, vertices=vertices)
+    ends, lines = grid_lines(surface.domain)
+    points = np.concatenate([mesh.points, ends])
+    own = np.concatenate([mesh.vertices, np.asarray(surface.position(ends)).reshape(-1, 3)])
+    conjugate = np.asarray(surface.associate(np.pi / 2).position(points))
+    return AssociateFamily(
+        vertices=own,
+        conjugate=conjugate - conjugate.mean(axis=0) + own.mean(axis=0),
+        faces=mesh.faces,
+        lines=lines + len(mesh.points),
+        boundary_size=mesh.boundary_size,
+        gauss_curvature=np.asarray(surface.gauss_curvature(points)),
+    )
+
+
+def grid_lines(
+    domain: PlaneDomain, count: int = GRID_LINES
+) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "l 2"]]:
+    """Points on the lines of a square grid inside Ω, and the pairs of them that are neighbours on a line.
+
+    Args:
+        domain: Ω.
+        count: lines across the longer side of its bounding box.
+    """
+    v = sampled(domain.boundary, 8)
+    low, size = complex(v.real.min(), v.imag.min()), complex(np.ptp(v.real), np.ptp(v.imag))
+    step, along = max(size.real, size.imag) / count, np.linspace(0, 1, _LINE_POINTS)
+    upright = low.real + size.real / 2 + step * _places(size.real / step)
+    level = low.imag + size.imag / 2 + step * _places(size.imag / step)
+    z = np.concatenate(
+        [upright[:, None] + 1j * (low.imag + size.imag * along), (low.real + size.real * along) + 1j * level[:, None]]
+    )
+    inside = domain.contains(z)
+    number = np.cumsum(inside.ravel()).reshape(z.shape) - 1
+    both = inside[:, 1:] & inside[:, :-1]
+    return z[inside], np.stack([number[:, :-1][both], number[:, 1:][both]], axis=1)
+
+
+def _places(across: float) -> Float[np.ndarray, " k"]:
+    """Places of lines one apart, one of them in the middle, on a length that begins and ends on none."""
+    most = int(np.ceil(across / 2 - 1e-9)) - 1
+    return np.arange(-most, most + 1, dtype=np.float64)
+
+
+def _check_periods(surface: SpinorSurface) -> None:
+    domain = surface.domain
+    panels = Panels.on(domain.boundary, domain.panel_breaks, surface.order)
+    with torch.no_grad():
+        p, q = surface.spinors(torch.from_numpy(panels.z).to(surface.constant.device)).unbind(-1)
+        phi, factor = (a.cpu().resolve_conj().numpy() for a in (formulas.phi(p, q), formulas.conformal_factor(p, q)))
+    period = ((panels.dz * panels.weights)[:, None] * phi).sum(axis=0)
+    length = float((panels.arc_weights * factor).sum())
+    if not np.abs(period).max() <= _LARGEST_PERIOD * length:
+        raise PeriodError(period=(-period.imag).tolist(), length=length)

@@ -1,0 +1,318 @@
+"""The report of a fill as one page: the mesh to turn, Ω and the Gauss map beside it, p and q in colours, figures."""
+
+from __future__ import annotations
+
+import html
+import io
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex
+from matplotlib.image import imsave
+
+from spinor_geom.comparison import Comparison
+from spinor_geom.files import atomic_path
+from spinor_geom.fill.result import FillResult, LoopOutcome
+from spinor_geom.mesh.topology import referenced_vertices
+from spinor_geom.render.domain_colouring import domain_colours
+from spinor_geom.render.loop_views import (
+    DISTANCE,
+    EXACT,
+    GAUSS,
+    GRID,
+    MEAN,
+    NORMALS,
+    LoopViews,
+    loop_views,
+    surroundings,
+)
+from spinor_geom.render.page import document, picture, table
+from spinor_geom.render.plots import inline_svg, log_log
+from spinor_geom.render.scene import camera_on
+from spinor_geom.render.viewer import STYLE, Scale, Scene, Views
+
+# of how many filled loops, the longest first, Ω and its functions are shown
+MOST_LOOPS = 8
+_PANEL, _WIREFRAME = "fill", "wireframe"
+_COLOURS = {
+    "": "one colour",
+    MEAN: "mean curvature |H| of the mesh",
+    EXACT: "mean curvature |H| of the surface, measured",
+    DISTANCE: DISTANCE,
+    GAUSS: GAUSS,
+}
+_UNITS = {MEAN: "/ mesh unit", EXACT: "/ mesh unit", DISTANCE: "mesh units", GAUSS: "/ mesh unit²"}
+_MOST_SAID = 3  # remarks that are not folded
+# the solution's own figures say them too
+_TOLD_ALREADY = ("residual_rms_per_edge", "residual_max_per_edge")
+_PIXELS = 144  # of the longer side of a function's picture
+_PAGE_STYLE = """body { max-width: 90rem; margin: 1rem auto } h1 { font-size: 1.5rem; margin: 1rem 0 .5rem }
+.beside { display: grid; grid-template-columns: minmax(0, 9fr) minmax(0, 4fr) }
+@media (max-width: 50rem) { .beside { display: block } }
+.refused { background: var(--alert); padding: .5rem 1rem; border-radius: 4px; margin: .5rem 0 }
+.all { max-height: 40rem; overflow: auto } .functions img { width: 13rem }
+.plot svg { max-width: 44rem; width: 100%; height: auto } [hidden] { display: none }"""
+
+
+def report(
+    result: FillResult,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    comparisons: Mapping[int, Comparison] | None = None,
+) -> str:
+    """A page about a fill, in one file that loads nothing: open it in any browser.
+
+    It shows the mesh with its patches, to turn and to zoom, with switches for wireframe, grid lines and normals, and
+    for colours by |H|, by the distance to the discrete minimal surface and by Gauss curvature; beside it, for one loop
+    at a time, Ω with the poles of its network, the image of the Gauss map, p, q, f and g in colours; and the report's
+    figures. Lengths are in the mesh's own units. Of very large meshes the part near the loops is shown, of many loops
+    the details of the longest; the page says so.
+
+    Args:
+        result: from `fill_hole(..., return_report=True)`.
+        path: where to write it as well.
+        comparisons: of loops with discrete minimal surfaces, by the loops' places, where some were made. Their figures
+            are shown too, and |H| of these loops' surfaces as a colour, measured by automatic differentiation, which
+            takes seconds; without, |H| is that of the patches' triangles.
+
+    Returns:
+        The page.
+
+    Raises:
+        MissingPackageError: matplotlib is not installed.
+        OSError: the file cannot be written.
+    """
+    filled = [outcome for outcome in result.loops if outcome.patch is not None]
+    compared = comparisons or {}
+    details = [loop_views(outcome, exact=outcome.index in compared) for outcome in filled[:MOST_LOOPS]]
+    views = Views()
+    text = document(
+        "spinor-geom fill",
+        [
+            "<h1>Holes filled with minimal surfaces</h1>",
+            f"<p>{html.escape(_summary(result))}</p>",
+            *_left_open(result.loops),
+            *_pictures(result, details, views),
+            *(_loop_section(one, compared.get(one.outcome.index)) for one in details),
+            *_convergence(filled[:MOST_LOOPS]),
+            "<h2>All loops</h2>",
+            f'<div class="all">{_loop_table(result.loops)}</div>',
+            views.script(),
+        ],
+        style=STYLE + _PAGE_STYLE,
+    )
+    if path is not None:
+        with atomic_path(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return text
+
+
+def _summary(result: FillResult) -> str:
+    count, filled = len(result.loops), sum(outcome.filled for outcome in result.loops)
+    if not count:
+        return "The mesh has no boundary loops: nothing to fill."
+    crossings = sum(outcome.intersections for outcome in result.loops)
+    return (
+        f"{filled} of {count} loops filled; {len(result.original.vertices)} vertices and {len(result.original.faces)} "
+        f"triangles before, {len(result.extension.vertices)} and {len(result.extension.faces)} added. The filled mesh "
+        f"is {'watertight' if result.watertight else 'not watertight'}; "
+        f"{f'patches cross something in {crossings} pairs of faces' if crossings else 'no patch crosses anything'}. "
+        f"{result.timings['total']:.2g} s."
+    )
+
+
+def _left_open(outcomes: Sequence[LoopOutcome]) -> list[str]:
+    """What the reader must not overlook."""
+    said = [
+        f"Loop {outcome.index} ({len(outcome.loop)} vertices) {state}: {outcome.reason}"
+        for outcome in outcomes
+        for state in ["is filled, but not within the tolerance" if outcome.filled else "was left open"]
+        if not outcome.converged
+    ]
+    said += [f"Loop {outcome.index}: {note}" for outcome in outcomes for note in outcome.notes]
+    if not said:
+        return []
+    lines = "".join(f"<li>{html.escape(line)}</li>" for line in said)
+    return [
+        f'<details class="refused"{" open" * (len(said) <= _MOST_SAID)}><summary>{len(said)} '
+        f"{'remark' if len(said) == 1 else 'remarks'}: loops that were left open or deserve a look</summary>"
+        f"<ul>{lines}</ul></details>"
+    ]
+
+
+def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) -> list[str]:
+    used = result.original.vertices[referenced_vertices(result.original.faces, vertices=len(result.original.vertices))]
+    first = next((outcome for outcome in result.loops if outcome.filled), result.loops[0] if result.loops else None)
+    patches = {outcome.index: outcome for outcome in result.loops if outcome.patch is not None}
+    shown = {one.outcome.index: one for one in details}
+    layers, left_out = surroundings(result, edges=_WIREFRAME)
+    for index, outcome in patches.items():
+        layers += (shown[index] if index in shown else loop_views(outcome, details=False)).in_space(edges=_WIREFRAME)
+    known = {name: [one.fields[name] for one in details if name in one.fields] for name in _COLOURS}
+    scales = {name: Scale.of(np.concatenate(values), _UNITS[name]) for name, values in known.items() if values}
+    cameras = {"": camera_on(used, first)} | {str(i): camera_on(used, outcome) for i, outcome in patches.items()}
+    scene = Scene(
+        title="The filled mesh: patches orange, loops blue",
+        layers=layers,
+        scales=scales,
+        panel=_PANEL,
+        cameras=cameras,
+        unit="mesh units",
+        shape="wide",
+    )
+    panel = Views.panel(
+        _PANEL,
+        colours={name: label for name, label in _COLOURS.items() if name in ("", *scales)},
+        switches={_WIREFRAME: False, GRID: False, NORMALS: False} if details else {_WIREFRAME: False},
+        loops={
+            str(one.outcome.index): f"loop {one.outcome.index}: {len(one.outcome.loop)} vertices" for one in details
+        },
+    )
+    parts = [
+        panel,
+        "<p><small>Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to start again."
+        "</small></p>",
+    ]
+    if left_out:
+        parts.append(f"<p>{left_out} triangles of the mesh that are far from its loops are not shown.</p>")
+    if len(patches) > len(details):
+        parts.append(f"<p>Ω, functions, colours and switches are those of the {len(details)} longest filled loops.</p>")
+    parts += ['<div class="beside">', views.figure(scene)]
+    if details:
+        parts += [
+            "<div>",
+            views.figure(
+                Scene(
+                    title="Ω and its grid; poles of the network violet, zeros of p black, of q white",
+                    layers=[layer for one in details for layer in one.in_plane(edges=_WIREFRAME)],
+                    scales=scales,
+                    panel=_PANEL,
+                    cameras={str(one.outcome.index): one.plane_camera for one in details},
+                    unit="units of Ω",
+                    flat=True,
+                    shape="square",
+                )
+            ),
+            views.figure(
+                Scene(
+                    title="The Gauss map: normals of the patch on the unit sphere",
+                    layers=[layer for one in details for layer in one.on_sphere(edges=_WIREFRAME)],
+                    scales=scales,
+                    panel=_PANEL,
+                    cameras={str(one.outcome.index): one.sphere_camera for one in details},
+                    shape="square",
+                )
+            ),
+            "</div>",
+        ]
+    return [*parts, "</div>"]
+
+
+def _loop_table(outcomes: Sequence[LoopOutcome]) -> str:
+    columns: tuple[str, ...] = ("loop", "vertices", "perimeter", "filled", "RMS residual/edge", "max residual/edge")
+    columns += ("area", "stability", "Morse index", "route", "new vertices", "new faces", "crossings", "seconds")
+    columns += ("reason",)
+    rows = []
+    for outcome in outcomes:
+        entry, solution = outcome.to_dict(), outcome.solution
+        stability = entry["stability"] or {}
+        rows.append(
+            [
+                str(outcome.index),
+                str(len(outcome.loop)),
+                _number(outcome.loop.perimeter),
+                "yes" if outcome.filled else "no" if outcome.requested else "left open",
+                _number(entry["residual_rms_per_edge"]),
+                _number(entry["residual_max_per_edge"]),
+                _number(entry["area"]),
+                str(stability.get("verdict", "")),
+                _number(stability.get("index")),
+                "" if solution is None else solution.route,
+                str(outcome.vertices_added),
+                str(outcome.faces_added),
+                str(outcome.intersections),
+                _number(sum(outcome.timings.values())),
+                outcome.reason,
+            ]
+        )
+    return table(columns, rows, marked=[k for k, outcome in enumerate(outcomes) if not outcome.converged])
+
+
+def _convergence(outcomes: Sequence[LoopOutcome]) -> list[str]:
+    lines = {}
+    for outcome in outcomes:
+        steps = () if outcome.solution is None else outcome.solution.history
+        for method in dict.fromkeys(step.method for step in steps):
+            own = [step for step in steps if step.method == method]
+            lines[f"loop {outcome.index}, {method}"] = ([s.index for s in own], [s.residual for s in own])
+    if not lines:
+        return []
+    figure = log_log(lines, x="step", y="what the steps bring towards 0", linear_x=True)
+    # mathematical type for the ticks takes longer to set than everything else in the plot
+    figure.axes[0].yaxis.set_major_formatter("{x:.0e}")
+    return [
+        "<h2>Convergence</h2><p>Gauss-Newton: RMS distance from the loop's curve at the nodes, in diagonals of the "
+        "loop. Douglas-Newton: RMS gradient of the energy, relative to its two factors.</p>",
+        f'<div class="plot">{inline_svg(figure, "residual after each step")}</div>',
+    ]
+
+
+def _loop_section(one: LoopViews, comparison: Comparison | None) -> str:
+    outcome = one.outcome
+    images = []
+    for name, values in one.functions(_PIXELS).items():
+        modulus = np.abs(values)
+        known = modulus[np.isfinite(modulus)]
+        middle = (float(np.median(known)) if len(known) else 0.0) or 1.0
+        caption = f"{name}, median |{name}| = {middle:.3g}"
+        images.append(
+            f"<figure>{picture(_png(values, middle), f'{name} on Ω')}<figcaption>{caption}</figcaption></figure>"
+        )
+    figures: dict[str, Any] = {} if outcome.solution is None else outcome.solution.to_dict()
+    figures |= {name: value for name, value in outcome.to_dict().items() if name not in (*figures, *_TOLD_ALREADY)}
+    figures |= one.baseline_figures
+    if comparison is not None:
+        figures["comparison"] = comparison.to_dict()
+    return (
+        f'<section data-panel-of="{_PANEL}" data-loop="{outcome.index}">'
+        f"<h2>Loop {outcome.index}</h2><p>p, q, f = −2q² and g = −p/q on Ω. The hue is the argument (red: positive), "
+        "the lightness the modulus beside its median: black is 0, white is infinite; it steps back at every power of "
+        "two.</p>"
+        f'<div class="functions">{"".join(images)}</div>'
+        f"{table(('figure', 'value'), [(name, text) for name, text in _flat(figures)])}</section>"
+    )
+
+
+def _flat(figures: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested figures as lines of a table."""
+    lines = []
+    for name, value in figures.items():
+        label = f"{prefix}{name.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            lines += _flat(value, f"{label}: ")
+        elif value not in (None, "", []):
+            lines.append((label, _number(value)))
+    return lines
+
+
+def _number(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _png(values: Complex[np.ndarray, "h w"], middle: float) -> bytes:
+    """A function's values on a grid, row after row upwards, as a PNG; NaN is transparent.
+
+    Args:
+        values: of the function.
+        middle: the modulus that has the middle lightness.
+    """
+    infinite = np.isinf(np.abs(values))
+    scaled = np.where(infinite, np.inf, np.where(infinite, 0, values) / middle)
+    pixels = np.concatenate([domain_colours(scaled), ~np.isnan(scaled)[..., None]], axis=-1)
+    buffer = io.BytesIO()
+    imsave(buffer, (255 * pixels[::-1]).round().astype(np.uint8), format="png")
+    return buffer.getvalue()

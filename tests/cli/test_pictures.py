@@ -1,0 +1,116 @@
+"""`view` and `render`: pictures of files, and what is said where none can be made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import spinor_geom
+from spinor_geom import gallery
+from spinor_geom.cli.main import main
+from spinor_geom.render import window
+
+MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("surface") / "enneper.safetensors"
+    spinor_geom.solve_plateau(gallery.enneper(0.8).rim(48)).surface.save(path)
+    return path
+
+
+def test_a_mesh_and_a_surface_are_drawn_on_white_with_their_boundaries(saved: Path, tmp_path: Path) -> None:
+    for source, options in ((MESH, []), (saved, ["--curvature"])):
+        target = tmp_path / "new" / f"{source.stem}.png"
+        assert main(["render", str(source), "-o", str(target), "--size", "300x240", *options]) == 0
+        image = np.asarray(Image.open(target).convert("RGB")).astype(int)
+        assert image.shape == (240, 300, 3)
+        assert (image[[0, -1]] > 250).all()
+        assert 0.1 < (image.min(axis=-1) < 230).mean() < 0.9
+        red, _, blue = np.moveaxis(image, -1, 0)
+        assert (blue > red + 40).mean() > 0.001  # the rim
+        assert len(np.unique(image.reshape(-1, 3), axis=0)) > 200  # shaded
+
+
+def test_the_eye_and_the_upright_axis_are_chosen(tmp_path: Path) -> None:
+    seen = []
+    for options in (["--eye", "0,-1,0"], ["--eye=-1,-1,0"], ["--eye", "0,-1,0", "--up", "z"]):
+        path = tmp_path / "picture.png"
+        assert main(["render", str(MESH), "-o", str(path), "--size", "120x120", *options]) == 0
+        seen.append(np.asarray(Image.open(path).convert("L")).astype(int))
+    assert np.abs(seen[0] - seen[1]).mean() > 5
+    assert np.abs(seen[0] - seen[2]).mean() > 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["render", str(MESH), "-o", "picture.jpg"], "a picture is written as .png"),
+        (["render", "missing.obj", "-o", "picture.png"], "missing.obj: cannot be read"),
+        (["render", "missing.safetensors", "-o", "picture.png"], "missing.safetensors cannot be read"),
+        (["render", str(MESH), "-o", "."], "a picture is written as .png"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_sentence(
+    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--size=12", "--size=0x5", "--eye=1,2", "--eye=0,0,0", "--eye=a,b,c", "--up=x"])
+def test_mistaken_options_are_usage_errors(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["render", str(MESH), "-o", "p.png", option])
+    assert stop.value.code == 2
+    assert option.split("=")[0] in capsys.readouterr().err
+
+
+def test_without_a_display_view_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert main(["view", str(MESH)]) == 2
+    error = capsys.readouterr().err
+    assert "spinor-geom render IN -o out.png" in error
+    assert len(error.splitlines()) == 1
+
+
+def test_a_display_that_does_not_answer_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if not window.sys.platform.startswith("linux"):
+        pytest.skip("displays have names on X only")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setenv("DISPLAY", ":4711")
+    assert main(["view", str(MESH)]) == 2
+    assert "the display cannot be reached" in capsys.readouterr().err
+
+
+def test_a_window_gets_the_mesh_its_rims_and_its_curvature(
+    saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = {}
+
+    def keep(module: str, path: str, *, time_limit: float | None) -> None:
+        assert (module, time_limit) == ("spinor_geom.render.window", None)
+        shown.update(np.load(path))
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("spinor_geom.render.png.draw_apart", keep)
+    assert main(["view", str(saved), "--curvature"]) == 0
+    assert str(shown["title"]) == "enneper.safetensors, gauss curvature"
+    assert len(shown["values"]) == len(shown["vertices"])
+    assert len(shown["rims"]) > 40
+    assert main(["view", str(MESH)]) == 0
+    assert len(shown["values"]) == 0

@@ -1,0 +1,117 @@
+"""The site: builds without a warning, and each of its pages and pictures opens in a browser.
+
+SPINOR_GEOM_SITE names a site that is built already, with its pictures; without it one is built without them.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.browser import browser, visit
+from tests.likeness import SAME, difference
+
+ROOT = Path(__file__).parents[2]
+README_PICTURES = ("demosthenes.png", "error.png", "gallery.png")
+
+
+def build(folder: Path, site: Path, **environment: str) -> None:
+    said = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", str(folder)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(site), "NO_MKDOCS_2_WARNING": "1", **environment},
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
+    )
+    assert said.returncode == 0, said.stdout + said.stderr
+
+
+@pytest.fixture(scope="module")
+def pages(site: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a built site."""
+    if "SPINOR_GEOM_SITE" in os.environ:
+        return Path(os.environ["SPINOR_GEOM_SITE"])
+    folder = tmp_path_factory.mktemp("pages")
+    build(folder, site, SPINOR_GEOM_PICTURES="none")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def address(pages: Path) -> Iterator[str]:
+    """Where the site is served."""
+
+    class Handler(SimpleHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=str(pages))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+def test_every_page_and_every_picture_opens_in_a_browser(pages: Path, address: str) -> None:
+    names = sorted(str(path.relative_to(pages)) for path in pages.rglob("*.html") if path.name != "404.html")
+    assert len(names) == len(list((ROOT / "docs").glob("*.md")))
+    with browser() as chromium:
+        for name in names:
+            with visit(chromium, f"{address}/{name}") as opened:
+                page = opened.page
+                assert page.locator("h1").count() == 1, name
+                images = page.locator("article img")
+                sizes = [
+                    images.nth(k).evaluate("image => image.decode().then(() => image.naturalWidth)")
+                    for k in range(images.count())
+                ]
+                assert all(size > 0 for size in sizes), name
+                assert "\\(" not in page.locator("article").inner_text(), name
+                assert not opened.errors, (name, opened.errors)
+                assert not opened.foreign, (name, opened.foreign)
+                if name == "spinors.html":
+                    assert page.locator("math[display=block]").first.bounding_box()["height"] > 10
+                if name == "gallery.html":
+                    assert len(sizes) == 12
+
+
+def test_the_readme_s_pictures_open_in_a_browser_and_are_small(tmp_path: Path) -> None:
+    text = "".join(f'<img src="{(ROOT / "docs" / name).as_uri()}">' for name in README_PICTURES)
+    page = tmp_path / "page.html"
+    page.write_text(text, encoding="utf-8")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    with browser() as chromium, visit(chromium, page.as_uri()) as opened:
+        widths = opened.page.locator("img").evaluate_all("images => images.map((image) => image.naturalWidth)")
+        assert min(widths) > 600
+        assert not opened.errors
+    for name in README_PICTURES:
+        assert f"(docs/{name})" in readme
+        assert (ROOT / "docs" / name).stat().st_size < 300_000
+
+
+@pytest.mark.skipif("SPINOR_GEOM_SITE" not in os.environ, reason="no built site: SPINOR_GEOM_SITE names none")
+def test_the_readme_s_pictures_are_those_of_the_site(pages: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL import Image
+
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    import hooks
+    import pictures
+
+    names = hooks.pictures_of(ROOT / "docs" / "gallery.md")
+    drawn = [Image.open(pages / name).convert("L") for name in names]
+    assert all(np.asarray(picture).std() > 20 for picture in drawn)
+    strip = pictures.gallery_strip([pages / name for name in names])
+    assert difference(strip, ROOT / "docs" / "gallery.png") < SAME
+    error = pages / "pictures" / "error.png"
+    assert difference(error, ROOT / "docs" / "error.png") < SAME
+    # another picture is not taken for it
+    assert difference(error, ROOT / "docs" / "gallery.png") > 5 * SAME

@@ -1,0 +1,250 @@
+"""The associate family: isometric, its members those of the surface; animations and the page that show it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom import gallery
+from spinor_geom.cli.main import main
+from spinor_geom.domain import PlaneDomain
+from spinor_geom.errors import MissingPackageError, OptionError, PeriodError, SurfaceError
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.meshing.surface_mesh import mesh_surface
+from spinor_geom.render.family import AssociateFamily, associate_family, grid_lines
+from spinor_geom.render.morph import SUFFIXES, morph
+from spinor_geom.surface import SpinorSurface
+from tests.browser import browser, visit
+
+ANGLES = st.floats(-10, 10)
+
+
+def edges_of(faces: np.ndarray) -> np.ndarray:
+    return np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
+
+
+def edge_lengths(family: AssociateFamily, angle: float) -> np.ndarray:
+    points, edges = family.at(angle), edges_of(family.faces)
+    return np.asarray(np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1))
+
+
+def catenoid_on_a_ring() -> SpinorSurface:
+    """p = 1, q = 1/z over the unit disk: ∮ φ dz is not 0 around the pole, and imaginary."""
+    z = torch.polar(torch.ones(64, dtype=torch.float64), 2 * torch.pi * torch.arange(64, dtype=torch.float64) / 64)
+    model = CauchyNetwork.orthonormal_on(
+        z,
+        torch.ones(64, dtype=torch.float64),
+        poles=torch.zeros(1, dtype=torch.complex128),
+        scales=torch.ones(1, dtype=torch.float64),
+        degree=1,
+    )
+    wanted = torch.stack([torch.ones_like(z), 1 / z], dim=1)
+    with torch.no_grad():
+        model.readout.copy_(torch.linalg.lstsq(model.features(z), wanted).solution)
+    return SpinorSurface(model, PlaneDomain.disk())
+
+
+@pytest.fixture(scope="module")
+def catenoid() -> AssociateFamily:
+    return associate_family(gallery.catenoid().surface, vertices=600)
+
+
+@given(angle=ANGLES)
+@settings(max_examples=20)
+def test_members_are_those_of_the_surface_up_to_a_shift(catenoid: AssociateFamily, angle: float) -> None:
+    surface = gallery.catenoid().surface
+    z = mesh_surface(surface, vertices=600).points
+    apart = catenoid.at(angle)[: len(z)] - surface.associate(angle).position(z)
+    np.testing.assert_allclose(apart - apart.mean(axis=0), 0, atol=1e-12)
+    # the mean stays where it is
+    np.testing.assert_allclose(catenoid.at(angle).mean(axis=0), catenoid.centre, atol=1e-12)
+
+
+def test_the_quarter_turn_of_the_catenoid_is_the_helicoid(catenoid: AssociateFamily) -> None:
+    known = gallery.catenoid()
+    reach = np.abs(known.surface.domain.boundary.vertices.real).max()
+    pitch = 0.5 / reach
+    helicoid = gallery.helicoid(pitch * np.sinh(reach), pitch, both_sides=True)
+    assert helicoid.area == pytest.approx(known.area, rel=1e-12)
+    z = mesh_surface(known.surface, vertices=600).points
+    apart = catenoid.at(np.pi / 2)[: len(z)] - helicoid.position(z)
+    np.testing.assert_allclose(apart - apart.mean(axis=0), 0, atol=1e-12)
+
+
+@given(angle=ANGLES)
+@settings(max_examples=20)
+def test_the_metric_stays_to_round_off(angle: float) -> None:
+    surface = gallery.enneper(1.2).surface
+    z = surface.domain.triangulation.points
+    turned, h = surface.associate(angle), 1e-3
+    for step in (h, 1j * h):
+        # lengths of the images of short segments, by quadrature of the speed along them
+        nodes, weights = np.polynomial.legendre.leggauss(8)
+        along = z[:, None] + step * (nodes + 1) / 2
+        lengths = [(np.asarray(s.conformal_factor(along)) * weights).sum(axis=1) for s in (surface, turned)]
+        np.testing.assert_allclose(lengths[1], lengths[0], rtol=1e-14)
+
+
+def test_edges_keep_their_lengths_to_second_order() -> None:
+    surface = gallery.enneper(1.0).surface
+    errors, sizes = [], []
+    for vertices in (300, 1200, 4800):
+        family = associate_family(surface, vertices=vertices)
+        own = edge_lengths(family, 0.0)
+        errors.append(np.abs(edge_lengths(family, 1.0) / own - 1).mean())
+        sizes.append(own.mean())
+    order = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+    assert order == pytest.approx(2, abs=0.15)
+    assert errors[-1] < 1e-4
+
+
+def test_the_radius_holds_every_member(catenoid: AssociateFamily) -> None:
+    for angle in np.linspace(0, 6, 25):
+        assert np.linalg.norm(catenoid.at(angle) - catenoid.centre, axis=1).max() <= catenoid.radius * (1 + 1e-3)
+
+
+def test_lines_of_the_grid_lie_in_the_domain_and_are_straight_there() -> None:
+    domain = gallery.catenoid().surface.domain
+    z, lines = grid_lines(domain, 8)
+    assert domain.contains(z).all()
+    step = z[lines[:, 1]] - z[lines[:, 0]]
+    assert ((step.real == 0) | (step.imag == 0)).all()
+    assert (np.abs(step) < domain.diameter / 100).all()
+
+
+def test_a_pole_in_the_domain_has_no_family_and_the_error_says_so() -> None:
+    with pytest.raises(PeriodError, match=r"12\.6.* instead of closing") as caught:
+        associate_family(catenoid_on_a_ring())
+    np.testing.assert_allclose(caught.value.period, [0, 0, -4 * np.pi], atol=1e-9)
+
+
+def test_a_point_is_no_surface() -> None:
+    nothing = SpinorSurface(PowerSeries(torch.zeros(2, 2, dtype=torch.complex128)), PlaneDomain.disk())
+    with pytest.raises(SurfaceError, match="area 0"):
+        associate_family(nothing)
+
+
+def test_an_animation_has_its_frames_and_begins_with_the_surface(tmp_path: Path) -> None:
+    from PIL import Image, ImageSequence
+
+    path = tmp_path / "catenoid.gif"
+    morph(gallery.catenoid().surface, path, frames=4)
+    with Image.open(path) as image:
+        assert image.n_frames == 4
+        assert image.info["duration"] == 40
+        assert image.info["loop"] == 0
+        frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(image)]
+    assert [item.name for item in tmp_path.iterdir()] == ["catenoid.gif"]
+    assert all((frame[0, 0] == 255).all() for frame in frames)
+    drawn = [np.argwhere((frame < 240).any(axis=2)) for frame in frames]
+    height, width = zip(*(np.ptp(where, axis=0) for where in drawn), strict=True)
+    # a catenoid between unit circles one apart is wider than high, the helicoid is high; half a turn is a reflection
+    assert width[0] > height[0]
+    assert height[1] > 2 * width[1]
+    assert (height[2], width[2]) == pytest.approx((height[0], width[0]), abs=3)
+    # both sides in their colours
+    red, _, blue = np.moveaxis(frames[0], -1, 0)
+    assert ((red - blue) > 60).mean() > 0.02
+    assert ((blue - red) > 40).mean() > 0.02
+
+
+def test_a_film_has_its_frames(tmp_path: Path) -> None:
+    import imageio_ffmpeg
+
+    path = tmp_path / "enneper.MP4"
+    morph(gallery.enneper(0.8).surface, path, frames=3)
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert frames == 3
+    assert seconds == pytest.approx(3 / 25, abs=0.05)
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_the_page_holds_surface_and_conjugate(tmp_path: Path) -> None:
+    path = tmp_path / "enneper.html"
+    morph(gallery.enneper(0.8).surface, path)
+    text = path.read_text(encoding="utf-8")
+    (data,) = re.findall(r'<script type="application/json" id="views">(.*?)</script>', text, re.DOTALL)
+    (view,) = json.loads(data)
+    (data,) = re.findall(r'<script type="application/json" id="arrays">(.*?)</script>', text, re.DOTALL)
+    arrays = json.loads(data)
+    surface, grid, rim = view["layers"]
+    family = associate_family(gallery.enneper(0.8).surface)
+    for layer, count in ((surface, family.mesh_size), (grid, len(family.vertices)), (rim, len(family.vertices))):
+        for name, expected in (("vertices", family.vertices), ("conjugate", family.conjugate)):
+            found = np.frombuffer(base64.b64decode(arrays[layer[name]]), "<f4").reshape(-1, 3)
+            np.testing.assert_array_equal(found, expected[:count].astype(np.float32))
+    assert np.frombuffer(base64.b64decode(arrays[surface["elements"]]), "<u4").max() == family.mesh_size - 1
+
+
+def test_the_slider_of_the_page_turns_the_surface_in_a_browser(tmp_path: Path) -> None:
+    path = tmp_path / "catenoid.html"
+    morph(gallery.catenoid().surface, path)
+    with browser() as chromium, visit(chromium, path.as_uri(), ready=True) as opened:
+        page = opened.page
+        canvas = page.locator("canvas")
+        canvas.click()  # stops the turning
+        seen = []
+        for angle in (0, 90, 360):
+            page.locator("input[type=range]").evaluate(
+                "(slider, angle) => { slider.value = angle; slider.dispatchEvent(new Event('input')); }", angle
+            )
+            seen.append(canvas.screenshot())
+            assert page.locator("output").text_content() == f"{angle}°"
+        assert seen[0] == seen[2]
+        assert seen[0] != seen[1]
+        assert not opened.errors
+        assert not opened.foreign
+
+
+@pytest.mark.parametrize("name", ["catenoid.avi", "catenoid", "catenoid.gif.txt"])
+def test_an_unknown_format_is_refused_before_any_work(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(OptionError, match=re.escape(", ".join(SUFFIXES))):
+        morph(gallery.catenoid().surface, tmp_path / name)
+    assert main(["morph", "catenoid", "-o", str(tmp_path / name)]) == 2
+    assert "one of .gif, .html, .mp4" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_frames_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="at least one frame"):
+        morph(gallery.catenoid().surface, tmp_path / "a.gif", frames=0)
+
+
+def test_a_missing_encoder_is_named_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "imageio_ffmpeg" else object())
+    with pytest.raises(MissingPackageError, match=r"spinor-geom\[video\]"):
+        morph(gallery.catenoid().surface, tmp_path / "a.mp4")
+
+
+def test_the_command_takes_a_name_or_a_saved_surface(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    saved, first, second = tmp_path / "a.safetensors", tmp_path / "first.html", tmp_path / "second.html"
+    gallery.named_surface("enneper").save(saved)
+    assert main(["morph", "enneper", "-o", str(first)]) == 0
+    assert main(["morph", str(saved), "-o", str(second)]) == 0
+    views = [path.read_text(encoding="utf-8").split('id="arrays"')[1] for path in (first, second)]
+    assert views[0] == views[1]
+    assert main(["morph", "ennepers", "-o", str(first)]) == 2
+    assert "it has associate, catenoid" in capsys.readouterr().err
+    assert main(["morph", str(tmp_path / "none.safetensors"), "-o", str(first)]) == 2
+    assert "none.safetensors" in capsys.readouterr().err
+
+
+def test_a_surface_without_family_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    saved = tmp_path / "ring.safetensors"
+    catenoid_on_a_ring().save(saved)
+    assert main(["morph", str(saved), "-o", str(tmp_path / "ring.gif")]) == 2
+    said = capsys.readouterr().err
+    assert "no associate family" in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "ring.gif").exists()

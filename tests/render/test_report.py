@@ -1,0 +1,256 @@
+"""The page of a fill in a real browser: drawn, every switch seen, nothing fetched; and what it says."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import spinor_geom
+from spinor_geom.cli.main import main
+from spinor_geom.fill.result import FillResult
+from tests.browser import Visit, browser, visit
+from tests.fill.shapes import collar, figure_eight, tube
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def result() -> FillResult:
+    """Two rims, one of which bends, so that every field varies."""
+    vertices, faces = tube(32, 5)
+    angle = np.arctan2(vertices[:, 1], vertices[:, 0])
+    vertices = vertices + [0, 0, 1] * (0.4 * np.cos(2 * angle))[:, None]
+    return spinor_geom.fill_hole((vertices, faces), return_report=True)[1]
+
+
+@pytest.fixture(scope="module")
+def page(result: FillResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    spinor_geom.report(result, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    with browser() as started:
+        yield started
+
+
+@pytest.fixture
+def opened(chromium: Any, page: Path) -> Iterator[Visit]:
+    with visit(chromium, page.as_uri(), ready=True) as now:
+        yield now
+        assert now.errors == []
+        assert now.foreign == []
+
+
+def canvas(opened: Visit, number: int) -> np.ndarray:
+    """(height, width, 3) pixels of a view."""
+    from PIL import Image
+
+    opened.page.wait_for_timeout(50)
+    shot = opened.page.locator("canvas").nth(number).screenshot()
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
+
+
+def changed(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of the pixels that differ visibly."""
+    return float((np.abs(before - after).max(axis=-1) > 16).mean())
+
+
+def orange(image: np.ndarray) -> float:
+    red, green, blue = np.moveaxis(image, -1, 0)
+    return float(((red > 1.3 * green) & (green > 1.4 * blue) & (red > 100)).mean())
+
+
+def test_the_mesh_the_domain_and_the_gauss_map_are_drawn(opened: Visit) -> None:
+    assert opened.page.locator("canvas").count() == 3
+    for number in range(3):
+        image = canvas(opened, number)
+        assert orange(image) > 0.01
+        assert image.std() > 10
+    # the mesh itself is grey
+    image = canvas(opened, 0)
+    assert ((np.ptp(image, axis=-1) < 30) & (image.min(axis=-1) < 235)).mean() > 0.05
+
+
+@pytest.mark.parametrize("switch", ["wireframe", "conformal grid", "normals"])
+def test_each_switch_changes_the_picture_and_back(opened: Visit, switch: str) -> None:
+    before = canvas(opened, 0)
+    box = opened.page.get_by_label(switch, exact=True)
+    box.check()
+    assert changed(before, canvas(opened, 0)) > 0.002
+    box.uncheck()
+    assert changed(before, canvas(opened, 0)) == 0
+
+
+@pytest.mark.parametrize(
+    "colour", ["mean curvature |H| of the mesh", "distance to the discrete minimal surface", "Gauss curvature"]
+)
+def test_each_colour_shows_on_all_views_with_its_scale(opened: Visit, colour: str) -> None:
+    before = [canvas(opened, number) for number in range(3)]
+    bar = opened.page.locator("form output")
+    assert bar.inner_text() == ""
+    opened.page.get_by_label(colour, exact=True).check()
+    after = [canvas(opened, number) for number in range(3)]
+    assert all(changed(old, new) > 0.01 for old, new in zip(before, after, strict=True))
+    assert orange(after[0]) < 0.2 * orange(before[0])
+    # two numbers with units; the colours are not all one
+    assert len(re.findall(r"[\d.e-]+ (?:/ )?mesh unit", bar.inner_text())) == 2
+    assert len(np.unique(after[1].reshape(-1, 3) // 32, axis=0)) > 6
+
+
+def test_the_choice_of_a_loop_shows_its_domain_and_its_figures(opened: Visit) -> None:
+    before = [canvas(opened, number) for number in range(3)]
+    assert opened.page.locator("section:visible h2").all_inner_texts() == ["Loop 0"]
+    opened.page.select_option("select[name=loop]", "1")
+    assert opened.page.locator("section:visible h2").all_inner_texts() == ["Loop 1"]
+    assert all(changed(old, canvas(opened, number)) > 0.01 for number, old in enumerate(before))
+    assert opened.page.locator("section:visible img").count() == 4
+    assert opened.page.evaluate(
+        "[...document.querySelectorAll('section:not([hidden]) img')].every((i) => i.naturalWidth > 50)"
+    )
+
+
+def test_mouse_wheel_and_keys_turn_move_and_zoom(opened: Visit) -> None:
+    view = opened.page.locator("canvas").first
+    box = view.bounding_box()
+    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    start = seen = canvas(opened, 0)
+    opened.page.mouse.move(*middle)
+    opened.page.mouse.down()
+    opened.page.mouse.move(middle[0] + 60, middle[1] + 30)
+    opened.page.mouse.up()
+    for act in (
+        lambda: None,
+        lambda: opened.page.mouse.wheel(0, -200),
+        lambda: view.press("ArrowLeft"),
+        lambda: view.press("Shift+ArrowUp"),
+        lambda: view.press("+"),
+    ):
+        act()
+        now = canvas(opened, 0)
+        assert changed(seen, now) > 0.01
+        seen = now
+    view.press("0")
+    assert changed(start, canvas(opened, 0)) < 0.001
+
+
+def test_views_have_rulers_and_names_for_those_who_do_not_see(opened: Visit) -> None:
+    rulers = opened.page.locator(".ruler").all_inner_texts()
+    assert len(rulers) == 2
+    assert all(f"{float(text.split()[0]):e}"[0] in "125" for text in rulers)
+    assert "mesh units" in rulers[0]
+    labels = [view.get_attribute("aria-label") for view in opened.page.locator("canvas").all()]
+    assert all("arrow keys" in label for label in labels)
+
+
+def test_the_ruler_tells_the_true_length(opened: Visit) -> None:
+    width = opened.page.locator(".ruler i").nth(1).bounding_box()["width"]
+    length = float(opened.page.locator(".ruler span").nth(1).inner_text().split()[0])
+    image = canvas(opened, 1)
+    upper = image[: len(image) * 3 // 5]  # without the ruler
+    wide = np.flatnonzero((upper.min(axis=-1) < 200)[:, 3:-3].any(axis=0))
+    drawn = (wide.max() - wide.min()) / width * length
+    assert drawn == pytest.approx(domain_width(opened), rel=0.05)
+
+
+def domain_width(opened: Visit) -> float:
+    """The width of the domain's own points, as the page holds them."""
+    return float(
+        opened.page.evaluate(
+            """() => { const view = JSON.parse(document.getElementById("views").textContent)[1];
+            const arrays = JSON.parse(document.getElementById("arrays").textContent);
+            const text = atob(arrays[view.layers[0].vertices]), bytes = Uint8Array.from(text, (c) => c.charCodeAt(0));
+            const x = [...new Float32Array(bytes.buffer)].filter((_, k) => k % 3 === 0);
+            return Math.max(...x) - Math.min(...x); }"""
+        )
+    )
+
+
+def test_dark_and_light_pages_have_readable_text(chromium: Any, page: Path) -> None:
+    with visit(chromium, page.as_uri(), ready=True) as now:
+        for scheme, dark in (("dark", True), ("light", False)):
+            now.page.emulate_media(color_scheme=scheme)
+            colours = now.page.evaluate(
+                "(() => { const s = getComputedStyle(document.body); return [s.color, s.backgroundColor]; })()"
+            )
+            text, paper = (np.mean([float(x) for x in re.findall(r"\d+", colour)[:3]]) for colour in colours)
+            assert (paper < 60) == dark
+            assert abs(text - paper) > 150
+            assert (canvas(now, 0)[2, 2].mean() < 60) == dark
+
+
+def test_the_page_says_what_was_refused() -> None:
+    _, result = spinor_geom.fill_hole(collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])), return_report=True)
+    text = spinor_geom.report(result)
+    assert "0 of 2 loops filled" in text
+    assert text.count("crosses or touches itself") >= 2
+    assert text.count("<canvas") == 0  # made by the script
+    assert "<section" not in text
+
+
+def test_a_closed_mesh_has_a_page(result: FillResult, chromium: Any, tmp_path: Path) -> None:
+    closed = spinor_geom.fill_hole(result.mesh, return_report=True)[1]
+    spinor_geom.report(closed, tmp_path / "closed.html")
+    with visit(chromium, (tmp_path / "closed.html").as_uri(), ready=True) as now:
+        assert "no boundary loops" in now.page.inner_text("body")
+        assert canvas(now, 0).std() > 10
+        assert now.errors == []
+
+
+def test_the_figures_are_those_of_the_report(result: FillResult) -> None:
+    text = spinor_geom.report(result)
+    assert "of the surface, measured" not in text
+    for outcome in result.loops:
+        assert outcome.solution is not None
+        assert f"<td>{outcome.solution.area:.6g}</td>" in text
+        assert f"<td>{outcome.solution.boundary_residual.rms_per_edge:.6g}</td>" in text
+        for step in outcome.solution.history:
+            assert f"loop {outcome.index}, {step.method}" in text
+    assert not re.search(r'(?:src|href)="(?!data:|#)', text)
+    assert "http" not in re.sub(
+        r'xmlns[^"]*"[^"]*"|"https?://www.w3.org/[^"]*"|<metadata>.*?</metadata>', "", text, flags=re.DOTALL
+    )
+
+
+def test_the_command_writes_the_page_with_comparisons(tmp_path: Path) -> None:
+    vertices, faces = tube(16, 3)
+    mesh = tmp_path / "tube.obj"
+    mesh.write_text(
+        "".join(f"v {x} {y} {z}\n" for x, y, z in vertices) + "".join(f"f {a} {b} {c}\n" for a, b, c in faces + 1)
+    )
+    target = tmp_path / "new" / "report.html"
+    assert main(["fill", str(mesh), "-o", str(tmp_path / "o.obj"), "--compare", "--html", str(target)]) == 0
+    text = target.read_text(encoding="utf-8")
+    assert "comparison: exact curvature: max" in text
+    assert "mean curvature |H| of the surface, measured" in text
+    assert sorted(path.name for path in target.parent.iterdir()) == ["report.html"]
+
+
+def test_the_command_asks_for_matplotlib_before_it_works(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main(["fill", "no.obj", "-o", str(tmp_path / "o.obj"), "--html", str(tmp_path / "p.html")]) == 2
+    assert "matplotlib is not installed" in capsys.readouterr().err
+
+
+def test_a_large_mesh_is_shown_near_its_loops(result: FillResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("spinor_geom.render.loop_views.MOST_FACES", 60)
+    left_out = len(result.original.faces) - 60
+    assert f"{left_out} triangles of the mesh that are far from its loops are not shown" in spinor_geom.report(result)
+
+
+def test_the_page_of_a_scan_is_small(tmp_path: Path) -> None:
+    _, scan = spinor_geom.fill_hole(ROOT / "data" / "mountain.obj", [], return_report=True)
+    path = tmp_path / "mountain.html"
+    spinor_geom.report(scan, path)
+    assert os.path.getsize(path) < 5_000_000

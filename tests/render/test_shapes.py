@@ -1,0 +1,146 @@
+"""Surfaces and meshes as objects of other libraries, as glTF, and in a notebook."""
+
+from __future__ import annotations
+
+import html
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+import spinor_geom
+from spinor_geom import gallery
+from spinor_geom.errors import MeshFileError
+from spinor_geom.fill.result import FillResult
+from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.render import shapes
+from spinor_geom.render.colours import VIRIDIS
+from tests.browser import browser, visit
+from tests.fill.shapes import tube
+
+
+@pytest.fixture(scope="module")
+def enneper() -> PlateauSolution:
+    return spinor_geom.solve_plateau(gallery.enneper(0.8).rim(48))
+
+
+@pytest.fixture(scope="module")
+def filled() -> FillResult:
+    return spinor_geom.fill_hole(TriangleMesh(*tube()), return_report=True)[1]
+
+
+def sphere() -> TriangleMesh:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=2.0)
+    return TriangleMesh(
+        np.asarray(ball.vertices), np.asarray(ball.faces), vertex_attributes={"heat": ball.vertices[:, :1]}
+    )
+
+
+def test_a_surface_as_pyvista_has_the_exact_curvature_at_its_vertices(enneper: PlateauSolution) -> None:
+    mesh = enneper.surface.to_pyvista()
+    assert 2000 < mesh.n_points < 8000
+    assert mesh.area == pytest.approx(enneper.area, rel=1e-3)
+    # Enneper's surface: K = −4/(1 + |z|²)⁴, so −4 in the middle, the least of all
+    assert mesh.point_data["gauss_curvature"].min() == pytest.approx(-4, rel=1e-2)
+    np.testing.assert_allclose(np.linalg.norm(mesh.point_data["normal"], axis=1), 1, rtol=1e-12)
+    # the faces run about the normals
+    mesh = mesh.compute_normals(point_normals=False, consistent_normals=False, auto_orient_normals=False)
+    corner = np.asarray(mesh.regular_faces)[:, 0]
+    assert (np.sum(mesh.cell_data["Normals"] * mesh.point_data["normal"][corner], axis=1) > 0.9).all()
+
+
+def test_a_mesh_as_pyvista_has_mean_curvature_and_its_own_attributes() -> None:
+    mesh = sphere().to_pyvista()
+    np.testing.assert_allclose(mesh.point_data["mean_curvature"], 0.5, rtol=0.05)
+    np.testing.assert_array_equal(np.ravel(mesh.point_data["heat"]), sphere().vertices[:, 0])
+
+
+def test_trimesh_and_tensors_have_the_same_vertices_and_faces(enneper: PlateauSolution) -> None:
+    patch = spinor_geom.mesh_patch(enneper)
+    made = patch.to_trimesh()
+    np.testing.assert_array_equal(made.vertices, patch.vertices)
+    np.testing.assert_array_equal(made.faces, patch.faces)
+    vertices, faces = patch.to_torch()
+    assert (vertices.dtype, faces.dtype) == (torch.float64, torch.int64)
+    np.testing.assert_array_equal(vertices.numpy(), patch.vertices)
+    assert torch.equal(enneper.to_torch()[1], faces)
+    np.testing.assert_allclose(enneper.to_trimesh().vertex_normals, enneper.surface.normal(patch.points), atol=1e-9)
+
+
+def test_a_filled_mesh_converts_closed(filled: FillResult) -> None:
+    made = filled.to_trimesh()
+    assert made.is_watertight
+    assert len(made.faces) == len(filled.original.faces) + len(filled.extension.faces)
+
+
+def test_gltf_has_curvature_as_colours(enneper: PlateauSolution, tmp_path: Path) -> None:
+    enneper.to_gltf(tmp_path / "enneper.glb")
+    patch = spinor_geom.mesh_patch(enneper)
+    (read,) = trimesh.load(tmp_path / "enneper.glb").geometry.values()
+    np.testing.assert_allclose(read.vertices, patch.vertices, atol=1e-6)
+    np.testing.assert_allclose(read.visual.vertex_colors[:, 3], 255)
+    # from violet in the middle, where K is least, to yellow at the rim; linear in the file
+    curvature = enneper.surface.gauss_curvature(patch.points)
+    srgb = 255 * (read.visual.vertex_colors[:, :3] / 255.0) ** (1 / 2.2)
+    for at, stop in ((curvature.argmin(), VIRIDIS[0]), (curvature.argmax(), VIRIDIS[-1])):
+        wanted = [int(stop[k : k + 2], 16) for k in (1, 3, 5)]
+        np.testing.assert_allclose(srgb[at], wanted, atol=20)
+
+
+def test_a_flat_mesh_without_inner_vertices_is_grey(tmp_path: Path) -> None:
+    TriangleMesh(np.eye(3), [[0, 1, 2]]).to_gltf(tmp_path / "one.glb")
+    (read,) = trimesh.load(tmp_path / "one.glb").geometry.values()
+    assert (np.ptp(read.visual.vertex_colors[:, :3], axis=1) == 0).all()
+
+
+def test_another_suffix_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MeshFileError, match=r"\.glb"):
+        sphere().to_gltf(tmp_path / "sphere.obj")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
+    enneper: PlateauSolution, filled: FillResult, tmp_path: Path
+) -> None:
+    shown = {"surface": enneper.surface, "solution": enneper, "fill": filled, "mesh": filled.original}
+    frames = {name: one._repr_html_() for name, one in shown.items()}
+    page = tmp_path / "notebook.html"
+    page.write_text("<!doctype html><meta charset=utf-8>" + "".join(frames.values()), encoding="utf-8")
+    with browser() as chromium, visit(chromium, page.as_uri()) as opened:
+        for number, (frame, name) in enumerate(zip(opened.page.frames[1:], shown, strict=True)):
+            opened.page.locator("iframe").nth(number).scroll_into_view_if_needed()
+            frame.wait_for_function("document.title.startsWith('ready: ')", timeout=60_000)
+            assert type(shown[name]).__name__ in frame.title()
+            box = frame.locator("canvas").bounding_box()
+            assert box["width"] > 300
+            drawn = frame.wait_for_function(
+                """() => { const gl = document.querySelector("canvas").getContext("webgl");
+                const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight], p = new Uint8Array(4 * w * h);
+                gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p);
+                return new Set(new Uint32Array(p.buffer)).size > 100; }""",  # colours
+                timeout=10_000,
+            )
+            assert drawn.json_value()
+        assert opened.errors == []
+        assert opened.foreign == []
+
+
+def test_names_are_escaped_twice_and_large_meshes_are_told_in_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    shape = shapes.shape_of(sphere())
+    frame = shapes.framed(shape, title='a"<b>')
+    (inner,) = re.findall(r'srcdoc="([^"]*)"', frame)
+    assert "<title>a&quot;&lt;b&gt;: 642 vertices" in html.unescape(inner)
+    monkeypatch.setattr(shapes, "MOST_FACES", 100)
+    assert "to_pyvista()" in sphere()._repr_html_()
+    assert "<iframe" not in sphere()._repr_html_()
+
+
+def test_rims_are_the_open_edges(filled: FillResult) -> None:
+    assert len(shapes.shape_of(filled).rims) == 0
+    mesh = filled.original
+    np.testing.assert_array_equal(shapes.shape_of(mesh).rims, boundary_edges(mesh.faces))
