@@ -58,6 +58,19 @@ class ClosedCurve:
     second_derivative: CurveFunction
     corners: tuple[float, ...] = ()
 
+    def reversed(self) -> ClosedCurve:
+        """The same curve run the other way, from the same point."""
+
+        def turned(function: CurveFunction, sign: float) -> CurveFunction:
+            return lambda s: sign * function(np.mod(-np.asarray(s), 1.0))
+
+        return ClosedCurve(
+            point=turned(self.point, 1.0),
+            derivative=turned(self.derivative, -1.0),
+            second_derivative=turned(self.second_derivative, 1.0),
+            corners=tuple(sorted((-corner) % 1.0 for corner in self.corners)),
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryCurve:
