@@ -230,6 +230,17 @@ class LoopsMeetError(LoopError):
         )
 
 
+class TwistedRimsError(LoopError):
+    """Two rims of a mesh run such that a surface between them would join the inside to the outside."""
+
+    def __init__(self, *, loops: Sequence[int]) -> None:
+        super().__init__(
+            f"the rims of loops {tuple(loops)} run the same way around, so that a bridge would join the outside of one "
+            "to the inside of the other; turn the faces of one piece over",
+            loops=tuple(loops),
+        )
+
+
 class NoAreaError(LoopError):
     """The loop encloses nothing: its points lie on a line, or its sides on each other."""
 

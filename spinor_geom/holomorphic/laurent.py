@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Complex
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.errors import DtypeError, OptionError
@@ -80,7 +81,7 @@ class LaurentSeries(torch.nn.Module):
     def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
         """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ), Laurent series too, with the residues' logarithms."""
         u, v = z / self.outer, self.inner / z
-        outward, inward = self._products()
+        outward, inward = self.products()
         k = torch.arange(1, max(len(outward), len(inward)) + 1, device=z.device, dtype=z.real.dtype)[:, None]
         ahead = u[..., None] * power_sums(u, outward * (self.outer / k[: len(outward)]))
         back = v[..., None] * power_sums(v, -inward[1:] * (self.inner / k[: len(inward) - 1]))
@@ -88,7 +89,7 @@ class LaurentSeries(torch.nn.Module):
 
     def residues(self) -> Complex[Tensor, "3"]:
         """Coefficients of 1/z in p², q² and pq: their integrals around the annulus over 2πi."""
-        return self.inner * self._products()[1][0]
+        return self.inner * self.products()[1][0]
 
     def config(self) -> dict[str, Any]:
         """Numbers of terms, radii and periodicity."""
@@ -115,17 +116,18 @@ class LaurentSeries(torch.nn.Module):
     def _root(self, u: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
         return torch.sqrt(u) if self.antiperiodic else torch.ones_like(u)
 
-    def _products(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "l 3"]]:
-        """Coefficients, as those of p and q, of the series p², q² and pq, which have no root.
+    def products(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "l 3"]]:
+        """Coefficients a_k and b_k of the series p², q² and pq, which have no root, antiperiodic or not.
 
         On each of the two circles the products are Fourier series: the outer one's frequencies k ≥ 0 are the a_k, the
         inner one's k < 0 the b_k.
         """
         k, j = len(self.outward), len(self.inward)
-        n = 2 * (k + j + 1)
+        n = next_fast_len(2 * (k + j + 1))
         ratio = self.inner / self.outer
         fading = ratio ** torch.arange(max(k, j + 1), device=self.outward.device, dtype=self.outward.real.dtype)
-        circle = torch.fft.ifft(torch.eye(n, dtype=self.outward.dtype, device=self.outward.device)[1]) * n
+        angle = torch.arange(n, device=self.outward.device, dtype=self.outward.real.dtype) * (2 * torch.pi / n)
+        circle = torch.polar(torch.ones_like(angle), angle)
         parts = []
         for ahead, back, u in (
             (self.outward, self.inward * fading[1 : j + 1, None], circle),

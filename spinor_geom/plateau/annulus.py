@@ -9,11 +9,12 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError, SurfaceError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.mesh.curve import DEGREES, BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between
 from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
 from spinor_geom.plateau.clock import Clock
@@ -27,8 +28,16 @@ from spinor_geom.plateau.stability import assess_stability
 from spinor_geom.plateau.task import Options, Task, require_simple, sampled_formula
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Nodes on each rim where an annulus is sought, and most.
-_COARSE_NODES, _MOST_NODES = 64, 1024
+# Nodes on each rim where an annulus is sought, most for which matrices are factored, most of all, and most an edge.
+_COARSE_NODES, _DENSE_NODES, _MOST_NODES, _MOST_PER_EDGE = 64, 256, 1 << 15, 200
+# Nodes for each edge of rough rims to begin with, and how many times more come next.
+_PER_EDGE, _MORE_NODES = 6, 2
+# Turning angle, exceeded by one point in ten, from which a loop counts as rough; the smooth curves that lead to it:
+# their width at first, in points, and how many they are.
+_ROUGH_TURN, _SMOOTHING, _AVERAGES, _DEFORMATIONS = np.radians(12.0), 2.0, 2, 4
+# Of rough rims: gradient to stop at, as a share of the distance allowed in edges; fall of the energy that is none, as a
+# share of that of waves of that height; steps of one solve.
+_FINE_ROUGH, _NEGLIGIBLE, _MOST_STEPS = 3e-2, 1e-3, 60
 # While so many nodes or fewer are enough, the distance is brought to this share of what is asked for.
 _CHEAP_NODES, _WELL_BELOW = 256, 1e-3
 # The other direction of the second loop is tried too if its start has at most so many times the energy.
@@ -164,11 +173,28 @@ class AnnulusTask:
         starts = [problem.start(_COARSE_NODES) for problem in problems]
         return tuple((start, problem.energy(*start)) for problem, start in zip(problems, starts, strict=True))
 
-    def _problem(self, reverse: bool) -> AnnulusProblem:
-        first, second = (
-            CurveTensors.of(curve, self.options.device) for curve in (self.curves[0], self.curves[1 + reverse])
+    @cached_property
+    def _way(self) -> tuple[tuple[BoundaryCurve, BoundaryCurve, BoundaryCurve], ...]:
+        """Curves that lead to those of the loops: these alone, or for rough loops from smooth ones on.
+
+        Newton's method finds its way through many sharp bends only if they grow on it.
+        """
+        if not self._is_rough:
+            return (self.curves,)
+        ways = [_grown(curve, len(loop)) for curve, loop in zip(self.curves, self.loops, strict=True)]
+        return tuple(zip(*ways, strict=True))
+
+    @cached_property
+    def _is_rough(self) -> bool:
+        return any(
+            curve.degree == min(DEGREES)
+            and np.quantile(turning_angles(loop.points), 0.9) - 3 * np.pi / len(loop) > _ROUGH_TURN
+            for curve, loop in zip(self.curves, self.loops, strict=True)
         )
-        return AnnulusProblem(curves=(first, second), on_step=self._heard)
+
+    def _problem(self, reverse: bool, step: int = 0) -> AnnulusProblem:
+        first, *others = (CurveTensors.of(curve, self.options.device) for curve in self._way[step])
+        return AnnulusProblem(curves=(first, others[reverse]), on_step=self._heard)
 
     def _heard(self, gradient: float) -> None:
         step = Iteration(index=len(self.history) + 1, method="Douglas-Newton", residual=gradient)
@@ -207,10 +233,10 @@ class AnnulusTask:
 
     def _solution(self, reverse: bool, annulus: HarmonicAnnulus) -> PlateauSolution:
         """The annulus with as many nodes as the tolerance asks for, or as help."""
-        problem = self._problem(reverse)
+        problem = self._problem(reverse, -1)
         best: tuple[AnnularLift, HarmonicAnnulus] | None = None
         error, limit, vain = SurfaceError("no minimal annulus was found"), "more nodes on the rims do not help", 0
-        for finer in self._finer(problem, annulus):
+        for finer in self._finer(reverse, annulus):
             goal = self._goal(finer)
             with self.clock.stage("lift"):
                 try:
@@ -224,7 +250,7 @@ class AnnulusTask:
             if best[0].rms <= goal or vain == _PATIENCE:
                 break
         else:
-            limit = f"{_MOST_NODES} nodes on each rim are the most that are tried"
+            limit = f"{self._most_nodes} nodes on each rim are the most that are tried"
         if best is None:
             raise error
         return self._told(self._found(*best, reverse=reverse, limit=limit))
@@ -241,21 +267,46 @@ class AnnulusTask:
         loops = self.loops[:2]
         return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
 
-    def _finer(self, problem: AnnulusProblem, annulus: HarmonicAnnulus) -> Iterator[HarmonicAnnulus]:
-        """The annulus, and with twice as many nodes again and again."""
-        stable = problem.index(annulus) == 0
+    @property
+    def _most_nodes(self) -> int:
+        return min(_MOST_NODES, max(_DENSE_NODES, _MOST_PER_EDGE * max(map(len, self.loops))))
+
+    def _finer(self, reverse: bool, annulus: HarmonicAnnulus) -> Iterator[HarmonicAnnulus]:
+        """The annulus over the loops' own curves, and with more and more nodes."""
+        problem = self._problem(reverse, -1)
+        stable = self._problem(reverse).index(annulus) == 0
+        if self._is_rough:
+            n = _even(_PER_EDGE * max(map(len, self.loops)))
+            with self.clock.stage("slides"):
+                for step in range(1, len(self._way)):
+                    annulus = self._settled(self._problem(reverse, step), annulus, n, near=False)
         while True:
             yield annulus
-            n = 2 * annulus.slides.shape[1]
-            if n > _MOST_NODES:
+            n = _even(_MORE_NODES * annulus.slides.shape[1])
+            if n > self._most_nodes:
                 return
             with self.clock.stage("slides"):
+                if stable and n > _DENSE_NODES:
+                    annulus = self._settled(problem, annulus, n, near=not self._is_rough)
+                    continue
                 finer: HarmonicAnnulus | None = problem.refined(annulus, n)
                 if stable and finer is not None and finer.gradient > _POOR:
                     finer = problem.descended(finer.slides, annulus.log_modulus, tolerance=_FOUND)
             if finer is None:
                 return
             annulus = finer
+
+    def _settled(self, problem: AnnulusProblem, annulus: HarmonicAnnulus, n: int, *, near: bool) -> HarmonicAnnulus:
+        allowed = self.options.tolerance * self._mean_edge / self.scale
+        edges = max(map(len, self.loops))
+        return problem.settled(
+            annulus,
+            n,
+            tolerance=_FINE_ROUGH * self.options.tolerance if self._is_rough else _FOUND,
+            max_steps=max(0, min(_MOST_STEPS, self.options.max_iterations - len(self.history))),
+            near=near,
+            negligible=_NEGLIGIBLE * 2 * math.pi * edges * allowed**2 if self._is_rough else 0.0,
+        )
 
     def _found(self, lift: AnnularLift, annulus: HarmonicAnnulus, *, reverse: bool, limit: str) -> FoundAnnulus:
         with self.clock.stage("surface"):
@@ -329,6 +380,21 @@ class AnnulusTask:
             )
             for number, boundary, matching in zip(found.order, surface.domain.boundaries, found.matchings, strict=True)
         )
+
+
+def _grown(curve: BoundaryCurve, points: int) -> list[BoundaryCurve]:
+    """Curves from a smooth average to a rough one."""
+    widths = np.geomspace(_SMOOTHING / min(points, _COARSE_NODES // 2), _SMOOTHING / points, _AVERAGES)
+    averages = [curve.smoothed(width) for width in widths]
+    return [
+        *averages,
+        *(averages[-1].towards(curve, share) for share in np.arange(1, _DEFORMATIONS + 1) / _DEFORMATIONS),
+    ]
+
+
+def _even(nodes: float) -> int:
+    """An even number of nodes, not smaller, that is fast to transform."""
+    return 2 * next_fast_len(math.ceil(nodes / 2))
 
 
 def _sampled(given: BoundaryLoop | ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve | None]:

@@ -40,6 +40,10 @@ _GAIN = 0.5
 _NARROW, _MOST_HALVINGS = 1e-6, 60
 # Curvatures of the energy below this share of the largest count as none.
 _FLAT = 1e-12
+# Conjugate gradients: steps, and curvatures that count as none, of the metric and of the energy by log m.
+_MOST_CG_STEPS, _FLAT_STEP, _FLAT_MODULUS = 60, 1e-6, 1e-3
+# Energies among whose highest a step may end, halvings of a step, and reflections that are left away.
+_REMEMBERED, _MOST_HALVINGS_OF_A_STEP, _LEAST_REFLECTION = 6, 12, 1e-3
 _GOLDEN = (math.sqrt(5) - 1) / 2
 
 
@@ -198,6 +202,103 @@ class AnnulusProblem:
         slides = torch.stack([resampled(slide, n) for slide in annulus.slides])
         return self.critical(self._told(self._at(slides, annulus.log_modulus)))
 
+    def settled(
+        self, annulus: HarmonicAnnulus, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0
+    ) -> HarmonicAnnulus:
+        """The annulus of less energy with n nodes on each rim, by conjugate gradients: for rims that take many nodes.
+
+        Newton's directions are found to a share of the gradient, by fast Fourier transforms alone. Where a rim bends
+        towards the inside the energy's second derivative is negative there; far from a solution it is taken with the
+        opposite sign, as in `minimise_dirichlet_energies`, so that many rough places do not hold each other up.
+
+        Args:
+            annulus: start.
+            n: nodes.
+            tolerance: of gradient and slope.
+            max_steps: limit on steps.
+            near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
+            negligible: fall of the energy over several steps at which to stop.
+        """
+        here = self._at(torch.stack([resampled(slide, n) for slide in annulus.slides]), annulus.log_modulus)
+        reflection = 0.0 if near else 1.0
+        energies = [here.energy]
+        for _ in range(max_steps):
+            if self.on_step is not None:
+                self.on_step(here.size)
+            fall = energies[max(0, len(energies) - _REMEMBERED)] - energies[-1]
+            stays = len(energies) > _REMEMBERED and fall * 2 * math.pi / n < negligible
+            if here.size <= tolerance or stays:
+                break
+            direction, downwards = self._inexact_direction(here, reflection)
+            there, halvings = here, 0
+            while halvings < _MOST_HALVINGS_OF_A_STEP:
+                there = self._stepped(here, direction * 0.5**halvings)
+                if there.energy <= max(energies[-_REMEMBERED:]) * (1 + _SAME_ENERGY):
+                    break
+                halvings += 1
+            else:
+                if reflection >= 1:
+                    break
+                reflection = 1.0
+                continue
+            here = there
+            energies.append(here.energy)
+            if halvings or downwards:
+                reflection = min(1.0, max(4 * reflection, 0.01))
+            else:
+                reflection = reflection / 4 if reflection > _LEAST_REFLECTION else 0.0
+        return self._told(here)
+
+    def _inexact_direction(self, here: _Point, reflection: float) -> tuple[Float[Tensor, " k"], bool]:
+        """A direction by conjugate gradients on the Hessian, and whether they met one in which it falls."""
+        shape, n = here.slides.shape, here.slides.shape[1]
+        bends = here.bends + 2 * reflection * (-here.bends).clamp(min=0)
+        first = CylinderForm.of(here.log_modulus, here.points, order=1)(here.points)
+        second = CylinderForm.of(here.log_modulus, here.points, order=2)(here.points)
+        mixed = (first * here.unit).sum(-1).flatten()
+        corner = (0.5 * (here.points * second).sum()).clamp(min=_FLAT_MODULUS * here.energy)
+        rotation = self._rotation(here)
+        stiffness = float(here.form.own.mean())
+        symbol = 1 / (torch.arange(n // 2 + 1, dtype=mixed.dtype, device=mixed.device) + 0.5)
+
+        def hessian(x: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
+            u = x[:-1].reshape(shape)
+            image = (here.unit * here.form(here.unit * u[..., None])).sum(-1) + bends * u
+            slides = image.flatten() + stiffness * (rotation @ x[:-1]) * rotation + mixed * x[-1]
+            image = torch.cat([slides, (mixed @ x[:-1] + corner * x[-1])[None]])
+            return image
+
+        def precondition(x: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
+            smooth = torch.fft.irfft(torch.fft.rfft(x[:-1].reshape(shape)) * symbol, n=n)
+            scaled: Tensor = torch.cat([smooth.flatten(), (x[-1] / corner)[None]])
+            return scaled
+
+        rest = -self._gradient(here)
+        x, z = torch.zeros_like(rest), precondition(rest)
+        along, metric, size = z, rest, rest @ z
+        enough = min(0.1, math.sqrt(here.size)) ** 2 * size
+        for step in range(_MOST_CG_STEPS):
+            image = hessian(along)
+            curvature = along @ image
+            if curvature <= _FLAT_STEP * (along @ metric):
+                return (z if step == 0 else x), True
+            length = size / curvature
+            x, rest = x + length * along, rest - length * image
+            z = precondition(rest)
+            before, size = size, rest @ z
+            if size < enough:
+                break
+            along, metric = z + size / before * along, rest + size / before * metric
+        return x, False
+
+    @staticmethod
+    def _rotation(here: _Point) -> Float[Tensor, " k"]:
+        """What a rotation of the cylinder moves, by arc length: one rim ahead, the other back."""
+        steps = torch.diff(here.slides, append=here.slides[:, :1] + 1)
+        rotation: Tensor = here.speed * (steps + steps.roll(1, -1)) * steps.new_tensor([[1.0], [-1.0]])
+        direction: Tensor = rotation.flatten() / rotation.norm()
+        return direction
+
     def all_critical(self, n: int) -> tuple[HarmonicAnnulus, ...]:
         """All annuli that a grid of moduli shows as zeros of dE*/d log m, by modulus; none where E* only falls."""
         found: list[HarmonicAnnulus] = []
@@ -289,10 +390,7 @@ class AnnulusProblem:
         unit = here.unit.reshape(-1, 3)
         hessian = (unit @ unit.T) * here.form.matrix()
         hessian.diagonal().add_(here.bends.flatten())
-        # what a rotation moves: one rim ahead, the other back
-        steps = torch.diff(here.slides, append=here.slides[:, :1] + 1)
-        rotation = here.speed * (steps + steps.roll(1, -1)) * steps.new_tensor([[1.0], [-1.0]])
-        rotation = rotation.flatten() / rotation.norm()
+        rotation = self._rotation(here)
         hessian += float(here.form.own.mean()) * torch.outer(rotation, rotation)
         if fixed:
             return hessian

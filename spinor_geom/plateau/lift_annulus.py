@@ -17,7 +17,7 @@ from spinor_geom.plateau.douglas import resampled
 from spinor_geom.plateau.douglas_annulus import HarmonicAnnulus
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import passed_over, projected
-from spinor_geom.surface.formulas import null_vector, phi
+from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -217,14 +217,11 @@ def _placed(
 ) -> tuple[AnnularLift, Float[Tensor, "2 m 3"]]:
     """The surface as near to the curves as its constant can bring it, and what it is off them."""
     m = _EACH * slides.shape[1]
-    angle = 2 * np.pi * torch.arange(m, dtype=slides.dtype, device=slides.device) / m
-    turn = torch.polar(torch.ones_like(angle), angle)
-    circles = torch.stack([turn, model.inner * turn.conj()])
     fine = torch.stack([resampled(slide, m) for slide in slides])
     steps = torch.diff(fine, append=fine[:, :1] + 1)
     speed = torch.stack([curve.point_and_derivative(s)[1].norm(dim=-1) for curve, s in zip(curves, fine, strict=True)])
     weights = (steps + steps.roll(1, -1)) / 2 * speed
-    r = _positions(model, circles.flatten()).reshape(2, m, 3)
+    r, velocity = _on_circles(model, m)
     shift = r.new_zeros(3)
     for _ in range(_CONSTANT_STEPS):
         error = r + shift - _points(curves, fine)
@@ -236,11 +233,7 @@ def _placed(
         mean = float(((weights * error.square().sum(-1)).sum() / weights.sum()).sqrt())
         if float(move.norm()) < _STILL * mean:
             break
-    with torch.no_grad():
-        p, q = model.value(circles).unbind(-1)
-        # dz = ±iz dθ with the rims run as they are
-        velocity = phi(p, q) * (2j * np.pi * circles * circles.real.new_tensor([[1.0], [-1.0]]))[..., None]
-        period = float((2 * np.pi * null_vector(*model.residues()).imag).norm())
+    period = float((2 * np.pi * null_vector(*model.residues().detach()).imag).norm())
     rims = []
     for rim, slide, off, weight, curve in zip(r + shift, fine, error, weights, curves, strict=True):
         passed = passed_over(rim, slide, off, curve)
@@ -250,6 +243,32 @@ def _placed(
         rims.append(RimLift(r=rim, slide=slide, weights=weight, rms=mean_square**0.5, max=largest))
     area = 0.5 * float(((r + shift) * velocity.imag).sum()) / m
     return AnnularLift(model=model, shift=shift, rims=(rims[0], rims[1]), area=area, period=period), error
+
+
+def _on_circles(model: LaurentSeries, m: int) -> tuple[Float[Tensor, "2 m 3"], Complex[Tensor, "2 m 3"]]:
+    """Re ∫ φ dz and φ dz/dt at m equal steps of both boundaries, by the Fourier series that φ has on circles."""
+    with torch.no_grad():
+        outward, inward = model.products()
+    k = torch.arange(1, max(len(outward), len(inward)) + 1, dtype=outward.real.dtype, device=outward.device)[:, None]
+    j, i = len(outward), len(inward)
+    radius = model.inner / model.outer
+    positions, velocities = [], []
+    for ratio_out, ratio_in, size in ((1.0, radius, model.outer), (radius, 1.0, model.inner)):
+        # z·(coefficient of z^k): frequencies 1 … K, then 0 with the residue, then the negative ones
+        ahead = size * ratio_out ** (k[:j] - 1) * outward
+        back = size * ratio_in ** k[:i] * inward
+        velocity, primitive = (ahead.new_zeros(m, 3) for _ in range(2))
+        velocity[1 : j + 1], velocity[0] = ahead, back[0]
+        primitive[1 : j + 1] = ahead / k[:j]
+        primitive[0] = math.log(size / model.outer) * back[0]
+        if i > 1:
+            velocity[-(i - 1) :] = back[1:].flip(0)
+            primitive[-(i - 1) :] = -(back[1:] / k[: i - 1]).flip(0)
+        velocities.append(2j * np.pi * null_vector(*(torch.fft.ifft(velocity, dim=0) * m).unbind(-1)))
+        positions.append(null_vector(*(torch.fft.ifft(primitive, dim=0) * m).unbind(-1)).real)
+    # the inner circle is run clockwise
+    turned = [torch.roll(part[1].flip(0), 1, 0) for part in (positions, velocities)]
+    return torch.stack([positions[0], turned[0]]), torch.stack([velocities[0], -turned[1]])
 
 
 def _points(curves: tuple[CurveTensors, CurveTensors], slides: Float[Tensor, "2 m"]) -> Float[Tensor, "2 m 3"]:
