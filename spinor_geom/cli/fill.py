@@ -98,7 +98,7 @@ def add_comparisons(report: dict[str, Any], result: FillResult, edge_length: flo
     from spinor_geom.comparison import compare
 
     for outcome, entry in zip(result.loops, report["loops"], strict=True):
-        if not outcome.filled or outcome.solution is None or outcome.joined_to is not None:
+        if not outcome.filled or outcome.solution is None or not outcome.faces_added:
             continue
         try:
             comparison = compare(outcome.solution, target_edge_length=edge_length)

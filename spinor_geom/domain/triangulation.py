@@ -177,6 +177,8 @@ def triangulate_polygon(
         _require_polygon(polygon, clockwise=number > 0)
     rims = tuple(map(len, polygons))
     boundary, m, hole_sizes = np.concatenate(polygons), sum(rims), rims[1:]
+    if sum(map(_area, polygons)) <= 0:
+        raise DomainError("a hole is not inside the polygon", vertices=m)
     if m == 3:
         return PlaneTriangulation(points=boundary, faces=np.array([[0, 1, 2]]), boundary_size=3)
     # at unit size about the origin a polygon is the same wherever and however large it is given
@@ -219,11 +221,15 @@ def _require_polygon(polygon: Complex[np.ndarray, " m"], *, clockwise: bool) -> 
     m, name = len(polygon), "a hole" if clockwise else "the polygon"
     if m < 3 or not np.isfinite(polygon).all():
         raise DomainError(f"{name} needs at least 3 finite vertices, got {m}", vertices=m)
-    area = 0.5 * (np.conj(polygon) * np.roll(polygon, -1)).imag.sum()
+    area = _area(polygon)
     if clockwise and area >= 0:
         raise DomainError("a hole runs counter-clockwise or has no area; give it clockwise", vertices=m)
     if not clockwise and area <= 0:
         raise DomainError("the polygon runs clockwise or has no area; give it counter-clockwise", vertices=m)
+
+
+def _area(polygon: Complex[np.ndarray, " m"]) -> float:
+    return 0.5 * float((np.conj(polygon) * np.roll(polygon, -1)).imag.sum())
 
 
 class _Guard:

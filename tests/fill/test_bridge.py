@@ -19,7 +19,8 @@ def ring(inner: float, outer: float, *, height: float = 0.0, down: bool = False)
     """A plane ring of 24 × 2 vertices, normal up or down."""
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
     circle = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    vertices = [*np.concatenate([inner * circle, outer * circle]), 0, 0, height]
+    vertices = np.concatenate([inner * circle, outer * circle])
+    vertices[:, 2] = height
     a = np.arange(SIDES)
     b = (a + 1) % SIDES
     faces = np.concatenate([np.column_stack([a, a + SIDES, b]), np.column_stack([b, a + SIDES, b + SIDES])])
