@@ -243,3 +243,9 @@ def test_our_fill_is_measured_whole(
     left_open = dataclasses.replace(filled, vertices=filled.vertices + 1e-9, faces=filled.faces[:-1])
     *_, closed, kept = fillers.row(hole, "other", left_open)
     assert (closed, kept) == ("no, +3 open edges", "no")
+
+
+def test_rims_are_measured_beside_their_targets(figures: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    assert figures.main(["rims", "--only", "plane rings"]) == 0
+    rows = [cells(line) for line in capsys.readouterr().out.splitlines() if line.startswith("| plane")]
+    assert [row[4] for row in rows if row[1] == "error of the area"] == ["met", "met"]

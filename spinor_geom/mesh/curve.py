@@ -58,19 +58,6 @@ class ClosedCurve:
     second_derivative: CurveFunction
     corners: tuple[float, ...] = ()
 
-    def reversed(self) -> ClosedCurve:
-        """The same curve run the other way, from the same point."""
-
-        def turned(function: CurveFunction, sign: float) -> CurveFunction:
-            return lambda s: sign * function(np.mod(-np.asarray(s), 1.0))
-
-        return ClosedCurve(
-            point=turned(self.point, 1.0),
-            derivative=turned(self.derivative, -1.0),
-            second_derivative=turned(self.second_derivative, 1.0),
-            corners=tuple(sorted((-corner) % 1.0 for corner in self.corners)),
-        )
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryCurve:
@@ -148,6 +135,19 @@ class BoundaryCurve:
             raise CurveError(reason=KINK, parameter=float(breaks[1:][turn.argmax()]))
         _require_own_derivatives(fitted, curve, between)
         return replace(fitted, slopes=_formula_coefficients(curve.derivative, breaks))
+
+    def reversed(self) -> BoundaryCurve:
+        """The same curve run the other way, from the same vertex."""
+        widths = np.diff(self.breaks)
+        first = np.concatenate([[0], np.arange(len(widths) - 1, 0, -1)])
+        coefficients = _from_the_end(self.coefficients, widths)
+        coefficients[-1] = self.coefficients[-1][first]
+        return BoundaryCurve(
+            breaks=1 - self.breaks[::-1],
+            coefficients=coefficients,
+            corners=self.corners[first],
+            slopes=None if self.slopes is None else -_from_the_end(self.slopes, widths),
+        )
 
     def smoothed(self, width: float) -> BoundaryCurve:
         """The cubic spline with the same breaks through vertices averaged along Γ, without corners.
@@ -293,6 +293,19 @@ class BoundaryCurve:
             if moved <= NEWTON_STEP_TOLERANCE:
                 break
         return local
+
+
+def _from_the_end(
+    coefficients: Float[np.ndarray, "d_plus_1 m 3"], widths: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "d_plus_1 m 3"]:
+    """Polynomials of pieces in the reversed order, by the distance from each one's end."""
+    moved = coefficients.copy()
+    # repeated synthetic division: about the pieces' ends
+    for last in range(len(moved), 1, -1):
+        for k in range(1, last):
+            moved[k] += moved[k - 1] * widths[:, None]
+    sign = (-1.0) ** np.arange(len(moved) - 1, -1, -1)
+    return np.asarray(moved[:, ::-1] * sign[:, None, None])
 
 
 def _formula_breaks(

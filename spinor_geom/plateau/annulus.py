@@ -96,8 +96,8 @@ class AnnulusTask:
         """
         if options.optimizer is not None or not (options.is_free or options.is_series):
             raise OptionError("between two loops p and q are Laurent series; use model='auto' or 'series'")
-        samples = [_sampled(one) for one in (*given, given[1].reversed())]
-        first, second, turned = (loop for loop, _ in samples)
+        samples = [_sampled(one) for one in given]
+        first, second = (loop for loop, _ in samples)
         for loop in (first, second):
             require_simple(loop)
         meeting = crossings_between(first.points, second.points)
@@ -108,11 +108,11 @@ class AnnulusTask:
         scale = float(np.linalg.norm(np.ptp(points, axis=0)))
         lengths = np.array([first.perimeter, second.perimeter])
         centre = lengths @ np.stack([first.centroid, second.centroid]) / lengths.sum()
-        one, other, back = (_at_unit_size(loop, formula, centre, scale) for loop, formula in samples)
+        one, other = (_at_unit_size(loop, formula, centre, scale) for loop, formula in samples)
         return cls(
-            loops=(first, second, turned),
+            loops=(first, second, second.reversed()),
             given=given,
-            curves=(one, other, back),
+            curves=(one, other, other.reversed()),
             centre=centre,
             scale=scale,
             options=options,

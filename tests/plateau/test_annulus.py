@@ -127,7 +127,8 @@ def test_unstable_catenoid_on_request():
 def test_inertia_of_the_energy_is_the_index_of_the_area(h):
     device = torch.device("cpu")
     first, second = coaxial(h)
-    curves = [CurveTensors.of(BoundaryCurve.from_formula(c), device) for c in (first, second.reversed())]
+    both = BoundaryCurve.from_formula(first), BoundaryCurve.from_formula(second).reversed()
+    curves = [CurveTensors.of(curve, device) for curve in both]
     problem = AnnulusProblem(curves=tuple(curves))
     assert [problem.index(annulus) for annulus in problem.all_critical(48)] == [0, 1]
 
