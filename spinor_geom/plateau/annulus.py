@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 from scipy.fft import next_fast_len
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError, SurfaceError
@@ -30,6 +31,10 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Nodes on each rim where an annulus is sought, most for which matrices are factored, most of all, and most an edge.
 _COARSE_NODES, _DENSE_NODES, _MOST_NODES, _MOST_PER_EDGE = 64, 256, 1 << 15, 200
+# Most nodes on smooth rims: their distance falls exponentially, unless the nodes crowd.
+_MOST_SMOOTH = 2048
+# Nodes on a length as long as the gap is wide, where an annulus is sought.
+_NODES_PER_GAP = 4
 # Nodes for each edge of rough rims to begin with, and how many times more come next.
 _PER_EDGE, _MORE_NODES = 6, 2
 # Turning angle, exceeded by one point in ten, from which a loop counts as rough; the smooth curves that lead to it:
@@ -167,10 +172,19 @@ class AnnulusTask:
         return best
 
     @cached_property
+    def _coarse_nodes(self) -> int:
+        """Nodes on each rim that resolve the gap between them: its width against their length is about the modulus."""
+        first, second = (curve.coefficients[-1] for curve in self.curves[:2])
+        gap = float(np.mean(cKDTree(first).query(second)[0]))
+        length = sum(loop.perimeter for loop in self.loops[:2]) / 2 / self.scale
+        wanted = _NODES_PER_GAP * length / max(gap, np.finfo(np.float64).tiny)
+        return int(2 ** np.clip(np.ceil(np.log2(wanted)), np.log2(_COARSE_NODES), np.log2(_DENSE_NODES)))
+
+    @cached_property
     def _starts(self) -> tuple[tuple[tuple[Float[Tensor, "2 n"], float], float], ...]:
         """Slides and modulus to start from, and their energy, with the second loop as it is and reversed."""
         problems = [self._problem(reverse) for reverse in (False, True)]
-        starts = [problem.start(_COARSE_NODES) for problem in problems]
+        starts = [problem.start(self._coarse_nodes) for problem in problems]
         return tuple((start, problem.energy(*start)) for problem, start in zip(problems, starts, strict=True))
 
     @cached_property
@@ -206,7 +220,7 @@ class AnnulusTask:
         """The critical points with the second loop in the direction whose start has less energy."""
         reverse = self._starts[1][1] < self._starts[0][1]
         with self.clock.stage("moduli"):
-            return [(reverse, annulus) for annulus in self._problem(reverse).all_critical(_COARSE_NODES)]
+            return [(reverse, annulus) for annulus in self._problem(reverse).all_critical(self._coarse_nodes)]
 
     def _stable(self) -> list[tuple[bool, HarmonicAnnulus]]:
         return [pair for pair in self._all_critical() if self._problem(pair[0]).index(pair[1]) == 0]
@@ -269,6 +283,8 @@ class AnnulusTask:
 
     @property
     def _most_nodes(self) -> int:
+        if not self._is_rough:
+            return _MOST_SMOOTH
         return min(_MOST_NODES, max(_DENSE_NODES, _MOST_PER_EDGE * max(map(len, self.loops))))
 
     def _finer(self, reverse: bool, annulus: HarmonicAnnulus) -> Iterator[HarmonicAnnulus]:

@@ -17,6 +17,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from spinor_geom.errors import SurfaceError
 from spinor_geom.plateau.cylinder import CylinderForm, multipliers
 from spinor_geom.plateau.douglas import resampled, slid
 from spinor_geom.plateau.problem import CurveTensors
@@ -300,9 +301,18 @@ class AnnulusProblem:
         return direction
 
     def all_critical(self, n: int) -> tuple[HarmonicAnnulus, ...]:
-        """All annuli that a grid of moduli shows as zeros of dE*/d log m, by modulus; none where E* only falls."""
+        """All annuli that a grid of moduli shows as zeros of dE*/d log m, by modulus; none where E* only falls.
+
+        Raises:
+            SurfaceError: E* rises from the least modulus on that n nodes resolve: annuli of lower ones may exist.
+        """
         found: list[HarmonicAnnulus] = []
         traced = list(self._traced(n))
+        if traced[0].slope > 0:
+            raise SurfaceError(
+                f"the gap between the rims is too narrow for their length: {n} nodes on each do not resolve it, and no "
+                "annulus was found; divide the gap by a few edges between the rims and fill the holes that result"
+            )
         for before, after in pairwise(traced):
             if before.slope * after.slope <= 0:
                 found.append(self._between(before, after))
