@@ -39,6 +39,8 @@ _ROUNDING, _SAME_ENERGY = 1e-13, 1e-14
 _GAIN = 0.5
 # Interval of log m, and steps, at which the search for the place where E* falls least ends.
 _NARROW, _MOST_HALVINGS = 1e-6, 60
+# Nodes may be no farther apart on a curve than so many times their mean distance.
+_CROWDED = 20.0
 # Curvatures of the energy below this share of the largest count as none.
 _FLAT = 1e-12
 # Conjugate gradients: steps, and curvatures that count as none, of the metric and of the energy by log m.
@@ -67,6 +69,12 @@ class HarmonicAnnulus:
     energy: float
     gradient: float
     slope: float
+
+    @property
+    def crowded(self) -> bool:
+        """Whether the nodes leave out a large part of a curve, so that the energy means nothing."""
+        steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
+        return float(steps.max()) * self.slides.shape[1] > _CROWDED
 
     @property
     def modulus(self) -> float:
@@ -304,10 +312,16 @@ class AnnulusProblem:
         """All annuli that a grid of moduli shows as zeros of dE*/d log m, by modulus; none where E* only falls.
 
         Raises:
-            SurfaceError: E* rises from the least modulus on that n nodes resolve: annuli of lower ones may exist.
+            SurfaceError: the nodes crowd, or E* rises from the least modulus on that n nodes resolve: annuli of lower
+                ones may exist.
         """
         found: list[HarmonicAnnulus] = []
         traced = list(self._traced(n))
+        if any(annulus.crowded for annulus in traced):
+            raise SurfaceError(
+                "the nodes crowd on the rims: the gap between them is too long or too uneven for a round annulus, and "
+                "none was found"
+            )
         if traced[0].slope > 0:
             raise SurfaceError(
                 f"the gap between the rims is too narrow for their length: {n} nodes on each do not resolve it, and no "
