@@ -220,6 +220,50 @@ class KnottedLoopError(LoopError):
         )
 
 
+class TooManyRimsError(LoopError):
+    """A surface between three or more loops was asked for."""
+
+    def __init__(self, *, sizes: Sequence[int], names: Sequence[int] | None = None) -> None:
+        named = range(len(sizes)) if names is None else names
+        loops = ", ".join(f"{name} ({size} vertices)" for name, size in zip(named, sizes, strict=True))
+        super().__init__(
+            f"surfaces span one loop or join two, got {len(sizes)}: loops {loops}; "
+            + ("join two of them first" if len(sizes) > 2 else "give two"),
+            sizes=tuple(sizes),
+            names=tuple(named),
+        )
+
+
+class SeveralRimsError(LoopError):
+    """The one loop of a surface was asked for that has several."""
+
+    def __init__(self, *, rims: int) -> None:
+        super().__init__(f"the surface has {rims} rims; take its loops and curves from `rims`", rims=rims)
+
+
+class LoopsMeetError(LoopError):
+    """Two loops that are to be joined cross or touch each other."""
+
+    def __init__(self, *, edges: Sequence[Sequence[int]]) -> None:
+        first, second = (tuple(edge) for edge in edges)
+        super().__init__(
+            f"edge {first} of the first loop and edge {second} of the second meet, so no annulus lies between them; "
+            "move the loops apart, or merge the vertices that they share",
+            edges=(first, second),
+        )
+
+
+class TwistedRimsError(LoopError):
+    """Two rims of a mesh run such that a surface between them would join the inside to the outside."""
+
+    def __init__(self, *, loops: Sequence[int]) -> None:
+        super().__init__(
+            f"the rims of loops {tuple(loops)} run the same way around, so that a bridge would join the outside of one "
+            "to the inside of the other; turn the faces of one piece over",
+            loops=tuple(loops),
+        )
+
+
 class NoAreaError(LoopError):
     """The loop encloses nothing: its points lie on a line, or its sides on each other."""
 
@@ -267,6 +311,19 @@ class SingularMatrixError(SpinorGeomError, ValueError):
             f"a Laplacian of {size} inner vertices is singular, as some faces have no area; check that the loop does "
             "not cross itself or run along itself",
             size=size,
+        )
+
+
+class PeriodError(SurfaceError):
+    """A surface does not close around a hole of its domain."""
+
+    def __init__(self, *, hole: int, angle: float, gap: float) -> None:
+        super().__init__(
+            f"the associate surface of angle {angle:.6g} does not close around hole {hole} of the domain, where it has "
+            f"a gap of {gap:.3g}; take an angle that is a multiple of π, or a part of the domain without the hole",
+            hole=hole,
+            angle=angle,
+            gap=gap,
         )
 
 

@@ -267,3 +267,9 @@ def test_loops_are_solved_alone_and_side_by_side(benchmark_modules: Callable[[st
     table = benchmark_modules("batch").side_by_side(count=2)
     assert [row[0] for row in table.rows] == ["12", "24", "48", "100"]
     assert {row[-1] for row in table.rows} == {"2 of 2"}
+
+
+def test_rims_are_measured_beside_their_targets(figures: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    assert figures.main(["rims", "--only", "plane rings"]) == 0
+    rows = [cells(line) for line in capsys.readouterr().out.splitlines() if line.startswith("| plane")]
+    assert [row[4] for row in rows if row[1] == "error of the area"] == ["met", "met"]

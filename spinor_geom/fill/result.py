@@ -23,6 +23,8 @@ class LoopOutcome:
         filled: whether the result has a patch on it.
         reason: why it was left open, or why its fill is not within the tolerance; empty for a fill that is.
         solution: the minimal surface, where one was found.
+        joined_to: the place of the loop that its surface goes on to; none for a loop that is filled by itself. The
+            figures of a bridge stand with the first of the two.
         vertices_added: new vertices of its patch.
         faces_added: new faces of its patch.
         edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead.
@@ -41,6 +43,7 @@ class LoopOutcome:
     filled: bool
     reason: str
     solution: PlateauSolution | None = None
+    joined_to: int | None = None
     vertices_added: int = 0
     faces_added: int = 0
     edges_split: int = 0
@@ -71,6 +74,7 @@ class LoopOutcome:
             "perimeter": float(self.loop.perimeter),
             "requested": self.requested,
             "filled": self.filled,
+            "joined_to": self.joined_to,
             "converged": self.converged,
             "reason": self.reason,
             "residual_rms_per_edge": None if residual is None else float(residual.rms_per_edge),
