@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Protocol, runtime_checkable
@@ -295,11 +296,22 @@ class PlaneDomain:
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """Points of ∂Ω."""
+        return self._on_boundaries(lambda boundary, own: boundary.point(own), t)
+
+    def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """dz/dt at points of ∂Ω."""
+        return self._on_boundaries(lambda boundary, own: boundary.derivative(own), t)
+
+    def _on_boundaries(
+        self,
+        function: Callable[[Boundary, Float[np.ndarray, " n"]], Complex[np.ndarray, " n"]],
+        t: Float[np.ndarray, "*pts"],
+    ) -> Complex[np.ndarray, "*pts"]:
         number = (np.asarray(t) // 2).astype(np.int64)
         z = np.empty(number.shape, dtype=np.complex128)
         for k, boundary in enumerate(self.boundaries):
             here = number == k
-            z[here] = boundary.point(np.asarray(t)[here] - 2 * k)
+            z[here] = function(boundary, np.asarray(t)[here] - 2 * k)
         return z
 
     @cached_property

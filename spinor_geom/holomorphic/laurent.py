@@ -113,6 +113,10 @@ class LaurentSeries(torch.nn.Module):
             antiperiodic=bool(config["antiperiodic"]),
         )
 
+    def sign_changing(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
+        """√(z/R), a factor of antiperiodic p and q, or 1."""
+        return self._root(z / self.outer)
+
     def _root(self, u: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
         return torch.sqrt(u) if self.antiperiodic else torch.ones_like(u)
 

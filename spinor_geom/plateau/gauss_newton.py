@@ -11,7 +11,6 @@ from scipy.linalg.blas import dsyrk
 from torch import Tensor
 
 from spinor_geom.plateau.problem import PlateauProblem
-from spinor_geom.plateau.slide import nearest_increasing
 from spinor_geom.plateau.solution import Iteration
 
 _MAX_TRIALS = 14
@@ -129,7 +128,7 @@ class _State:
         amounts: Tensor,
         root: Tensor,
     ) -> _State:
-        point, tangent = problem.curve.point_and_derivative(slide)
+        point, tangent = problem.point_and_derivative(slide)
         error = problem.positions(readout) - point
         if len(amounts):
             error = error + problem.moved(readout) @ amounts
@@ -273,10 +272,7 @@ def _damped_step(
             moved = state.error + _displacement(problem, state, change, shift, amounts)
             # damped like the rest: where Γ turns sharply the full move along its tangent can lead away from it
             slide = state.slide + (state.tangent * moved).sum(1) / (speed2 * (1 + damping))
-            slide = torch.as_tensor(
-                nearest_increasing(slide.cpu().numpy(), speed2.cpu().numpy(), problem.slide_bounds.cpu().numpy()),
-                device=slide.device,
-            )
+            slide = problem.increasing(slide, speed2)
             trial = _State.at(
                 problem,
                 state.readout + change,

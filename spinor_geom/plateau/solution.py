@@ -16,7 +16,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-Route = Literal["plane", "disk", "annulus", "unfolded", "deformed", "flattened", "network", "trained"]
+Route = Literal["plane", "disk", "annulus", "annular network", "unfolded", "deformed", "flattened", "network", "trained"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,6 +18,7 @@ from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.errors import DomainError, DtypeError, OptionError, PeriodError
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
 from spinor_geom.holomorphic.zeros import Zero, find_zeros
@@ -201,12 +202,13 @@ class SpinorSurface(torch.nn.Module):
         Raises:
             ZeroOnContourError: a zero of a combination of p and q lies on ∂Ω or too near to it.
         """
-        antiperiodic = isinstance(self.model, LaurentSeries) and self.model.antiperiodic
 
         def spinors(z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
             values = self._spinors(z)
-            # √z, which has no zero in Ω, changes its sign where they do
-            return values * torch.sqrt(z)[:, None] if antiperiodic else values
+            if isinstance(self.model, (CauchyNetwork, LaurentSeries)):
+                # it has no zero in Ω and changes its sign where they do
+                values = values * self.model.sign_changing(z)[:, None]
+            return values
 
         return branch.branch_points(self._on_cpu(spinors), self._on_cpu(self._phi), self.domain)
 
