@@ -234,6 +234,12 @@ class PlateauProblem:
         """Positions r at the nodes, up to a constant: the real part of ∫ φ dz along ∂Ω."""
         return self.integrate(self.velocities(readout)).real
 
+    def around_hole(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "holes k"]:
+        """∮ f dt around each hole."""
+        last = self.nodes - self.rims[-1] * len(self.cumulative)
+        total = self.weights[None, last : self.nodes].to(f.dtype) @ f[last : self.nodes]
+        return total[: len(self.rims) - 1]
+
     def velocities(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
         """φ dz/dt at the nodes and on the way; its real part is dr/dt."""
         return self.null_curve(readout) * self.dz[:, None]
