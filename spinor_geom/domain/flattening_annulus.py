@@ -18,6 +18,8 @@ from spinor_geom.mesh.intersections import crossings_between
 # Strengths and width of the straightening, as for disks.
 _STRENGTHS = (np.inf, 1e4, 1e3, 1e2, 10.0, 1.0, 0.1)
 _WIDTH = 0.06
+# Newton steps to rims that close, and the share below which a condition counts as one with the others.
+_CLOSING_STEPS, _DEPENDENT = 6, 1e-4
 # Points of each piece of the curves through the vertices, which must not cross.
 _POINTS_OF_A_PIECE = 4
 # Largest share by which the hole may have to be turned or scaled to fit the annulus.
@@ -112,8 +114,41 @@ def _candidates(
     load = slope.T @ (ds * (even - smooth @ turning))
     for strength in _STRENGTHS:
         matrix, right = (size, 0 * load) if strength == np.inf else (normal + strength * size, load)
-        system = np.block([[matrix, flux[:, None]], [flux[None], np.zeros((1, 1))]])
-        yield np.linalg.solve(system, np.append(right, missing))[:-1]
+        factor = scipy.linalg.cho_factor(matrix)
+        u = scipy.linalg.cho_solve(factor, right)
+        for _ in range(_CLOSING_STEPS):
+            gap, slope_of_gap = _gaps(u, edge, turning, neumann, m)
+            gap, slope_of_gap = np.append(gap, flux @ u - missing), np.vstack([slope_of_gap, flux])
+            along = scipy.linalg.cho_solve(factor, slope_of_gap.T)
+            # both rims close together in the limit of small triangles: their conditions are nearly dependent
+            u = u - along @ np.linalg.lstsq(slope_of_gap @ along, gap, rcond=_DEPENDENT)[0]
+        yield u
+
+
+def _gaps(
+    u: Float[np.ndarray, " r"],
+    edge: Float[np.ndarray, " r"],
+    turning: Float[np.ndarray, " r"],
+    neumann: Float[np.ndarray, "r r"],
+    m: int,
+) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4 r"]]:
+    """By how much the rims laid out with log scale u do not close, by their lengths, and the derivatives by u."""
+    turned = turning + neumann @ u
+    gaps, slopes = [], []
+    for part in (slice(0, m), slice(m, len(u))):
+        count = part.stop - part.start
+        after = np.roll(np.arange(count), -1)
+        own = np.arange(count)
+        step = edge[part] * np.exp((u[part] + u[part][after]) / 2) * np.exp(1j * (np.cumsum(turned[part])))
+        slope = 1j * (step[::-1].cumsum()[::-1] @ neumann[part])
+        by_scale = np.zeros(len(u), dtype=np.complex128)
+        np.add.at(by_scale, part.start + own, step / 2)
+        np.add.at(by_scale, part.start + after, step / 2)
+        total = np.abs(step).sum()
+        gap, slope = step.sum() / total, (slope + by_scale) / total
+        gaps += [gap.real, gap.imag]
+        slopes += [slope.real, slope.imag]
+    return np.array(gaps), np.array(slopes)
 
 
 def _smoothing(edge: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m m"]:

@@ -263,6 +263,10 @@ class Discretisation:
         fields = torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device)
         return replace(self, problem=replace(self.problem, fields=fields))
 
+    def held(self, slide: Float[Tensor, " nodes"]) -> Discretisation:
+        """The same, with a slide that stays as it is."""
+        return replace(self, problem=replace(self.problem, slide_bounds=torch.stack([slide, slide], dim=1)))
+
     def length_of_move(self, fit: Fit) -> float:
         """Longest way of a vertex of ∂Ω when it moves as a fit asks."""
         return float(np.abs(self._modulus_fields.vertices @ fit.amounts.cpu().numpy()).max(initial=0.0))

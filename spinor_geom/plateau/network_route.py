@@ -289,12 +289,17 @@ def fit_and_refine(
     """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
     best: Fitted | None = None
     folds = False
+    if stage.domain.holes:
+        # the modulus of a mesh is never quite right
+        moved = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+        stage, history, folds = moved.stage, moved.history, moved.folds
+        readout, slide = moved.fit.readout, moved.fit.slide
     for remaining in reversed(range(_MAX_ROUNDS)):
         fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
         history += fit.history
         residual = independent_residual(stage, fit, points=points)
         # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
-        if best is None and residual.rms > budget.allowed and stage.has_moduli:
+        if best is None and residual.rms > budget.allowed and stage.has_moduli and not stage.domain.holes:
             corrected = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
             history, folds = corrected.history, corrected.folds
             moved = independent_residual(corrected.stage, corrected.fit, points=points)
