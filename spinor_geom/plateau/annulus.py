@@ -63,7 +63,6 @@ class AnnulusTask:
 
     Attributes:
         loops: both, as they were given, and the second reversed.
-        given: they, or the formulas that they sample.
         curves: through these at unit size.
         centre: of the loops.
         scale: their common diagonal.
@@ -74,7 +73,6 @@ class AnnulusTask:
     """
 
     loops: tuple[BoundaryLoop, BoundaryLoop, BoundaryLoop]
-    given: tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve]
     curves: tuple[BoundaryCurve, BoundaryCurve, BoundaryCurve]
     centre: Float[np.ndarray, "3"]
     scale: float
@@ -116,7 +114,6 @@ class AnnulusTask:
         one, other = (_at_unit_size(loop, formula, centre, scale) for loop, formula in samples)
         return cls(
             loops=(first, second, second.reversed()),
-            given=given,
             curves=(one, other, other.reversed()),
             centre=centre,
             scale=scale,
@@ -240,7 +237,8 @@ class AnnulusTask:
         with self.clock.stage("disks"):
             try:
                 options = replace(self.options, laurent=None)
-                first, second = (Task.of(one, options).solved() for one in self.given)
+                pairs = zip(self.loops[:2], self.curves[:2], strict=True)
+                first, second = (Task.over(loop, curve, options).solved() for loop, curve in pairs)
             except SpinorGeomError:
                 return None
         return first, second

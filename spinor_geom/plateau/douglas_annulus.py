@@ -96,6 +96,7 @@ class _Point:
     energy: float
     by_slides: Tensor  # by arc length, (2n,)
     by_modulus: float
+    change: Tensor  # of ΛX by log m, (2, n, 3)
     normal: float  # RMS of ΛX
 
     @property
@@ -262,9 +263,8 @@ class AnnulusProblem:
         """A direction by conjugate gradients on the Hessian, and whether they met one in which it falls."""
         shape, n = here.slides.shape, here.slides.shape[1]
         bends = here.bends + 2 * reflection * (-here.bends).clamp(min=0)
-        first = CylinderForm.of(here.log_modulus, here.points, order=1)(here.points)
         second = CylinderForm.of(here.log_modulus, here.points, order=2)(here.points)
-        mixed = (first * here.unit).sum(-1).flatten()
+        mixed = (here.change * here.unit).sum(-1).flatten()
         corner = (0.5 * (here.points * second).sum()).clamp(min=_FLAT_MODULUS * here.energy)
         rotation = self._rotation(here)
         stiffness = float(here.form.own.mean())
@@ -392,6 +392,7 @@ class AnnulusProblem:
         normal = form(points)
         speed = tangent.square().sum(-1).sqrt()
         unit = tangent / speed[..., None]
+        change = CylinderForm.of(log_modulus, points, order=1)(points)
         return _Point(
             slides=slides,
             points=points,
@@ -402,7 +403,8 @@ class AnnulusProblem:
             log_modulus=log_modulus,
             energy=0.5 * float((points * normal).sum()),
             by_slides=(normal * unit).sum(-1).flatten(),
-            by_modulus=0.5 * float((points * CylinderForm.of(log_modulus, points, order=1)(points)).sum()),
+            by_modulus=0.5 * float((points * change).sum()),
+            change=change,
             normal=float(normal.square().sum(-1).mean().sqrt()),
         )
 
@@ -418,9 +420,8 @@ class AnnulusProblem:
         hessian += float(here.form.own.mean()) * torch.outer(rotation, rotation)
         if fixed:
             return hessian
-        first = CylinderForm.of(here.log_modulus, here.points, order=1)(here.points)
         second = CylinderForm.of(here.log_modulus, here.points, order=2)(here.points)
-        mixed = (first * here.unit).sum(-1).flatten()[:, None]
+        mixed = (here.change * here.unit).sum(-1).flatten()[:, None]
         corner = 0.5 * (here.points * second).sum().reshape(1, 1)
         return torch.cat([torch.cat([hessian, mixed], dim=1), torch.cat([mixed.T, corner], dim=1)])
 
