@@ -19,6 +19,7 @@ from spinor_geom.mesh.curve import DEGREES, BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
 from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_annulus import AnnulusProblem, HarmonicAnnulus
 from spinor_geom.plateau.found import FoundAnnulus
 from spinor_geom.plateau.lift_annulus import AnnularLift, annular_surface, lifted_annulus
@@ -53,6 +54,9 @@ _FOUND = 1e-12
 _WORTHWHILE, _PATIENCE = 0.7, 2
 # Gradient above which the energy is brought down anew.
 _POOR = 1e-6
+# Why there is no annulus.
+_RUNS_AWAY = "the energy of surfaces between the rims falls with the modulus, however large that is"
+_PARTED = "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
 # Quadrature nodes on each piece of a path in Ω.
 _PATH_ORDER = 16
 
@@ -128,22 +132,26 @@ class AnnulusTask:
         plane = self._in_plane()
         if plane is not None:
             return plane
+        if self._is_parted:
+            return self._none(_PARTED)
         laurent = self.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
             found = self._stable() if self.options.leaves_unstable else self._all_critical()
             near = min(found, key=lambda pair: abs(pair[1].log_modulus - log), default=None)
-            return self._none() if near is None else self._solution(*near)
+            return self._none(_RUNS_AWAY) if near is None else self._solution(*near)
         best = self._descended()
         if best is None:
             best = min(self._stable(), key=lambda pair: pair[1].energy, default=None)
-        return self._none() if best is None else self._solution(*best)
+        return self._none(_RUNS_AWAY) if best is None else self._solution(*best)
 
     def every(self) -> tuple[PlateauSolution, ...]:
         """All annuli that were found, unstable ones too, by area."""
         plane = self._in_plane()
         if plane is not None:
             return (plane,)
+        if self._is_parted:
+            return ()
         solutions = [self._solution(reverse, annulus) for reverse, annulus in self._all_critical()]
         return tuple(sorted(solutions, key=lambda solution: solution.area))
 
@@ -151,6 +159,11 @@ class AnnulusTask:
         with self.clock.stage("surface"):
             plane = plane_annulus(self.curves, self.options.device)
         return None if plane is None else self._told(plane)
+
+    @property
+    def _is_parted(self) -> bool:
+        with self.clock.stage("moduli"):
+            return parted_by_cone(*self.curves[:2])
 
     def _descended(self) -> tuple[bool, HarmonicAnnulus] | None:
         """The annulus that the energy falls to from the better start, or from both, of the second loop's directions.
@@ -222,12 +235,11 @@ class AnnulusTask:
     def _stable(self) -> list[tuple[bool, HarmonicAnnulus]]:
         return [pair for pair in self._all_critical() if self._problem(pair[0]).index(pair[1]) == 0]
 
-    def _none(self) -> NoAnnulus:
+    def _none(self, reason: str) -> NoAnnulus:
         return NoAnnulus(
             loops=self.loops[:2],
             disks=self._disks,
-            reason="no annulus: the energy of surfaces between the rims falls with the modulus, however large that is; "
-            "what is left are two disks",
+            reason=f"no annulus: {reason}; what is left are two disks",
             history=tuple(self.history),
             timings=self.clock.seconds,
         )
