@@ -9,7 +9,7 @@ falls there is no annulus: the surface degenerates to two disks.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -140,7 +140,7 @@ class AnnulusProblem:
         own, other = multipliers(moduli, n)
         # the second curve shifted by j steps, for all j at once; a row for each modulus
         energy, shift = (0.5 * (own @ square)[:, None] + torch.fft.irfft(other * cross, n=n, dim=-1)).min(dim=1)
-        row = _first_valley(energy)
+        row = _first_valley(energy, moduli)
         return torch.stack([even, even + float(shift[row]) / n]), math.log(float(moduli[row]))
 
     def energy(self, slides: Float[Tensor, "2 n"], log_modulus: float) -> float:
@@ -316,7 +316,7 @@ class AnnulusProblem:
                 ones may exist.
         """
         found: list[HarmonicAnnulus] = []
-        traced = list(self._traced(n))
+        traced = self._traced(n)
         if any(annulus.crowded for annulus in traced):
             raise SurfaceError(
                 "the nodes crowd on the rims: the gap between them is too long or too uneven for a round annulus, and "
@@ -335,14 +335,24 @@ class AnnulusProblem:
                 found += self._near_fold(left, middle, right)
         return tuple(sorted(found, key=lambda annulus: annulus.log_modulus))
 
-    def _traced(self, n: int) -> Iterator[HarmonicAnnulus]:
-        """The least energy for one modulus after the other, up from the least whose rims n nodes resolve."""
-        slides, _ = self.start(n)
-        log = max(_LEAST, math.log(2 * math.pi / n))
-        while log <= _MOST:
-            annulus = self._fixed(slides, log)
-            yield annulus
-            slides, log = annulus.slides, log + _STEP
+    def _traced(self, n: int) -> list[HarmonicAnnulus]:
+        """The least energy for one modulus after the other, from the least whose rims n nodes resolve.
+
+        The way goes down and up from the start. Below it, where the energy rises, rims that are far apart may collapse
+        to points of them; there is no annulus beyond.
+        """
+        slides, log = self.start(n)
+        least = max(_LEAST, math.log(2 * math.pi / n))
+        middle = self._fixed(slides, min(max(log, least), _MOST))
+        below, above = [middle], [middle]
+        while (log := below[-1].log_modulus - _STEP) >= least:
+            annulus = self._fixed(below[-1].slides, log)
+            if annulus.crowded and annulus.slope < 0 and not middle.crowded:
+                break
+            below.append(annulus)
+        while (log := above[-1].log_modulus + _STEP) <= _MOST:
+            above.append(self._fixed(above[-1].slides, log))
+        return [*below[:0:-1], *above]
 
     def _fixed(self, slides: Float[Tensor, "2 n"], log_modulus: float, tolerance: float = _COARSE) -> HarmonicAnnulus:
         annulus = self.descended(slides, log_modulus, tolerance=tolerance, fixed=True)
@@ -449,10 +459,12 @@ class AnnulusProblem:
         )
 
 
-def _first_valley(energy: Float[Tensor, " k"]) -> int:
-    """Where a function has its first minimum; where it has none, where it falls least before it falls more."""
+def _first_valley(energy: Float[Tensor, " k"], moduli: Float[Tensor, " k"]) -> int:
+    """Where the energy has its first minimum by the modulus; else where it falls least before it falls more; else 1."""
     inner = (energy[1:-1] <= energy[:-2]) & (energy[1:-1] < energy[2:])
     if not inner.any():
         slope = energy.diff()
         inner = (slope[1:-1] > slope[:-2]) & (slope[1:-1] >= slope[2:])
+    if not inner.any():
+        return int((moduli - 1).abs().argmin())
     return 1 + int(inner.to(torch.int8).argmax())

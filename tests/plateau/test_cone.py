@@ -68,8 +68,8 @@ def test_ends_of_a_long_tube_have_no_annulus():
 
 @pytest.mark.parametrize(
     "pair",
-    [coaxial(0.67), coaxial(1.0), (ring(1.1, 0.8), ring(0.9, -0.8))],
-    ids=["just beyond", "far beyond", "of two sizes"],
+    [coaxial(0.67), coaxial(1.0), (ring(1.2, 0.9, stretch=1.3), ring(0.7, -0.9, centre=(0.2, 0.3)))],
+    ids=["just beyond", "far beyond", "eccentric"],
 )
 def test_the_search_finds_none_where_the_cone_says_so(pair, monkeypatch):
     told = solve_plateau(pair)
