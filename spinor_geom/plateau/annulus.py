@@ -23,7 +23,7 @@ from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_annulus import AnnulusProblem, HarmonicAnnulus
 from spinor_geom.plateau.found import FoundAnnulus
 from spinor_geom.plateau.lift_annulus import AnnularLift, annular_surface, lifted_annulus
-from spinor_geom.plateau.plane_route import plane_annulus
+from spinor_geom.plateau.plane_route import beside_in_plane, plane_annulus
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, NoAnnulus, PlateauSolution, RimMatch
 from spinor_geom.plateau.stability import assess_stability
@@ -48,8 +48,8 @@ _FINE_ROUGH, _NEGLIGIBLE, _MOST_STEPS = 3e-2, 1e-3, 60
 _CHEAP_NODES, _WELL_BELOW = 256, 1e-3
 # The other direction of the second loop is tried too if its start has at most so many times the energy.
 _RIVAL = 1.3
-# Gradient at which a search stops.
-_FOUND = 1e-12
+# Gradient at which a search stops, and above which it has found nothing.
+_FOUND, _SETTLED = 1e-12, 1e-3
 # More nodes that do not lower the distance to this share do not help, twice in a row.
 _WORTHWHILE, _PATIENCE = 0.7, 2
 # Gradient above which the energy is brought down anew.
@@ -57,6 +57,7 @@ _POOR = 1e-6
 # Why there is no annulus.
 _RUNS_AWAY = "the energy of surfaces between the rims falls with the modulus, however large that is"
 _PARTED = "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
+_BESIDE = "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
 # Quadrature nodes on each piece of a path in Ω.
 _PATH_ORDER = 16
 
@@ -132,8 +133,9 @@ class AnnulusTask:
         plane = self._in_plane()
         if plane is not None:
             return plane
-        if self._is_parted:
-            return self._none(_PARTED)
+        obstacle = self._obstacle()
+        if obstacle is not None:
+            return self._none(obstacle)
         laurent = self.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
@@ -150,7 +152,7 @@ class AnnulusTask:
         plane = self._in_plane()
         if plane is not None:
             return (plane,)
-        if self._is_parted:
+        if self._obstacle() is not None:
             return ()
         solutions = [self._solution(reverse, annulus) for reverse, annulus in self._all_critical()]
         return tuple(sorted(solutions, key=lambda solution: solution.area))
@@ -160,15 +162,17 @@ class AnnulusTask:
             plane = plane_annulus(self.curves, self.options.device)
         return None if plane is None else self._told(plane)
 
-    @property
-    def _is_parted(self) -> bool:
+    def _obstacle(self) -> str | None:
+        """Why there cannot be an annulus, where that is certain."""
         with self.clock.stage("moduli"):
-            return parted_by_cone(*self.curves[:2])
+            if beside_in_plane(*self.curves[:2]):
+                return _BESIDE
+            return _PARTED if parted_by_cone(*self.curves[:2]) else None
 
     def _descended(self) -> tuple[bool, HarmonicAnnulus] | None:
         """The annulus that the energy falls to from the better start, or from both, of the second loop's directions.
 
-        None where the modulus runs away.
+        None where the modulus runs away, or no critical point is reached.
         """
         best: tuple[bool, HarmonicAnnulus] | None = None
         with self.clock.stage("slides"):
@@ -177,7 +181,9 @@ class AnnulusTask:
             for reverse, (start, energy) in zip((False, True), starts, strict=True):
                 if energy <= _RIVAL * least:
                     annulus = self._problem(reverse).descended(*start, tolerance=_FOUND)
-                    if annulus is not None and (best is None or annulus.energy < best[1].energy):
+                    if annulus is None or max(annulus.gradient, abs(annulus.slope)) > _SETTLED:
+                        continue
+                    if best is None or annulus.energy < best[1].energy:
                         best = reverse, annulus
         return best
 

@@ -127,6 +127,8 @@ class AnnulusProblem:
     def start(self, n: int) -> tuple[Float[Tensor, "2 n"], float]:
         """Slides by the curves' own parameters, one shifted against the other, and log m: where E first has a minimum.
 
+        Where it has none, m is 1 more than between circles of the curves' lengths in one plane.
+
         The matching comes from the curves alone: of all shifts the one of least energy is taken.
         """
         even = torch.arange(n, dtype=torch.float64, device=self.curves[0].breaks.device) / n
@@ -140,7 +142,9 @@ class AnnulusProblem:
         own, other = multipliers(moduli, n)
         # the second curve shifted by j steps, for all j at once; a row for each modulus
         energy, shift = (0.5 * (own @ square)[:, None] + torch.fft.irfft(other * cross, n=n, dim=-1)).min(dim=1)
-        row = _first_valley(energy, moduli)
+        first, second = (points.roll(-1, 1) - points).norm(dim=-1).sum(1).log().tolist()
+        usual = int((moduli - 1 - abs(first - second)).abs().argmin())
+        row = _first_valley(energy, usual)
         return torch.stack([even, even + float(shift[row]) / n]), math.log(float(moduli[row]))
 
     def energy(self, slides: Float[Tensor, "2 n"], log_modulus: float) -> float:
@@ -459,12 +463,10 @@ class AnnulusProblem:
         )
 
 
-def _first_valley(energy: Float[Tensor, " k"], moduli: Float[Tensor, " k"]) -> int:
-    """Where the energy has its first minimum by the modulus; else where it falls least before it falls more; else 1."""
+def _first_valley(energy: Float[Tensor, " k"], usual: int) -> int:
+    """Where a function has its first minimum; else where it falls least before it falls more; else the usual place."""
     inner = (energy[1:-1] <= energy[:-2]) & (energy[1:-1] < energy[2:])
     if not inner.any():
         slope = energy.diff()
         inner = (slope[1:-1] > slope[:-2]) & (slope[1:-1] >= slope[2:])
-    if not inner.any():
-        return int((moduli - 1).abs().argmin())
-    return 1 + int(inner.to(torch.int8).argmax())
+    return 1 + int(inner.to(torch.int8).argmax()) if inner.any() else usual
