@@ -225,10 +225,14 @@ class TooManyRimsError(LoopError):
 
     def __init__(self, *, sizes: Sequence[int], names: Sequence[int] | None = None) -> None:
         named = range(len(sizes)) if names is None else names
-        loops = ", ".join(f"{name} ({size} vertices)" for name, size in zip(named, sizes, strict=True))
+        loops = ", ".join(
+            f"{name} ({size} vertices)" if size else f"{name} (a formula)"
+            for name, size in zip(named, sizes, strict=True)
+        )
+        listed = f"{len(sizes)}: loops {loops}" if len(sizes) > 1 else f"a sequence of {len(sizes)}"
         super().__init__(
-            f"surfaces span one loop or join two, got {len(sizes)}: loops {loops}; "
-            + ("join two of them first" if len(sizes) > 2 else "give two"),
+            f"surfaces span one loop or join two, got {listed}; "
+            + ("three rims and more are not supported: join two of them first" if len(sizes) > 2 else "give two"),
             sizes=tuple(sizes),
             names=tuple(named),
         )

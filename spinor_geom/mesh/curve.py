@@ -93,11 +93,14 @@ class BoundaryCurve:
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
         require_distinct_neighbours(loop.points)
-        degree = DEGREES[0] if loop.corners.any() else _predicting_degree(loop.points)
-        if degree == DEGREES[0]:
+        degree, arcs = DEGREES[0], None
+        if not loop.corners.any() and len(loop) >= MIN_POINTS_FOR_HIGH_DEGREE:
+            arcs = _by_arcs(loop.points)
+            degree = _predicting_degree(loop.points, arcs)
+        if arcs is None or degree == DEGREES[0]:
             breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
         else:
-            breaks, coefficients = _smooth_spline(loop.points, degree)
+            breaks, coefficients = arcs, _smooth_spline(loop.points, arcs, degree)
         return cls(breaks=breaks, coefficients=coefficients, corners=loop.corners)
 
     @classmethod
@@ -370,21 +373,17 @@ def piecewise_cubic(
 
 
 def _smooth_spline(
-    points: Float[np.ndarray, "m 3"], degree: int
-) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d_plus_1 m 3"]]:
-    """The periodic spline of a degree above 3, by the arcs of the cubic."""
-    breaks = _by_arcs(points)
+    points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"], degree: int
+) -> Float[np.ndarray, "d_plus_1 m 3"]:
+    """Coefficients of the periodic spline of a degree above 3."""
     spline = _periodic(breaks, points, degree)
     powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
     # the constant terms are the vertices themselves, to the last bit
-    return breaks, np.stack([*powers, points])
+    return np.stack([*powers, points])
 
 
-def _predicting_degree(points: Float[np.ndarray, "m 3"]) -> int:
+def _predicting_degree(points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"]) -> int:
     """The degree of the local polynomials that predict every second point best from the others."""
-    if len(points) < MIN_POINTS_FOR_HIGH_DEGREE:
-        return DEGREES[0]
-    breaks = _by_arcs(points)
     # an odd number of points leaves two neighbours next to each other; nothing is lost by that
     kept, left_out = np.arange(0, len(points) - 1, 2), np.arange(1, len(points), 2)
     errors = []

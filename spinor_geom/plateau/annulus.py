@@ -19,10 +19,11 @@ from spinor_geom.mesh.curve import DEGREES, BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
 from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_annulus import AnnulusProblem, HarmonicAnnulus
 from spinor_geom.plateau.found import FoundAnnulus
 from spinor_geom.plateau.lift_annulus import AnnularLift, annular_surface, lifted_annulus
-from spinor_geom.plateau.plane_route import plane_annulus
+from spinor_geom.plateau.plane_route import beside_in_plane, plane_annulus
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, NoAnnulus, PlateauSolution, RimMatch
 from spinor_geom.plateau.stability import assess_stability
@@ -47,12 +48,16 @@ _FINE_ROUGH, _NEGLIGIBLE, _MOST_STEPS = 3e-2, 1e-3, 60
 _CHEAP_NODES, _WELL_BELOW = 256, 1e-3
 # The other direction of the second loop is tried too if its start has at most so many times the energy.
 _RIVAL = 1.3
-# Gradient at which a search stops.
-_FOUND = 1e-12
+# Gradient at which a search stops, and above which it has found nothing.
+_FOUND, _SETTLED = 1e-12, 1e-3
 # More nodes that do not lower the distance to this share do not help, twice in a row.
 _WORTHWHILE, _PATIENCE = 0.7, 2
 # Gradient above which the energy is brought down anew.
 _POOR = 1e-6
+# Why there is no annulus.
+_RUNS_AWAY = "the energy of surfaces between the rims falls with the modulus, however large that is"
+_PARTED = "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
+_BESIDE = "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
 # Quadrature nodes on each piece of a path in Ω.
 _PATH_ORDER = 16
 
@@ -63,7 +68,6 @@ class AnnulusTask:
 
     Attributes:
         loops: both, as they were given, and the second reversed.
-        given: they, or the formulas that they sample.
         curves: through these at unit size.
         centre: of the loops.
         scale: their common diagonal.
@@ -74,7 +78,6 @@ class AnnulusTask:
     """
 
     loops: tuple[BoundaryLoop, BoundaryLoop, BoundaryLoop]
-    given: tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve]
     curves: tuple[BoundaryCurve, BoundaryCurve, BoundaryCurve]
     centre: Float[np.ndarray, "3"]
     scale: float
@@ -116,7 +119,6 @@ class AnnulusTask:
         one, other = (_at_unit_size(loop, formula, centre, scale) for loop, formula in samples)
         return cls(
             loops=(first, second, second.reversed()),
-            given=given,
             curves=(one, other, other.reversed()),
             centre=centre,
             scale=scale,
@@ -131,22 +133,27 @@ class AnnulusTask:
         plane = self._in_plane()
         if plane is not None:
             return plane
+        obstacle = self._obstacle()
+        if obstacle is not None:
+            return self._none(obstacle)
         laurent = self.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
             found = self._stable() if self.options.leaves_unstable else self._all_critical()
             near = min(found, key=lambda pair: abs(pair[1].log_modulus - log), default=None)
-            return self._none() if near is None else self._solution(*near)
+            return self._none(_RUNS_AWAY) if near is None else self._solution(*near)
         best = self._descended()
         if best is None:
             best = min(self._stable(), key=lambda pair: pair[1].energy, default=None)
-        return self._none() if best is None else self._solution(*best)
+        return self._none(_RUNS_AWAY) if best is None else self._solution(*best)
 
     def every(self) -> tuple[PlateauSolution, ...]:
         """All annuli that were found, unstable ones too, by area."""
         plane = self._in_plane()
         if plane is not None:
             return (plane,)
+        if self._obstacle() is not None:
+            return ()
         solutions = [self._solution(reverse, annulus) for reverse, annulus in self._all_critical()]
         return tuple(sorted(solutions, key=lambda solution: solution.area))
 
@@ -155,10 +162,17 @@ class AnnulusTask:
             plane = plane_annulus(self.curves, self.options.device)
         return None if plane is None else self._told(plane)
 
+    def _obstacle(self) -> str | None:
+        """Why there cannot be an annulus, where that is certain."""
+        with self.clock.stage("moduli"):
+            if beside_in_plane(*self.curves[:2]):
+                return _BESIDE
+            return _PARTED if parted_by_cone(*self.curves[:2]) else None
+
     def _descended(self) -> tuple[bool, HarmonicAnnulus] | None:
         """The annulus that the energy falls to from the better start, or from both, of the second loop's directions.
 
-        None where the modulus runs away.
+        None where the modulus runs away, or no critical point is reached.
         """
         best: tuple[bool, HarmonicAnnulus] | None = None
         with self.clock.stage("slides"):
@@ -167,7 +181,9 @@ class AnnulusTask:
             for reverse, (start, energy) in zip((False, True), starts, strict=True):
                 if energy <= _RIVAL * least:
                     annulus = self._problem(reverse).descended(*start, tolerance=_FOUND)
-                    if annulus is not None and (best is None or annulus.energy < best[1].energy):
+                    if annulus is None or max(annulus.gradient, abs(annulus.slope)) > _SETTLED:
+                        continue
+                    if best is None or annulus.energy < best[1].energy:
                         best = reverse, annulus
         return best
 
@@ -225,12 +241,11 @@ class AnnulusTask:
     def _stable(self) -> list[tuple[bool, HarmonicAnnulus]]:
         return [pair for pair in self._all_critical() if self._problem(pair[0]).index(pair[1]) == 0]
 
-    def _none(self) -> NoAnnulus:
+    def _none(self, reason: str) -> NoAnnulus:
         return NoAnnulus(
             loops=self.loops[:2],
             disks=self._disks,
-            reason="no annulus: the energy of surfaces between the rims falls with the modulus, however large that is; "
-            "what is left are two disks",
+            reason=f"no annulus: {reason}; what is left are two disks",
             history=tuple(self.history),
             timings=self.clock.seconds,
         )
@@ -240,7 +255,8 @@ class AnnulusTask:
         with self.clock.stage("disks"):
             try:
                 options = replace(self.options, laurent=None)
-                first, second = (Task.of(one, options).solved() for one in self.given)
+                pairs = zip(self.loops[:2], self.curves[:2], strict=True)
+                first, second = (Task.over(loop, curve, options).solved() for loop, curve in pairs)
             except SpinorGeomError:
                 return None
         return first, second

@@ -9,7 +9,7 @@ falls there is no annulus: the surface degenerates to two disks.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -96,6 +96,7 @@ class _Point:
     energy: float
     by_slides: Tensor  # by arc length, (2n,)
     by_modulus: float
+    change: Tensor  # of ΛX by log m, (2, n, 3)
     normal: float  # RMS of ΛX
 
     @property
@@ -126,6 +127,8 @@ class AnnulusProblem:
     def start(self, n: int) -> tuple[Float[Tensor, "2 n"], float]:
         """Slides by the curves' own parameters, one shifted against the other, and log m: where E first has a minimum.
 
+        Where it has none, m is 1 more than between circles of the curves' lengths in one plane.
+
         The matching comes from the curves alone: of all shifts the one of least energy is taken.
         """
         even = torch.arange(n, dtype=torch.float64, device=self.curves[0].breaks.device) / n
@@ -139,7 +142,9 @@ class AnnulusProblem:
         own, other = multipliers(moduli, n)
         # the second curve shifted by j steps, for all j at once; a row for each modulus
         energy, shift = (0.5 * (own @ square)[:, None] + torch.fft.irfft(other * cross, n=n, dim=-1)).min(dim=1)
-        row = _first_valley(energy)
+        first, second = (points.roll(-1, 1) - points).norm(dim=-1).sum(1).log().tolist()
+        usual = int((moduli - 1 - abs(first - second)).abs().argmin())
+        row = _first_valley(energy, usual)
         return torch.stack([even, even + float(shift[row]) / n]), math.log(float(moduli[row]))
 
     def energy(self, slides: Float[Tensor, "2 n"], log_modulus: float) -> float:
@@ -262,9 +267,8 @@ class AnnulusProblem:
         """A direction by conjugate gradients on the Hessian, and whether they met one in which it falls."""
         shape, n = here.slides.shape, here.slides.shape[1]
         bends = here.bends + 2 * reflection * (-here.bends).clamp(min=0)
-        first = CylinderForm.of(here.log_modulus, here.points, order=1)(here.points)
         second = CylinderForm.of(here.log_modulus, here.points, order=2)(here.points)
-        mixed = (first * here.unit).sum(-1).flatten()
+        mixed = (here.change * here.unit).sum(-1).flatten()
         corner = (0.5 * (here.points * second).sum()).clamp(min=_FLAT_MODULUS * here.energy)
         rotation = self._rotation(here)
         stiffness = float(here.form.own.mean())
@@ -316,7 +320,7 @@ class AnnulusProblem:
                 ones may exist.
         """
         found: list[HarmonicAnnulus] = []
-        traced = list(self._traced(n))
+        traced = self._traced(n)
         if any(annulus.crowded for annulus in traced):
             raise SurfaceError(
                 "the nodes crowd on the rims: the gap between them is too long or too uneven for a round annulus, and "
@@ -335,14 +339,24 @@ class AnnulusProblem:
                 found += self._near_fold(left, middle, right)
         return tuple(sorted(found, key=lambda annulus: annulus.log_modulus))
 
-    def _traced(self, n: int) -> Iterator[HarmonicAnnulus]:
-        """The least energy for one modulus after the other, up from the least whose rims n nodes resolve."""
-        slides, _ = self.start(n)
-        log = max(_LEAST, math.log(2 * math.pi / n))
-        while log <= _MOST:
-            annulus = self._fixed(slides, log)
-            yield annulus
-            slides, log = annulus.slides, log + _STEP
+    def _traced(self, n: int) -> list[HarmonicAnnulus]:
+        """The least energy for one modulus after the other, from the least whose rims n nodes resolve.
+
+        The way goes down and up from the start. Below it, where the energy rises, rims that are far apart may collapse
+        to points of them; there is no annulus beyond.
+        """
+        slides, log = self.start(n)
+        least = max(_LEAST, math.log(2 * math.pi / n))
+        middle = self._fixed(slides, min(max(log, least), _MOST))
+        below, above = [middle], [middle]
+        while (log := below[-1].log_modulus - _STEP) >= least:
+            annulus = self._fixed(below[-1].slides, log)
+            if annulus.crowded and annulus.slope < 0 and not middle.crowded:
+                break
+            below.append(annulus)
+        while (log := above[-1].log_modulus + _STEP) <= _MOST:
+            above.append(self._fixed(above[-1].slides, log))
+        return [*below[:0:-1], *above]
 
     def _fixed(self, slides: Float[Tensor, "2 n"], log_modulus: float, tolerance: float = _COARSE) -> HarmonicAnnulus:
         annulus = self.descended(slides, log_modulus, tolerance=tolerance, fixed=True)
@@ -392,6 +406,7 @@ class AnnulusProblem:
         normal = form(points)
         speed = tangent.square().sum(-1).sqrt()
         unit = tangent / speed[..., None]
+        change = CylinderForm.of(log_modulus, points, order=1)(points)
         return _Point(
             slides=slides,
             points=points,
@@ -402,7 +417,8 @@ class AnnulusProblem:
             log_modulus=log_modulus,
             energy=0.5 * float((points * normal).sum()),
             by_slides=(normal * unit).sum(-1).flatten(),
-            by_modulus=0.5 * float((points * CylinderForm.of(log_modulus, points, order=1)(points)).sum()),
+            by_modulus=0.5 * float((points * change).sum()),
+            change=change,
             normal=float(normal.square().sum(-1).mean().sqrt()),
         )
 
@@ -418,9 +434,8 @@ class AnnulusProblem:
         hessian += float(here.form.own.mean()) * torch.outer(rotation, rotation)
         if fixed:
             return hessian
-        first = CylinderForm.of(here.log_modulus, here.points, order=1)(here.points)
         second = CylinderForm.of(here.log_modulus, here.points, order=2)(here.points)
-        mixed = (first * here.unit).sum(-1).flatten()[:, None]
+        mixed = (here.change * here.unit).sum(-1).flatten()[:, None]
         corner = 0.5 * (here.points * second).sum().reshape(1, 1)
         return torch.cat([torch.cat([hessian, mixed], dim=1), torch.cat([mixed.T, corner], dim=1)])
 
@@ -448,10 +463,10 @@ class AnnulusProblem:
         )
 
 
-def _first_valley(energy: Float[Tensor, " k"]) -> int:
-    """Where a function has its first minimum; where it has none, where it falls least before it falls more."""
+def _first_valley(energy: Float[Tensor, " k"], usual: int) -> int:
+    """Where a function has its first minimum; else where it falls least before it falls more; else the usual place."""
     inner = (energy[1:-1] <= energy[:-2]) & (energy[1:-1] < energy[2:])
     if not inner.any():
         slope = energy.diff()
         inner = (slope[1:-1] > slope[:-2]) & (slope[1:-1] >= slope[2:])
-    return 1 + int(inner.to(torch.int8).argmax())
+    return 1 + int(inner.to(torch.int8).argmax()) if inner.any() else usual

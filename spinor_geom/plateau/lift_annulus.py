@@ -33,7 +33,7 @@ _EACH = 4
 # lifts in all, and the share of the last one's distance that a new one must come below
 _MOST_LIFTS, _WORTHWHILE = 8, 0.9
 # vertices of Ω on each circle, and most where the annulus is not so narrow that it takes more
-_FEWEST_VERTICES, _MOST_VERTICES = 64, 256
+_FEWEST_VERTICES, _MOST_VERTICES = 48, 256
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,7 +114,7 @@ def lifted_annulus(
             if best is None:
                 raise
             break
-        lift, errors = _placed(model, slides, curves)
+        lift, errors = _placed(model, slides, curves, allowed)
         if best is not None and not lift.rms < _WORTHWHILE * best.rms:
             break
         best, slides = lift, torch.stack([rim.slide[::_EACH] for rim in lift.rims])
@@ -213,9 +213,9 @@ def _positions(model: LaurentSeries, z: Complex[Tensor, " n"]) -> Float[Tensor, 
 
 
 def _placed(
-    model: LaurentSeries, slides: Float[Tensor, "2 n"], curves: tuple[CurveTensors, CurveTensors]
+    model: LaurentSeries, slides: Float[Tensor, "2 n"], curves: tuple[CurveTensors, CurveTensors], allowed: float
 ) -> tuple[AnnularLift, Float[Tensor, "2 m 3"]]:
-    """The surface as near to the curves as its constant can bring it, and what it is off them."""
+    """The surface as near to the curves as its constant can bring it, or as is allowed, and what it is off them."""
     m = _EACH * slides.shape[1]
     fine = torch.stack([resampled(slide, m) for slide in slides])
     steps = torch.diff(fine, append=fine[:, :1] + 1)
@@ -231,7 +231,7 @@ def _placed(
         fine = torch.stack([projected(rim, slide, curve, limit=1 / m) for rim, slide, curve in pairs])
         error = r + shift - _points(curves, fine)
         mean = float(((weights * error.square().sum(-1)).sum() / weights.sum()).sqrt())
-        if float(move.norm()) < _STILL * mean:
+        if mean <= allowed or float(move.norm()) < _STILL * mean:
             break
     period = float((2 * np.pi * null_vector(*model.residues().detach()).imag).norm())
     rims = []

@@ -78,23 +78,16 @@ def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device) -> Foun
 
     Source: as `plane_disk`; Ω is the only minimal surface that is an annulus.
     """
-    first, second = (BoundaryLoop.from_points(curve.coefficients[-1], corners=()) for curve in curves[:2])
-    offset = np.concatenate([first.points, second.points]) - first.centroid
-    normal = first.plane.normal
-    if np.sqrt(np.mean((offset @ normal) ** 2)) > _PLANE:
+    frame = _common_plane(curves[:2])
+    if frame is None:
         return None
-    fine = [_between(curve, _PER_PIECE) for curve in curves[:2]]
-    if any(len(loop_crossings(points)) for points in fine) or len(crossings_between(*fine)):
-        return None
-    frame = _PlaneFrame.across(normal, first.centroid)
-    flat = [frame.coordinates(points) for points in fine]
-    if _winding(flat[0], flat[1][0]):
-        outer_first = True
-    elif _winding(flat[1], flat[0][0]):
+    outer_first = _is_inside(curves[1], curves[0], frame)
+    if not outer_first:
+        if not _is_inside(curves[0], curves[1], frame):
+            return None
         # the first loop has the surface on its left from the other side
-        outer_first, frame = False, _PlaneFrame.across(-normal, first.centroid)
-    else:
-        return None
+        frame = _PlaneFrame.across(-frame.normal, frame.origin)
+    second = BoundaryLoop.from_points(curves[1].coefficients[-1], corners=())
     reverse = (second.area_vector @ frame.normal > 0) == outer_first
     rims = (curves[0], curves[1 + reverse])
     outer, inner = (frame.boundary(curve) for curve in (rims if outer_first else rims[::-1]))
@@ -116,6 +109,34 @@ def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device) -> Foun
         route="plane",
         limit=_LIMIT,
     )
+
+
+def beside_in_plane(first: BoundaryCurve, second: BoundaryCurve) -> bool:
+    """Whether two curves at unit size lie beside each other in one plane.
+
+    Then no minimal annulus spans them: it would lie in that plane and cover the inside of both curves once, and nothing
+    in between.
+    """
+    frame = _common_plane((first, second))
+    return frame is not None and not (_is_inside(first, second, frame) or _is_inside(second, first, frame))
+
+
+def _common_plane(curves: Sequence[BoundaryCurve]) -> _PlaneFrame | None:
+    """Coordinates in the plane of two curves; None where there is none, or they cross between their points."""
+    loop = BoundaryLoop.from_points(curves[0].coefficients[-1], corners=())
+    normal = loop.plane.normal
+    offset = np.concatenate([curve.coefficients[-1] for curve in curves]) - loop.centroid
+    if np.sqrt(np.mean((offset @ normal) ** 2)) > _PLANE:
+        return None
+    fine = [_between(curve, _PER_PIECE) for curve in curves]
+    if any(len(loop_crossings(points)) for points in fine) or len(crossings_between(*fine)):
+        return None
+    return _PlaneFrame.across(normal, loop.centroid)
+
+
+def _is_inside(inner: BoundaryCurve, outer: BoundaryCurve, frame: _PlaneFrame) -> bool:
+    points = frame.coordinates(_between(outer, _PER_PIECE))
+    return _winding(points, complex(frame.coordinates(inner.coefficients[-1][0]))) != 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -115,8 +115,8 @@ def solve_plateau(
             its Ω, before it polishes; else it starts from random parameters on the unit disk.
         tolerance: RMS distance of the surface's boundary from Γ, in mean loop edges, below which the result counts as
             converged.
-        max_iterations: limit on steps in all; with `all_solutions` on those from each start. Training has limits of its
-            own among the optimizer's options.
+        max_iterations: limit on steps in all; with `all_solutions` on those from each start; between two curves on
+            those after the first annulus is found. Training has limits of its own among the optimizer's options.
         unstable: "keep" returns an unstable surface, which is only a critical point of the area, as it was found;
             between two curves with the start that `Laurent(modulus=...)` gives.
         all_solutions: look for several disks over the loop, or annuli, unstable ones too; see `find_disks`. It takes
@@ -129,7 +129,8 @@ def solve_plateau(
         sorted by area, each with its Morse index.
 
     Raises:
-        OptionError: an unknown model or optimizer, a value out of range, or options that exclude each other.
+        OptionError: an unknown model or optimizer, a value out of range, options that exclude each other, or what is no
+            curve.
         FirstFillError: no discrete disk over the loop was found.
         DomainError: no simple plane domain was found; with "series", the loop crowds on the disk or has corners.
         CurveError: the formulas of a curve are not those of a smooth closed one.
@@ -161,9 +162,16 @@ def solve_plateau(
 def _two_of(
     loops: Sequence[BoundaryLoop | ClosedCurve],
 ) -> tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve]:
-    if len(loops) != 2:
-        raise TooManyRimsError(sizes=[len(loop) if isinstance(loop, BoundaryLoop) else 0 for loop in loops])
-    return loops[0], loops[1]
+    entries = tuple(loops) if isinstance(loops, Sequence) else (loops,)
+    strange = {type(entry).__name__ for entry in entries if not isinstance(entry, (BoundaryLoop, ClosedCurve))}
+    if strange:
+        raise OptionError(
+            "a surface spans a BoundaryLoop, a ClosedCurve, or two of them in a list or tuple, not "
+            f"{', '.join(sorted(strange))}; BoundaryLoop.from_points makes a loop of points"
+        )
+    if len(entries) != 2:
+        raise TooManyRimsError(sizes=[len(loop) if isinstance(loop, BoundaryLoop) else 0 for loop in entries])
+    return entries[0], entries[1]
 
 
 def solve_plateau_batch(

@@ -169,8 +169,27 @@ class Task:
             raise OptionError("Laurent series span two loops; use model='auto' or 'series' for one")
         loop, formula = (given, None) if isinstance(given, BoundaryLoop) else sampled_formula(given)
         require_simple(loop)
-        unit, clock = _at_unit_size(loop), Clock()
+        unit = _at_unit_size(loop)
         curve = BoundaryCurve.from_loop(unit) if formula is None else formula.placed(unit.points, 1 / loop.diagonal)
+        return cls._over(loop, unit, curve, options, on_iteration)
+
+    @classmethod
+    def over(cls, loop: BoundaryLoop, curve: BoundaryCurve, options: Options) -> Task:
+        """The task of a loop that is known to be simple, with Γ through it at any size and place."""
+        unit = _at_unit_size(loop)
+        size = float(np.linalg.norm(np.ptp(curve.coefficients[-1], axis=0)))
+        return cls._over(loop, unit, curve.placed(unit.points, unit.diagonal / size), options, None)
+
+    @classmethod
+    def _over(
+        cls,
+        loop: BoundaryLoop,
+        unit: BoundaryLoop,
+        curve: BoundaryCurve,
+        options: Options,
+        on_iteration: Callable[[Iteration], None] | None,
+    ) -> Task:
+        clock = Clock()
         allowed = options.tolerance * unit.mean_edge_length
         network = NetworkSolver(
             loop=unit,

@@ -133,6 +133,24 @@ def test_inertia_of_the_energy_is_the_index_of_the_area(h):
     assert [problem.index(annulus) for annulus in problem.all_critical(48)] == [0, 1]
 
 
+@pytest.mark.parametrize("distance", [2.1, 3.0])
+def test_circles_beside_each_other_in_one_plane_have_no_annulus(distance):
+    pair = (ring(1.0, 0.0), ring(1.0, 0.0, centre=(distance, 0.0)))
+    answer = solve_plateau(pair)
+    assert isinstance(answer, NoAnnulus)
+    assert "beside each other in one plane" in answer.reason
+    assert solve_plateau(pair, all_solutions=True) == ()
+
+
+@pytest.mark.parametrize("radius", [0.01, 0.05])
+def test_a_small_ring_over_a_disk_has_no_annulus(radius):
+    # a catenoid from the unit circle to a radius r is no higher than r·log(2/r); no cone parts them
+    answer = solve_plateau((ring(1.0, 0.0), ring(radius, 0.2)))
+    assert isinstance(answer, NoAnnulus)
+    assert "modulus" in answer.reason
+    assert abs(answer.area / (np.pi * (1 + radius**2)) - 1) < 1e-12
+
+
 def test_just_above_the_critical_distance_no_fold_is_overlooked():
     # h* = 0.66274…: both critical points are 2 % of the modulus apart at 0.6627 and gone at 0.6628
     counts = {}
@@ -249,6 +267,14 @@ def test_three_rims_are_refused_by_name():
         solve_plateau(loops)
     with pytest.raises(TooManyRimsError, match="give two"):
         solve_plateau(loops[:1])
+
+
+@pytest.mark.parametrize("what", [np.zeros((5, 3)), None, "ab", 3])
+def test_what_is_no_curve_is_refused(what):
+    with pytest.raises(OptionError, match=r"BoundaryLoop.from_points makes a loop of points"):
+        solve_plateau(what)
+    with pytest.raises(OptionError, match=r"not .*; BoundaryLoop.from_points"):
+        solve_plateau((ring(1.0, 0.0), what))
 
 
 def test_rims_that_meet_are_refused():
