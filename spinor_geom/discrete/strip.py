@@ -15,6 +15,8 @@ from spinor_geom.mesh.operators import cotangent_laplacian
 _MOST_POINTS = 128
 # The first annulus has to be near enough for its conformal structure to be right; so often is it meshed anew.
 _FIRST_CHANGE, _ROUNDS = 1e-3, 2
+# Nodes on a length as long as a round annulus is wide.
+_NODES_PER_MODULUS = 4
 
 
 def minimum_area_strip(
@@ -155,6 +157,19 @@ def _conformal_places(
         angles.append(np.cumsum(step) - step)
     shift = _best_turn(vertices[:m], vertices[m:rim], angles[0], angles[1], modulus)
     return np.exp(1j * angles[0]), math.exp(-modulus) * np.exp(-1j * (angles[1] + shift))
+
+
+def nodes_on_cylinder(annulus: PlaneTriangulation, vertices: Float[np.ndarray, "v 3"]) -> float:
+    """How many equal steps of the angle resolve the gap and every edge of a discrete annulus over a round one.
+
+    Args:
+        annulus: its triangulation.
+        vertices: its vertices in space.
+    """
+    places = _conformal_places(vertices, annulus.faces, annulus.rims[0], annulus.boundary_size)
+    modulus = -math.log(abs(places[1][0]))
+    shortest = min(float(np.abs(np.angle(np.roll(z, -1) / z)).min()) for z in places)
+    return 2 * np.pi / max(min(modulus / _NODES_PER_MODULUS, shortest), np.finfo(np.float64).tiny)
 
 
 def _best_turn(

@@ -12,7 +12,6 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, is_simple, lay_out
 from spinor_geom.domain.plane_domain import SplineBoundary, sampled
-from spinor_geom.errors import DomainError
 from spinor_geom.mesh.intersections import crossings_between
 
 # Strengths and width of the straightening, as for disks.
@@ -20,10 +19,10 @@ _STRENGTHS = (np.inf, 1e4, 1e3, 1e2, 10.0, 1.0, 0.1)
 _WIDTH = 0.06
 # Newton steps to rims that close, and the share below which a condition counts as one with the others.
 _CLOSING_STEPS, _DEPENDENT = 6, 1e-4
+# Logarithm of a scale at which a search for u has come to nothing.
+_LARGEST_SCALE = 20.0
 # Points of each piece of the curves through the vertices, which must not cross.
 _POINTS_OF_A_PIECE = 4
-# Largest share by which the hole may have to be turned or scaled to fit the annulus.
-_MISFIT = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,15 +33,11 @@ class AnnularFlattening:
         outer: the images of the first rim's vertices, counter-clockwise.
         inner: those of the second rim's, clockwise.
         log_scale: u at all of them: logarithm of the length in the plane per length on the annulus.
-        flux: normal derivative, along the inner rim's edges, of the harmonic function that is 0 on the first rim and 1
-            on the second, times the edges' lengths; at the vertices.
-        distortion: range of u.
     """
 
     outer: Complex[np.ndarray, " m"]
     inner: Complex[np.ndarray, " n"]
     log_scale: Float[np.ndarray, " r"]
-    flux: Float[np.ndarray, " n"]
 
     @property
     def distortion(self) -> float:
@@ -52,21 +47,21 @@ class AnnularFlattening:
 
 def flatten_annulus(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], sizes: tuple[int, int]
-) -> AnnularFlattening:
+) -> AnnularFlattening | None:
     """Flattens a discrete annulus conformally, its first rim outside, with boundary scale as near to 1 as that allows.
 
-    The first rim's turning is to sum to 2π, the second's to −2π: one condition on u, under which |u|²/ℓ² + u·Λu/ℓ is
-    least. Where the boundaries cross, u also makes their turning even, more and more, as for disks. Each boundary is
-    laid out by itself; the place, turn and scale of the hole are those of least conformal energy, which is that of
-    Dirichlet less the area.
+    The first rim's turning is to sum to 2π, the second's to −2π, and both rims are to close: conditions on u under
+    which |u|²/ℓ² + u·Λu/ℓ is least, found by Newton's method. Where the boundaries cross, u also makes their turning
+    even, more and more, as for disks. Each boundary is laid out by itself; the place, turn and scale of the hole are
+    those of least conformal energy, which is Dirichlet's less the area.
 
     Args:
         vertices: the first rim's come first, then the second's, both in order with the annulus on their left.
         faces: an annulus, counter-clockwise.
         sizes: numbers of the rims' vertices.
 
-    Raises:
-        DomainError: no simple domain was found.
+    Returns:
+        The flattening; None where no simple domain was found.
 
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018); Lévy et al., "Least squares conformal
     maps", ACM TOG 21 (2002), for the conformal energy.
@@ -74,24 +69,24 @@ def flatten_annulus(
     m, rim = sizes[0], sum(sizes)
     neumann, turning = dirichlet_to_neumann(vertices, faces, rim)
     if not np.isfinite(neumann).all():
-        raise DomainError("the discrete annulus is degenerate", vertices=rim)
+        return None
     parts = slice(0, m), slice(m, rim)
     edge = np.concatenate([np.linalg.norm(np.roll(vertices[p], -1, axis=0) - vertices[p], axis=1) for p in parts])
     for u in _candidates(edge, turning, neumann, m):
+        if not np.isfinite(u).all():
+            continue
         turned = turning + neumann @ u
         outer, inner = (lay_out(edge[p], turned[p], u[p]) for p in parts)
-        if outer is None or inner is None:
+        if outer is None or inner is None or not (np.isfinite(outer).all() and np.isfinite(inner).all()):
             continue
         placed = _placed(outer, inner, neumann)
-        if placed is None or not _is_annulus(outer, placed):
+        if not _is_annulus(outer, placed):
             continue
         log_scale = np.concatenate(
             [_log_scale(polygon, edge[p]) for polygon, p in zip((outer, placed), parts, strict=True)]
         )
-        return AnnularFlattening(outer=outer, inner=placed, log_scale=log_scale, flux=neumann[m:, m:].sum(axis=1))
-    raise DomainError(
-        f"no simple plane domain was found for an annulus with rims of {sizes[0]} and {sizes[1]} vertices", vertices=rim
-    )
+        return AnnularFlattening(outer=outer, inner=placed, log_scale=log_scale)
+    return None
 
 
 def _candidates(
@@ -117,6 +112,9 @@ def _candidates(
         factor = scipy.linalg.cho_factor(matrix)
         u = scipy.linalg.cho_solve(factor, right)
         for _ in range(_CLOSING_STEPS):
+            if not np.abs(u).max() < _LARGEST_SCALE:
+                u = np.full(len(u), np.nan)
+                break
             gap, slope_of_gap = _gaps(u, edge, turning, neumann, m)
             gap, slope_of_gap = np.append(gap, flux @ u - missing), np.vstack([slope_of_gap, flux])
             along = scipy.linalg.cho_solve(factor, slope_of_gap.T)
@@ -162,8 +160,8 @@ def _smoothing(edge: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m m"]:
 
 def _placed(
     outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n"], neumann: Float[np.ndarray, "r r"]
-) -> Complex[np.ndarray, " n"] | None:
-    """The inner polygon where the conformal energy ½ z*Λz − area of t + βz is least; None where it does not fit."""
+) -> Complex[np.ndarray, " n"]:
+    """The inner polygon where the conformal energy ½ z*Λz − area of t + βz is least."""
     m = len(outer)
     shape = inner - inner.mean()
     basis = np.stack([np.ones_like(shape), shape], axis=1)
@@ -171,13 +169,13 @@ def _placed(
     area = 0.5 * float((np.conj(shape) * np.roll(shape, -1)).imag.sum())
     quadratic[1, 1] -= 2 * area
     t, beta = np.linalg.solve(quadratic, -basis.conj().T @ (neumann[m:, :m] @ outer))
-    if abs(beta - beta / abs(beta)) > _MISFIT:
-        pass
     return np.asarray(t + beta * shape)
 
 
 def _is_annulus(outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n"]) -> bool:
     """Whether the curves through the vertices are simple, run as the boundary of an annulus does, and do not cross."""
+    if any((polygon == np.roll(polygon, 1)).any() for polygon in (outer, inner)):
+        return False
     curves = [sampled(SplineBoundary.through(polygon), _POINTS_OF_A_PIECE) for polygon in (outer, inner)]
     if not is_simple(curves[0]) or not is_simple(curves[1][::-1]):
         return False

@@ -13,16 +13,25 @@ from scipy.fft import next_fast_len
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import (
+    DomainError,
+    LoopsMeetError,
+    OptionError,
+    SingularMatrixError,
+    SpinorGeomError,
+    SurfaceError,
+)
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import DEGREES, BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, require_simple
+from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
 from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_annulus import AnnulusProblem, HarmonicAnnulus
 from spinor_geom.plateau.found import FoundAnnulus
 from spinor_geom.plateau.lift_annulus import AnnularLift, annular_surface, lifted_annulus
+from spinor_geom.plateau.network_route import Budget
 from spinor_geom.plateau.plane_route import beside_in_plane, plane_annulus
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, NoAnnulus, PlateauSolution, RimMatch
@@ -60,6 +69,11 @@ _PARTED = "the rims are so far apart that a cone parts them through which no con
 _BESIDE = "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
 # Quadrature nodes on each piece of a path in Ω.
 _PATH_ORDER = 16
+# Nodes on the cylinder beyond which a domain is made for the rims; where the largest gap is fewer times the least, and
+# the mean gap wants few nodes, so many are never needed.
+_CROWDED, _EVEN, _FEW_NODES = 1200.0, 4.0, 128.0
+# An annulus this near to its rims, in mean edges, is not sought on another domain.
+_NEAR = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,8 +116,8 @@ class AnnulusTask:
             RepeatedPointError: two neighbouring points of a loop are equal.
             CurveError: formulas are not those of a smooth closed curve.
         """
-        if options.optimizer is not None or not (options.is_free or options.is_series):
-            raise OptionError("between two loops p and q are Laurent series; use model='auto' or 'series'")
+        if options.optimizer is not None:
+            raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
         samples = [_sampled(one) for one in given]
         first, second = (loop for loop, _ in samples)
         for loop in (first, second):
@@ -142,10 +156,71 @@ class AnnulusTask:
             found = self._stable() if self.options.leaves_unstable else self._all_critical()
             near = min(found, key=lambda pair: abs(pair[1].log_modulus - log), default=None)
             return self._none(_RUNS_AWAY) if near is None else self._solution(*near)
+        if self.options.is_series:
+            return self._on_cylinder()
+        fitted: PlateauSolution | None = None
+        if not self.options.is_free or self._crowds:
+            fitted = self._on_network()
+            if fitted is not None and (not self.options.is_free or self._is_near(fitted)):
+                return fitted
+        if not self.options.is_free:
+            raise SurfaceError("no minimal annulus was found: none was made of triangles and flattened")
+        try:
+            answer = self._on_cylinder()
+        except SurfaceError:
+            fitted = fitted or self._on_network()
+            if fitted is None:
+                raise
+            return fitted
+        if isinstance(answer, NoAnnulus) or self._is_near(answer):
+            return answer
+        fitted = fitted or self._on_network()
+        return answer if fitted is None else min(answer, fitted, key=lambda one: one.boundary_residual.rms)
+
+    def _on_cylinder(self) -> PlateauSolution | NoAnnulus:
+        """Douglas's annulus of least area, or that there is none."""
         best = self._descended()
         if best is None:
             best = min(self._stable(), key=lambda pair: pair[1].energy, default=None)
         return self._none(_RUNS_AWAY) if best is None else self._solution(*best)
+
+    def _is_near(self, solution: PlateauSolution) -> bool:
+        return solution.converged or solution.boundary_residual.rms_per_edge <= _NEAR
+
+    def _on_network(self) -> PlateauSolution | None:
+        """The annulus of a Cauchy network on a domain made for the rims; none where no domain was found."""
+        try:
+            return self._told(self._network.found())
+        except (DomainError, SingularMatrixError):
+            return None
+
+    @cached_property
+    def _network(self) -> AnnulusNetworkSolver:
+        first, second, back = (replace(loop, points=(loop.points - self.centre) / self.scale) for loop in self.loops)
+        return AnnulusNetworkSolver.between(
+            (first, second, back),
+            self.curves,
+            options=self.options.cauchy,
+            budget=Budget(
+                allowed=self.options.tolerance * self._mean_edge / self.scale,
+                max_iterations=self.options.max_iterations,
+                on_iteration=self._heard_of,
+            ),
+            device=self.options.device,
+            clock=self.clock,
+        )
+
+    @cached_property
+    def _crowds(self) -> bool:
+        """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
+        first, second = (curve.coefficients[-1] for curve in self.curves[:2])
+        gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
+        if gaps.max() < _EVEN * gaps.min() and self._wanted_nodes < _FEW_NODES:
+            return False
+        try:
+            return self._network.nodes_on_cylinder > _CROWDED
+        except (DomainError, SingularMatrixError):
+            return False
 
     def every(self) -> tuple[PlateauSolution, ...]:
         """All annuli that were found, unstable ones too, by area."""
@@ -188,13 +263,18 @@ class AnnulusTask:
         return best
 
     @cached_property
-    def _coarse_nodes(self) -> int:
+    def _wanted_nodes(self) -> float:
         """Nodes on each rim that resolve the gap between them: its width against their length is about the modulus."""
         first, second = (curve.coefficients[-1] for curve in self.curves[:2])
         gap = float(np.mean(cKDTree(first).query(second)[0]))
         length = sum(loop.perimeter for loop in self.loops[:2]) / 2 / self.scale
-        wanted = _NODES_PER_GAP * length / max(gap, np.finfo(np.float64).tiny)
-        return int(2 ** np.clip(np.ceil(np.log2(wanted)), np.log2(_COARSE_NODES), np.log2(_DENSE_NODES)))
+        return _NODES_PER_GAP * length / max(gap, float(np.finfo(np.float64).tiny))
+
+    @cached_property
+    def _coarse_nodes(self) -> int:
+        """Nodes on each rim with which an annulus is sought."""
+        steps = np.ceil(np.log2(self._wanted_nodes))
+        return int(2 ** np.clip(steps, np.log2(_COARSE_NODES), np.log2(_DENSE_NODES)))
 
     @cached_property
     def _starts(self) -> tuple[tuple[tuple[Float[Tensor, "2 n"], float], float], ...]:
@@ -227,7 +307,10 @@ class AnnulusTask:
         return AnnulusProblem(curves=(first, others[reverse]), on_step=self._heard)
 
     def _heard(self, gradient: float) -> None:
-        step = Iteration(index=len(self.history) + 1, method="Douglas-Newton", residual=gradient)
+        self._heard_of(Iteration(index=0, method="Douglas-Newton", residual=gradient))
+
+    def _heard_of(self, one: Iteration) -> None:
+        step = replace(one, index=len(self.history) + 1)
         self.history.append(step)
         if self.on_iteration is not None:
             self.on_iteration(step)

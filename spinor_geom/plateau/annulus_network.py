@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -11,11 +13,12 @@ from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from spinor_geom.discrete.strip import discrete_annulus
+from spinor_geom.discrete.strip import discrete_annulus, minimum_area_strip, nodes_on_cylinder
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening_annulus import AnnularFlattening, flatten_annulus
 from spinor_geom.domain.lattice import lattice_inside
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
+from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -26,7 +29,6 @@ from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.network_route import (
     Budget,
     Cauchy,
-    Fitted,
     fit_and_refine,
     fitted_surface,
     limit_of,
@@ -43,6 +45,8 @@ Mesh: TypeAlias = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
 
 # The first annulus only has to be near enough for its flattening to be right.
 _FIRST_CHANGE = 1e-3
+# Longer loops are thinned to so many points where the direction of the second one is sought.
+_MOST_FOR_STRIP = 100
 # Points across the hole among which its middle is sought.
 _LATTICE = 20
 
@@ -69,7 +73,64 @@ class AnnulusNetworkSolver:
     device: torch.device
     clock: Clock
 
-    def found(self) -> tuple[FoundAnnulus, Fitted]:
+    @classmethod
+    def between(
+        cls,
+        loops: tuple[BoundaryLoop, BoundaryLoop, BoundaryLoop],
+        curves: tuple[BoundaryCurve, BoundaryCurve, BoundaryCurve],
+        *,
+        options: Cauchy,
+        budget: Budget,
+        device: torch.device,
+        clock: Clock,
+    ) -> AnnulusNetworkSolver:
+        """The solver for the direction of the second loop in which a strip to it has less area.
+
+        Args:
+            loops: the first, the second, and the second reversed, at unit size.
+            curves: through them.
+            options: of the network.
+            budget: what a fit may cost.
+            device: where the linear algebra runs.
+            clock: of the stages.
+        """
+        with clock.stage("first fill"):
+            thinned = [loop.points[:: math.ceil(len(loop) / _MOST_FOR_STRIP)] for loop in loops]
+            areas = [minimum_area_strip(thinned[0], other)[1] for other in thinned[1:]]
+        reverse = areas[1] < areas[0]
+        return cls(
+            loops=(loops[0], loops[1 + reverse]),
+            curves=(curves[0], curves[1 + reverse]),
+            reverse=reverse,
+            options=options,
+            budget=budget,
+            device=device,
+            clock=clock,
+        )
+
+    @cached_property
+    def _rims(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:
+        """Indices of the points of each loop that stand for it."""
+        return rim_indices(self.loops[0]), rim_indices(self.loops[1])
+
+    @cached_property
+    def _discrete(self) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
+        with self.clock.stage("first fill"):
+            first, second = (loop.points[rim] for loop, rim in zip(self.loops, self._rims, strict=True))
+            plane, descent = discrete_annulus(first, second, relative_change=_FIRST_CHANGE)
+        return plane, descent.vertices
+
+    @property
+    def nodes_on_cylinder(self) -> float:
+        """`nodes_on_cylinder` of the discrete annulus between the loops.
+
+        Raises:
+            DomainError: there is none.
+            SingularMatrixError: it is degenerate.
+        """
+        return nodes_on_cylinder(*self._discrete)
+
+    def found(self) -> FoundAnnulus:
         """The minimal annulus that a discrete one leads to.
 
         Raises:
@@ -77,21 +138,17 @@ class AnnulusNetworkSolver:
             SingularMatrixError: the discrete annulus or the fit is degenerate.
         """
         start = self._started()
-        fitted = fit_and_refine(
-            start.stage,
-            start.readout,
-            start.slide,
-            self.budget,
-            (),
-            points=sum(map(len, self.loops)),
-            offset=self.options.pole_offset,
-        )
+        points = sum(map(len, self.loops))
+        with self.clock.stage("fit"):
+            fitted = fit_and_refine(
+                start.stage, start.readout, start.slide, self.budget, (), points=points, offset=self.options.pole_offset
+            )
         with self.clock.stage("surface"):
             surface, astray = fitted_surface(fitted)
             closed = replace(fitted.fit, readout=fitted.stage.network.readout.detach())
-            residual = independent_residual(fitted.stage, closed, points=sum(map(len, self.loops)))
+            residual = independent_residual(fitted.stage, closed, points=points)
         first, second = fitted.stage.matchings(closed)
-        found = FoundAnnulus(
+        return FoundAnnulus(
             surface=surface,
             order=start.order,
             reverse=self.reverse,
@@ -105,20 +162,16 @@ class AnnulusNetworkSolver:
             route="annular network",
             limit=limit_of(fitted, self.budget, self._turning),
         )
-        return found, fitted
 
     @property
     def _turning(self) -> float:
         return max(map(roughness, self.loops))
 
     def _started(self) -> _Start:
-        with self.clock.stage("first fill"):
-            rims = [rim_indices(loop) for loop in self.loops]
-            points = [loop.points[rim] for loop, rim in zip(self.loops, rims, strict=True)]
-            plane, descent = discrete_annulus(points[0], points[1], relative_change=_FIRST_CHANGE)
-            sizes = len(points[0]), len(points[1])
-            annuli = _both_ways(descent.vertices, plane.faces, sizes)
+        rims, (plane, vertices) = self._rims, self._discrete
         with self.clock.stage("flattening"):
+            sizes = len(rims[0]), len(rims[1])
+            annuli = _both_ways(vertices, plane.faces, sizes)
             order, annulus, flat = _least_distorted(annuli, sizes)
             boundaries = SplineBoundary.through(flat.outer), SplineBoundary.through(flat.inner)
             domain = PlaneDomain.inside(boundaries[0], flat.log_scale, holes=(boundaries[1],))
@@ -139,9 +192,9 @@ class AnnulusNetworkSolver:
         with self.clock.stage("start"):
             readout = _start_readout(stage, phi)
             slides = []
-            for k, t in zip(order, stage.own_parameters, strict=True):
+            for k, t, boundary in zip(order, stage.panels.own_parameters, domain.boundaries, strict=True):
                 knots = np.append(self.curves[k].breaks[rims[k]], self.curves[k].breaks[rims[k][0]] + 1)
-                slides.append(np.interp(t, domain.boundaries[len(slides)].parameters, knots))
+                slides.append(np.interp(t, boundary.parameters, knots))
         return _Start(
             stage=stage,
             readout=readout,
@@ -183,16 +236,16 @@ def _least_distorted(
     Raises:
         DomainError: there is none either way.
     """
-    found: list[tuple[tuple[int, int], Mesh, AnnularFlattening]] = []
-    error: DomainError | None = None
-    for mesh, order in zip(annuli, ((0, 1), (1, 0)), strict=True):
-        try:
-            found.append((order, mesh, flatten_annulus(*mesh, (sizes[order[0]], sizes[order[1]]))))
-        except DomainError as failure:
-            error = failure
+    tries = [
+        (order, mesh, flatten_annulus(*mesh, (sizes[order[0]], sizes[order[1]])))
+        for mesh, order in zip(annuli, ((0, 1), (1, 0)), strict=True)
+    ]
+    found = [(order, mesh, flat) for order, mesh, flat in tries if flat is not None]
     if not found:
-        assert error is not None
-        raise error
+        raise DomainError(
+            f"no simple plane domain was found for an annulus with rims of {sizes[0]} and {sizes[1]} vertices",
+            vertices=sum(sizes),
+        )
     return min(found, key=lambda one: one[2].distortion)
 
 

@@ -263,10 +263,6 @@ class Discretisation:
         fields = torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device)
         return replace(self, problem=replace(self.problem, fields=fields))
 
-    def held(self, slide: Float[Tensor, " nodes"]) -> Discretisation:
-        """The same, with a slide that stays as it is."""
-        return replace(self, problem=replace(self.problem, slide_bounds=torch.stack([slide, slide], dim=1)))
-
     def length_of_move(self, fit: Fit) -> float:
         """Longest way of a vertex of ∂Ω when it moves as a fit asks."""
         return float(np.abs(self._modulus_fields.vertices @ fit.amounts.cpu().numpy()).max(initial=0.0))
@@ -295,16 +291,12 @@ class Discretisation:
         """Least-squares read-outs of values of p and q at the nodes."""
         return self.problem.features[: self.problem.nodes].mH @ (self.problem.arc_weights[:, None] * spinors)
 
-    @property
-    def own_parameters(self) -> tuple[Float[np.ndarray, " _"], ...]:
-        """`Panels.own_parameters` of the nodes."""
-        return self.panels.own_parameters
-
     def matchings(self, fit: Fit) -> tuple[Float[np.ndarray, "_ 2"], ...]:
         """Pairs (t, s) of a fit, increasing, of each boundary with its own t from 0 to 1."""
         slides = self.problem.by_rim(fit.slide.detach())
         return tuple(
-            np.column_stack([t, slide.cpu().numpy()]) for t, slide in zip(self.own_parameters, slides, strict=True)
+            np.column_stack([t, slide.cpu().numpy()])
+            for t, slide in zip(self.panels.own_parameters, slides, strict=True)
         )
 
     def matched(self, fit: Fit, panels: Panels) -> Float[np.ndarray, " k"]:
@@ -314,7 +306,7 @@ class Discretisation:
 
     def transferred(self, other: Discretisation, fit: Fit) -> tuple[Complex[Tensor, "n 2"], Float[Tensor, " nodes"]]:
         """Read-outs and slide here of a fit made with another discretisation, of Ω or of a domain moved a little."""
-        domains = zip(self.own_parameters, self.domain.boundaries, other.domain.boundaries, strict=True)
+        domains = zip(self.panels.own_parameters, self.domain.boundaries, other.domain.boundaries, strict=True)
         rims = [np.interp(t, here.parameters, there.parameters) for t, here, there in domains]
         points = [boundary.point(t) for boundary, t in zip(other.domain.boundaries, rims, strict=True)]
         z = torch.as_tensor(np.concatenate(points), device=fit.readout.device)

@@ -16,7 +16,9 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-Route = Literal["plane", "disk", "annulus", "annular network", "unfolded", "deformed", "flattened", "network", "trained"]
+Route = Literal[
+    "plane", "disk", "annulus", "annular network", "unfolded", "deformed", "flattened", "network", "trained"
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +176,8 @@ class PlateauSolution:
             triangulation, on a domain that grew with the loop from an average of it, or on a flattened discrete disk; p
             and q are a power series or Cauchy's formula. "network": Gauss-Newton for a Cauchy network. "trained":
             training of a complex-valued network. "annulus": Douglas's slides of two rims and the modulus between them;
-            p and q are Laurent series.
+            p and q are Laurent series. "annular network": Gauss-Newton for a Cauchy network on a flattened discrete
+            annulus.
         history: the steps.
         timings: wall time of each stage, in seconds.
         tolerance: RMS residual per mean edge that was asked for.
