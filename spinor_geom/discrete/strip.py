@@ -169,7 +169,7 @@ def nodes_on_cylinder(annulus: PlaneTriangulation, vertices: Float[np.ndarray, "
     places = _conformal_places(vertices, annulus.faces, annulus.rims[0], annulus.boundary_size)
     modulus = -math.log(abs(places[1][0]))
     shortest = min(float(np.abs(np.angle(np.roll(z, -1) / z)).min()) for z in places)
-    return 2 * np.pi / max(min(modulus / _NODES_PER_MODULUS, shortest), np.finfo(np.float64).tiny)
+    return 2 * math.pi / max(min(modulus / _NODES_PER_MODULUS, shortest), float(np.finfo(np.float64).tiny))
 
 
 def _best_turn(

@@ -204,7 +204,7 @@ class AnnulusNetworkSolver:
         )
 
     def _is_antiperiodic(self, phi: Complex[Tensor, "r 3"], outer: int) -> bool:
-        signs = [spin_invariant(*spinors_from_phi(part)) for part in phi.split([outer, len(phi) - outer])]
+        signs = [spin_invariant(*spinors_from_phi(part)) for part in torch.split(phi, [outer, len(phi) - outer])]
         return signs[0] < 0 and signs[1] < 0
 
 
@@ -256,7 +256,7 @@ def _start_readout(stage: Discretisation, phi: Complex[Tensor, "r 3"]) -> Comple
     middle = torch.as_tensor(domain.point((t + after) / 2), device=device)
     sign_changing = stage.network.sign_changing(middle)
     outer = len(domain.boundary.vertices)
-    single_valued = (phi / sign_changing.square()[:, None]).split([outer, len(phi) - outer])
+    single_valued = torch.split(phi / sign_changing.square()[:, None], [outer, len(phi) - outer])
     rims = [torch.stack(spinors_from_phi(part), dim=-1) for part in single_valued]
     z = torch.as_tensor(stage.panels.z, device=device)
     edge = torch.as_tensor(np.searchsorted(t, stage.panels.t, side="right") - 1, device=device)

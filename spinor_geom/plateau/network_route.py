@@ -291,9 +291,9 @@ def fit_and_refine(
     folds = False
     if stage.domain.holes:
         # the modulus of a mesh is never quite right
-        moved = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
-        stage, history, folds = moved.stage, moved.history, moved.folds
-        readout, slide = moved.fit.readout, moved.fit.slide
+        first = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+        stage, history, folds = first.stage, first.history, first.folds
+        readout, slide = first.fit.readout, first.fit.slide
     for remaining in reversed(range(_MAX_ROUNDS)):
         fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
         history += fit.history

@@ -201,7 +201,7 @@ class PlateauProblem:
 
     def by_rim(self, values: Shaped[Tensor, "nodes *rest"]) -> tuple[Shaped[Tensor, "_ *rest"], ...]:
         """What is told of the nodes, boundary by boundary."""
-        return values.split([count * len(self.cumulative) for count in self.rims])
+        return torch.split(values, [count * len(self.cumulative) for count in self.rims])
 
     def point_and_derivative(
         self, slide: Float[Tensor, " nodes"]
@@ -223,7 +223,7 @@ class PlateauProblem:
         by_panel = f[: self.nodes].reshape(-1, order, f.shape[1])
         local = (self.cumulative.to(f.dtype) @ by_panel) * self.widths[:, None, None]
         total = (self.weights[: self.nodes].reshape(-1, 1, order).to(f.dtype) @ by_panel)[:, 0]
-        starts = [part.cumsum(0) - part for part in total.split(self.rims)]
+        starts = [part.cumsum(0) - part for part in torch.split(total, self.rims)]
         if self.way is not None:
             (outer, inner), (first, last) = starts, self.way
             across = self.weights[self.nodes :].to(f.dtype) @ f[self.nodes :]

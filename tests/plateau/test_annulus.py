@@ -284,7 +284,7 @@ def test_rims_that_meet_are_refused():
 
 def test_models_without_annuli_are_refused():
     with pytest.raises(OptionError, match="between two loops"):
-        solve_plateau(coaxial(0.5), model="cauchy")
+        solve_plateau(coaxial(0.5), model="mlp")
     with pytest.raises(OptionError, match="span two loops"):
         solve_plateau(ring(1.0, 0.0), model=Laurent())
     with pytest.raises(OptionError, match="modulus"):
