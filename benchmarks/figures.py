@@ -6,6 +6,7 @@ Each group is measured in one run and makes tables of its own:
 - `any_loop`: loops of every kind, smooth, rough, narrow, winding and with corners,
 - `random`: a hundred random closed curves,
 - `solutions`: loops that bound several minimal disks,
+- `rims`: annuli between two rims,
 - `speed`: seconds and memory of a solve,
 - `paper`: the paper's curves, network and training,
 - `meshes`: every hole of every mesh file in a folder,
@@ -25,6 +26,7 @@ from figure_curves import curves
 from figure_loops import any_loop, random_loops
 from figure_meshes import SHIPPED, meshes, profile
 from figure_paper import Training, paper
+from figure_rims import rims
 from figure_solutions import solutions
 from figure_speed import speed
 from figure_tables import BENCH_BEGIN, BENCH_END, replaced_section
@@ -35,7 +37,7 @@ from spinor_geom.bench.tables import Table
 from spinor_geom.files import atomic_path
 
 README = Path(__file__).parent / "README.md"
-USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "speed", "paper", "meshes")
+USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "rims", "speed", "paper", "meshes")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,6 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "any_loop": lambda: any_loop(options.only),
         "random": lambda: random_loops(options.only),
         "solutions": lambda: solutions(options.only),
+        "rims": lambda: rims(options.only),
         "speed": lambda: speed(options.only),
         "paper": lambda: paper(options.only, Training(epochs=options.epochs, checkpoint=options.checkpoint)),
         "meshes": lambda: meshes(options.only, options.data),

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from spinor_geom.fill.result import FillResult as FillResult
     from spinor_geom.fill.result import LoopOutcome as LoopOutcome
     from spinor_geom.holomorphic.cauchy import CauchyNetwork as CauchyNetwork
+    from spinor_geom.holomorphic.laurent import LaurentSeries as LaurentSeries
     from spinor_geom.holomorphic.mlp import ComplexMLP as ComplexMLP
     from spinor_geom.holomorphic.series import PowerSeries as PowerSeries
     from spinor_geom.mesh.boundary_loop import BoundaryLoop as BoundaryLoop
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from spinor_geom.mesh.triangle_mesh import TriangleMesh as TriangleMesh
     from spinor_geom.meshing.embed import Patch as Patch
     from spinor_geom.meshing.embed import mesh_patch as mesh_patch
+    from spinor_geom.plateau.solution import NoAnnulus as NoAnnulus
     from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution
     from spinor_geom.plateau.solve import solve_plateau as solve_plateau
     from spinor_geom.plateau.solve import solve_plateau_batch as solve_plateau_batch
@@ -50,8 +52,10 @@ _MODULES = {
     "ComplexMLP": "spinor_geom.holomorphic.mlp",
     "DiscreteMinimalSurface": "spinor_geom.discrete.minimal_surface",
     "FillResult": "spinor_geom.fill.result",
+    "LaurentSeries": "spinor_geom.holomorphic.laurent",
     "LoopOutcome": "spinor_geom.fill.result",
     "MeshFile": "spinor_geom.adapters",
+    "NoAnnulus": "spinor_geom.plateau.solution",
     "Patch": "spinor_geom.meshing.embed",
     "PlaneDomain": "spinor_geom.domain.plane_domain",
     "PlateauSolution": "spinor_geom.plateau.solution",

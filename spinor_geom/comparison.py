@@ -103,7 +103,7 @@ def compare(
     target_edge_length: float | Literal["auto"] = "auto",
     patch: Patch | None = None,
 ) -> Comparison:
-    """Compares a solved minimal surface with a discrete one over the same loop.
+    """Compares a solved minimal surface with a discrete one over the same loop or loops.
 
     Args:
         solution: The exact surface.
@@ -116,7 +116,8 @@ def compare(
         DomainError: The solution cannot be meshed, or the loop has no discrete surface.
         FirstFillError: The loop has no discrete surface.
     """
-    discrete = discrete_minimal_surface(solution.loop) if baseline is None else baseline
+    loops = [rim.loop for rim in solution.rims]
+    discrete = baseline or discrete_minimal_surface(loops[0] if len(loops) == 1 else loops)
     mesh = mesh_patch(solution, target_edge_length) if patch is None else patch
     exact = _exact_curvature(solution, mesh)
     return Comparison(

@@ -220,6 +220,54 @@ class KnottedLoopError(LoopError):
         )
 
 
+class TooManyRimsError(LoopError):
+    """A surface between three or more loops was asked for."""
+
+    def __init__(self, *, sizes: Sequence[int], names: Sequence[int] | None = None) -> None:
+        named = range(len(sizes)) if names is None else names
+        loops = ", ".join(
+            f"{name} ({size} vertices)" if size else f"{name} (a formula)"
+            for name, size in zip(named, sizes, strict=True)
+        )
+        listed = f"{len(sizes)}: loops {loops}" if len(sizes) > 1 else f"a sequence of {len(sizes)}"
+        super().__init__(
+            f"surfaces span one loop or join two, got {listed}; "
+            + ("three rims and more are not supported: join two of them first" if len(sizes) > 2 else "give two"),
+            sizes=tuple(sizes),
+            names=tuple(named),
+        )
+
+
+class SeveralRimsError(LoopError):
+    """The one loop of a surface was asked for that has several."""
+
+    def __init__(self, *, rims: int) -> None:
+        super().__init__(f"the surface has {rims} rims; take its loops and curves from `rims`", rims=rims)
+
+
+class LoopsMeetError(LoopError):
+    """Two loops that are to be joined cross or touch each other."""
+
+    def __init__(self, *, edges: Sequence[Sequence[int]]) -> None:
+        first, second = (tuple(edge) for edge in edges)
+        super().__init__(
+            f"edge {first} of the first loop and edge {second} of the second meet, so no annulus lies between them; "
+            "move the loops apart, or merge the vertices that they share",
+            edges=(first, second),
+        )
+
+
+class TwistedRimsError(LoopError):
+    """Two rims of a mesh run such that a surface between them would join the inside to the outside."""
+
+    def __init__(self, *, loops: Sequence[int]) -> None:
+        super().__init__(
+            f"the rims of loops {tuple(loops)} run the same way around, so that a bridge would join the outside of one "
+            "to the inside of the other; turn the faces of one piece over",
+            loops=tuple(loops),
+        )
+
+
 class NoAreaError(LoopError):
     """The loop encloses nothing: its points lie on a line, or its sides on each other."""
 
@@ -260,15 +308,16 @@ class SurfaceError(SpinorGeomError):
 
 
 class PeriodError(SurfaceError):
-    """A surface has no associate family: its conjugate does not close around ∂Ω."""
+    """An associate surface does not close around a part of ∂Ω."""
 
-    def __init__(self, *, period: Sequence[float], length: float) -> None:
+    def __init__(self, *, angle: float, around: str, period: Sequence[float]) -> None:
         told = ", ".join(f"{x:.3g}" for x in period)
         super().__init__(
-            f"the surface has no associate family: around its boundary, of length {length:.3g}, the conjugate surface "
-            f"moves by ({told}) instead of closing; p or q has a pole inside the domain: cut the domain open there",
+            f"the associate surface of angle {angle:.6g} does not close around {around}: it moves by ({told}) there; take "
+            "an angle that is a multiple of π, or a part of the domain that does not go around",
+            angle=angle,
+            around=around,
             period=tuple(period),
-            length=length,
         )
 
 

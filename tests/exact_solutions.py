@@ -9,7 +9,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.solution import BoundaryResidual, PlateauSolution, Stability
+from spinor_geom.plateau.solution import BoundaryResidual, PlateauSolution, RimMatch, Stability
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # coefficients of z⁰, z¹, … as pairs (p, q)
@@ -34,10 +34,15 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
     curve = BoundaryCurve.from_loop(loop)
     return PlateauSolution(
         surface=surface,
-        loop=loop,
-        curve=curve,
+        rims=(
+            RimMatch(
+                loop=loop,
+                curve=curve,
+                boundary=domain.boundary,
+                matching=np.stack([t, curve.breaks[:-1]], axis=1),
+            ),
+        ),
         domain=domain,
-        matching=np.stack([t, curve.breaks[:-1]], axis=1),
         boundary_residual=BoundaryResidual(rms=0.0, max=0.0, mean_edge=loop.mean_edge_length, diagonal=loop.diagonal),
         area=surface.area(),
         area_in_domain=surface.area(),

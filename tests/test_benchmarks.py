@@ -226,7 +226,8 @@ def test_power_series_meet_their_targets_and_the_null_error_sees_a_wrong_slide(
     # the harmonic map of another slide is not conformal
     t = solution.matching[:, 0]
     other = np.column_stack([t, t + 0.05 * np.sin(4 * np.pi * t)])
-    assert paper.null_error(dataclasses.replace(solution, matching=other)) > 1e-2
+    slid = dataclasses.replace(solution.rims[0], matching=other)
+    assert paper.null_error(dataclasses.replace(solution, rims=(slid,))) > 1e-2
 
 
 @pytest.mark.parametrize(("slope", "met"), [(-3.9, True), (-3.7, False), (float("nan"), False)])
@@ -267,3 +268,9 @@ def test_loops_are_solved_alone_and_side_by_side(benchmark_modules: Callable[[st
     table = benchmark_modules("batch").side_by_side(count=2)
     assert [row[0] for row in table.rows] == ["12", "24", "48", "100"]
     assert {row[-1] for row in table.rows} == {"2 of 2"}
+
+
+def test_rims_are_measured_beside_their_targets(figures: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    assert figures.main(["rims", "--only", "plane rings"]) == 0
+    rows = [cells(line) for line in capsys.readouterr().out.splitlines() if line.startswith("| plane")]
+    assert [row[4] for row in rows if row[1] == "error of the area"] == ["met", "met"]

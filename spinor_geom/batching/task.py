@@ -330,7 +330,7 @@ def _patch_contents(opened: OpenedFile, piece: LoopPatch) -> FileContents:
         vertices=piece.patch.vertices,
         polygons=Polygons.of_triangles(np.asarray(piece.patch.faces)),
         attributes={
-            name: np.concatenate([np.asarray(rim[name])[piece.loop.vertex_ids], values])
+            name: np.concatenate([np.asarray(rim[name])[piece.rim], values])
             for name, values in piece.attributes.items()
         },
         color_scale=opened.text.contents.color_scale,

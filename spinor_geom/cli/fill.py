@@ -13,6 +13,7 @@ from spinor_geom.cli.source import read_surface
 from spinor_geom.errors import MeshFileError, SpinorGeomError
 from spinor_geom.files import write_json
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.loops import LoopChoice
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.optional import require
 
@@ -45,7 +46,8 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 
         filled, result = fill_hole(
             mesh,
-            "all" if arguments.loop is None else arguments.loop,
+            _choice(arguments),
+            islands=arguments.islands,
             keep_largest=arguments.keep_largest,
             max_perimeter=arguments.max_perimeter,
             target_edge_length=edge_length,
@@ -66,6 +68,13 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     if arguments.html is not None:
         write_page(result, arguments.html, comparisons)
     return ExitStatus.DONE if result.complete and result.intersection_free else ExitStatus.IMPERFECT
+
+
+def _choice(arguments: argparse.Namespace) -> LoopChoice:
+    if arguments.bridge is not None:
+        return tuple(arguments.bridge)
+    places: list[int] | None = arguments.loop
+    return "all" if places is None else places
 
 
 def require_format(path: Path) -> None:
@@ -99,7 +108,7 @@ def add_comparisons(
 
     comparisons = {}
     for outcome, entry in zip(result.loops, report["loops"], strict=True):
-        if not outcome.filled or outcome.solution is None:
+        if not outcome.filled or outcome.solution is None or not outcome.faces_added:
             continue
         try:
             comparison = compare(outcome.solution, target_edge_length=edge_length)
@@ -142,13 +151,19 @@ def row(outcome: LoopOutcome) -> list[str]:
         str(outcome.index),
         str(len(outcome.loop)),
         f"{outcome.loop.perimeter:.4g}",
-        "yes" if outcome.filled else "no" if outcome.requested else "left open",
+        _state(outcome),
         "" if residual is None else f"{residual:.1e}",
         "" if area is None else f"{area:.4g}",
         "" if stability is None else str(stability["verdict"]),
         str(outcome.faces_added),
         str(outcome.intersections or ""),
     ]
+
+
+def _state(outcome: LoopOutcome) -> str:
+    if outcome.filled:
+        return "yes" if outcome.joined_to is None else f"joined to {outcome.joined_to}"
+    return "no" if outcome.requested else "left open"
 
 
 def draw(result: FillResult, path: Path) -> None:

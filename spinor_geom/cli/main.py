@@ -86,6 +86,18 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         action="extend",
         help="only these holes, as numbered by 'spinor-geom loops'; may be repeated (default: all)",
     )
+    fill.add_argument(
+        "--bridge",
+        metavar="I,J",
+        type=_places,
+        help="join these two loops by a surface, and fill no other",
+    )
+    fill.add_argument(
+        "--islands",
+        choices=("join", "ignore"),
+        default="ignore",
+        help="a loose piece in a hole: join it to the hole's rim, or fill both by themselves (default)",
+    )
     fill.add_argument("--keep-largest", action="store_true", help="leave the longest loop open")
     fill.add_argument("--max-perimeter", metavar="LENGTH", type=_positive, help="leave longer loops open")
     fill.add_argument(

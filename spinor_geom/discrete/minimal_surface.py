@@ -1,8 +1,9 @@
-"""The discrete baseline: a triangulated disk of stationary area over a loop."""
+"""The discrete baseline: a triangulated disk of stationary area over a loop, or an annulus between two."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,9 +13,10 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.discrete.area_descent import descend_area, harmonic_extension
 from spinor_geom.discrete.first_fill import unfolded_loop
+from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.triangulation import SizeFunction, graded_size, triangulate_polygon
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.shown import Shown
@@ -28,12 +30,12 @@ _FINE_GROWTH = 0.15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiscreteMinimalSurface(Shown):
-    """A triangulated disk whose boundary is a loop and whose area is stationary.
+    """A triangulated disk or annulus whose boundary is a loop or two, and whose area is stationary.
 
     Attributes:
-        vertices: (n, 3), mesh units; the loop's points come first, bit-equal.
+        vertices: (n, 3), mesh units; the loops' points come first, bit-equal.
         faces: (f, 3), counter-clockwise about the loop.
-        boundary_size: number of loop points.
+        boundary_size: number of loop points, of all loops together.
         area: total area of the triangles.
         area_history: total area after each step of the last descent.
         converged: whether the area became stationary to the relative change asked for.
@@ -57,13 +59,13 @@ class DiscreteMinimalSurface(Shown):
 
 
 def discrete_minimal_surface(
-    loop: BoundaryLoop,
+    loop: BoundaryLoop | Sequence[BoundaryLoop],
     *,
     method: DiscreteMethod = "libigl",
     target_edge_length: float | None = None,
     relative_change: float = 1e-10,
 ) -> DiscreteMinimalSurface:
-    """A discrete disk of stationary area over any closed loop.
+    """A discrete disk of stationary area over any closed loop, or an annulus between two.
 
     "libigl": the loop's minimum-area triangulation is unfolded, the plane polygon triangulated, and the inner vertices
     moved by Pinkall-Polthier iteration; the surface is then flattened again, which gives a nearly conformal domain,
@@ -72,14 +74,18 @@ def discrete_minimal_surface(
     area that converges with the loop's edge length give `target_edge_length`.
     "pymeshlab": its close-holes filter, isotropic remeshing, and cotangent smoothing of the inner vertices.
 
+    Two loops start from the strip of least area between them; their triangles always grow inwards, and there is no
+    "pymeshlab" for them.
+
     Args:
-        loop: a closed loop.
+        loop: a closed loop, or two that both have the annulus on their left, as those of `PlateauSolution.rims`.
         method: which library's operators are used.
         target_edge_length: upper bound of the edge length in mesh units; None lets it grow inwards.
         relative_change: the area counts as stationary when a step lowers it by less than this share.
 
     Raises:
-        OptionError: unknown method, or an edge length that is not positive.
+        OptionError: unknown method, one that has no annuli, or an edge length that is not positive.
+        TooManyRimsError: a sequence of other than two loops.
         FirstFillError: no first fill was found.
         DomainError: the first fill has no simple flattening.
         SingularMatrixError: the loop crosses itself or runs along itself, so that faces have no area.
@@ -88,6 +94,10 @@ def discrete_minimal_surface(
     """
     if target_edge_length is not None and not target_edge_length > 0:
         raise OptionError(f"target_edge_length must be positive, got {target_edge_length}")
+    if not isinstance(loop, BoundaryLoop):
+        if method != "libigl" or target_edge_length is not None:
+            raise OptionError("between two loops there is only method='libigl', without target_edge_length")
+        return _between(loop, relative_change)
     if method == "pymeshlab":
         from spinor_geom.discrete.meshlab import meshlab_minimal_surface
 
@@ -106,6 +116,23 @@ def discrete_minimal_surface(
         area=second.areas[-1],
         area_history=second.areas,
         converged=second.converged,
+        method="libigl",
+        seconds=time.perf_counter() - start,
+    )
+
+
+def _between(loops: Sequence[BoundaryLoop], relative_change: float) -> DiscreteMinimalSurface:
+    if len(loops) != 2:
+        raise TooManyRimsError(sizes=[len(loop) for loop in loops])
+    start = time.perf_counter()
+    plane, descent = discrete_annulus(loops[0].points, loops[1].points, relative_change=relative_change)
+    return DiscreteMinimalSurface(
+        vertices=descent.vertices,
+        faces=plane.faces,
+        boundary_size=plane.boundary_size,
+        area=descent.areas[-1],
+        area_history=descent.areas,
+        converged=descent.converged,
         method="libigl",
         seconds=time.perf_counter() - start,
     )

@@ -11,13 +11,16 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from spinor_geom.errors import DomainError
 
+# numbers of vertices of the closed polygons that bound a plane region, with that on their left: the outer one first
+Rims = tuple[int, ...]
+
 # a walk that has not arrived after so many triangles counts as blocked
 _LONGEST_WALK = 16
 _NONE = np.iinfo(np.uint32).max
 
 
 class ConstrainedDelaunay:
-    """Constrained Delaunay triangulation of the inside of a polygon, to which points can be added.
+    """Constrained Delaunay triangulation of the inside of a polygon, or between polygons, to which points can be added.
 
     Attributes:
         faces: Counter-clockwise triangles; those outside the polygon stay among them, with vertices that mean nothing.
@@ -27,8 +30,8 @@ class ConstrainedDelaunay:
     faces: Int[np.ndarray, "t 3"]
     inside: Int[np.ndarray, " i"]
 
-    def __init__(self, points: Complex[np.ndarray, " n"], m: int) -> None:
-        """Takes the polygon's m vertices, counter-clockwise, then points inside it.
+    def __init__(self, points: Complex[np.ndarray, " n"], rims: Rims) -> None:
+        """Takes the polygons' vertices, then points inside.
 
         Raises:
             DomainError: Two edges of the polygon cross, or two points are equal.
@@ -38,14 +41,14 @@ class ConstrainedDelaunay:
         self._cdt = pythoncdt.Triangulation(
             pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
         )
-        index = np.arange(m, dtype=np.uint32)
+        after = rim_successors(rims)
         # Any: numpy's stubs do not say that arrays are buffers
-        edges: Any = np.stack([index, np.roll(index, -1)], axis=1)
-        self._m = m
+        edges: Any = np.stack([np.arange(len(after)), after], axis=1).astype(np.uint32)
+        self._m = len(after)
         self._insert(points)
         with self._typed_errors():
             self._cdt.insert_edges(edges)
-        outer = self._cdt.collect_outer_triangles()
+        outer = self._cdt.collect_outer_triangles_and_holes()
         # no point is ever added out there, so these stay as they are
         self._outer = np.fromiter(outer, dtype=np.int64, count=len(outer))
         self._read()
@@ -85,21 +88,29 @@ class ConstrainedDelaunay:
             yield
         except RuntimeError as error:
             reason = str(error).partition("\n")[0]
-            raise DomainError(f"the polygon is not simple ({reason})", vertices=self._m) from error
+            raise DomainError(f"the boundary is not simple ({reason})", vertices=self._m) from error
 
 
-def constrained_delaunay(points: Complex[np.ndarray, " n"], m: int) -> Int[np.ndarray, "t 3"]:
-    """Counter-clockwise faces of a polygon with inner points.
+def constrained_delaunay(points: Complex[np.ndarray, " n"], rims: Rims) -> Int[np.ndarray, "t 3"]:
+    """Counter-clockwise faces of a polygon with inner points, or between polygons.
 
     Args:
-        points: The polygon's m vertices, counter-clockwise, then points inside it.
-        m: Number of the polygon's vertices.
+        points: The polygons' vertices, then points inside.
+        rims: Numbers of the polygons' vertices.
 
     Raises:
         DomainError: Two edges of the polygon cross, or two points are equal.
     """
-    mesh = ConstrainedDelaunay(points, m)
+    mesh = ConstrainedDelaunay(points, rims)
     return np.asarray(mesh.faces[mesh.inside])
+
+
+def rim_successors(rims: Rims) -> Int[np.ndarray, " m"]:
+    """For each vertex of several closed polygons, one after the other, the next one on its polygon."""
+    after = np.arange(1, sum(rims) + 1)
+    last = np.cumsum(rims) - 1
+    after[last] -= rims
+    return after
 
 
 def plane_coordinates(z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:

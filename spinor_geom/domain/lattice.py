@@ -6,18 +6,21 @@ import numpy as np
 from jaxtyping import Complex, Int
 
 
-def lattice_inside(polygon: Complex[np.ndarray, " m"], spacing: float) -> Complex[np.ndarray, " k"]:
-    """The points inside a polygon of the triangular lattice with rows along the x-axis.
+def lattice_inside(
+    polygon: Complex[np.ndarray, " m"], spacing: float, *, after: Int[np.ndarray, " m"] | None = None
+) -> Complex[np.ndarray, " k"]:
+    """The points inside a polygon, or between polygons, of the triangular lattice with rows along the x-axis.
 
     Row by row: a row enters and leaves the polygon by turns where it crosses the edges. Takes time and memory in
     proportion to the crossings and the points.
 
     Args:
-        polygon: Vertices of a simple polygon.
+        polygon: Vertices of a simple polygon, or of several.
         spacing: Distance of neighbouring lattice points.
+        after: For each vertex the next one on its polygon; none for a single one, in order.
     """
     height = np.sqrt(0.75) * spacing
-    start, end = polygon, np.roll(polygon, -1)
+    start, end = polygon, np.roll(polygon, -1) if after is None else polygon[after]
     low, high = np.minimum(start.imag, end.imag), np.maximum(start.imag, end.imag)
     # the edges cross the rows from the first at or above their low end to the last below their high end
     first, after = np.ceil(low / height).astype(np.int64), np.ceil(high / height).astype(np.int64)

@@ -1,13 +1,15 @@
-"""Gauss-Legendre panels on the boundary of a plane domain."""
+"""Gauss-Legendre panels on the boundary of a plane domain, holes included."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.domain.plane_domain import Boundary
+from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 
 
@@ -17,7 +19,8 @@ class Panels:
 
     Attributes:
         order: G.
-        breaks: panel ends in the boundary parameter t, (P + 1,), from 0 to 1.
+        breaks: panel ends in the boundary parameter t, (P + 1,), from 0 to 1; those of holes follow, with parameters as
+            those of `PlaneDomain`.
         t: parameters of the nodes, (P·G,), increasing.
         z: nodes on ∂Ω.
         dz: derivative dz/dt at the nodes.
@@ -30,6 +33,50 @@ class Panels:
     z: Complex[np.ndarray, " n"]
     dz: Complex[np.ndarray, " n"]
     weights: Float[np.ndarray, " n"]
+
+    @classmethod
+    def around(cls, domain: PlaneDomain, breaks: Sequence[Float[np.ndarray, " _"]], order: int) -> Panels:
+        """Panels on all of ∂Ω, between the breaks from 0 to 1 that each of its boundaries has."""
+        parts = [cls.on(boundary, ends, order) for boundary, ends in zip(domain.boundaries, breaks, strict=True)]
+        if len(parts) == 1:
+            return parts[0]
+        shifts = 2.0 * np.arange(len(parts))
+        return cls(
+            order=order,
+            breaks=np.concatenate([part.breaks + shift for part, shift in zip(parts, shifts, strict=True)]),
+            t=np.concatenate([part.t + shift for part, shift in zip(parts, shifts, strict=True)]),
+            z=np.concatenate([part.z for part in parts]),
+            dz=np.concatenate([part.dz for part in parts]),
+            weights=np.concatenate([part.weights for part in parts]),
+        )
+
+    @cached_property
+    def ends(self) -> Float[np.ndarray, "p 2"]:
+        """Both ends of each panel in t."""
+        pairs = np.stack([self.breaks[:-1], self.breaks[1:]], axis=1)
+        return np.asarray(pairs[pairs[:, 0] % 2 < 1])
+
+    @cached_property
+    def rims(self) -> tuple[int, ...]:
+        """Numbers of panels of each boundary."""
+        return tuple(np.bincount((self.ends[:, 0] // 2).astype(np.int64)).tolist())
+
+    @cached_property
+    def widths(self) -> Float[np.ndarray, " p"]:
+        """Lengths of the panels in t."""
+        return np.asarray(self.ends[:, 1] - self.ends[:, 0])
+
+    @property
+    def own_parameters(self) -> tuple[Float[np.ndarray, " _"], ...]:
+        """The parameters of the nodes of each boundary, from 0 to 1."""
+        counts = np.cumsum(self.rims)[:-1] * self.order
+        return tuple(part - 2 * number for number, part in enumerate(np.split(self.t, counts)))
+
+    @property
+    def rim_breaks(self) -> tuple[Float[np.ndarray, " _"], ...]:
+        """The breaks of each boundary, from 0 to 1."""
+        counts = np.cumsum([count + 1 for count in self.rims])[:-1]
+        return tuple(part - 2 * number for number, part in enumerate(np.split(self.breaks, counts)))
 
     @classmethod
     def on(cls, boundary: Boundary, breaks: Float[np.ndarray, " b"], order: int) -> Panels:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Protocol, runtime_checkable
@@ -12,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.curve import piecewise_cubic
@@ -25,7 +26,7 @@ _CORNER_LEVELS = 16
 
 @runtime_checkable
 class Boundary(Protocol):
-    """A closed plane curve t ↦ z(t), t in [0, 1), counter-clockwise."""
+    """A closed plane curve t ↦ z(t), t in [0, 1), with Ω on its left: counter-clockwise, clockwise around a hole."""
 
     @property
     def vertices(self) -> Complex[np.ndarray, " m"]:
@@ -133,6 +134,11 @@ class FourierBoundary:
         """The circle of a given radius about 0."""
         return cls(np.array([0.0, 0.0, radius]), count)
 
+    @classmethod
+    def round_hole(cls, radius: float, count: int = 64) -> FourierBoundary:
+        """The circle of a given radius about 0, clockwise."""
+        return cls(np.array([radius, 0.0, 0.0]), count)
+
     @property
     def frequencies(self) -> Int[np.ndarray, " 2K+1"]:
         """The frequencies k of the coefficients, −K … K."""
@@ -191,18 +197,24 @@ class PathTree:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneDomain:
-    """A simply connected plane domain Ω with a triangulation of it.
+    """A plane domain Ω, simply connected or with holes, with a triangulation of it.
+
+    On all of ∂Ω parameters are those of the outer boundary, in [0, 1], and for hole number k = 0, 1, … those of its
+    boundary plus 2(k + 1).
 
     Attributes:
-        boundary: ∂Ω as a closed curve, counter-clockwise.
-        triangulation: triangles inside the polygon of the boundary's vertices; those vertices come first.
+        boundary: the outer boundary as a closed curve, counter-clockwise.
+        triangulation: triangles inside the polygon of the boundary's vertices; those vertices come first, those of the
+            holes next.
         log_scale: u at the boundary's vertices: e^u is the length in Ω per length on the discrete surface it was
             flattened from; 0 where lengths are kept.
+        holes: boundaries of holes, clockwise.
     """
 
     boundary: Boundary
     triangulation: PlaneTriangulation
     log_scale: Float[np.ndarray, " m"] = field(default_factory=lambda: np.zeros(0))
+    holes: tuple[Boundary, ...] = ()
 
     @classmethod
     def disk(cls, radius: float = 1.0, n: int = 64) -> PlaneDomain:
@@ -214,6 +226,20 @@ class PlaneDomain:
         if not radius > 0 or n < 3:
             raise OptionError(f"a disk needs a positive radius and at least 3 vertices, got {radius} and {n}")
         return cls.inside(FourierBoundary.circle(radius, n))
+
+    @classmethod
+    def annulus(cls, inner: float, outer: float = 1.0, n: int = 64) -> PlaneDomain:
+        """The annulus inner < |z| < outer; `n` vertices on each circle.
+
+        Raises:
+            OptionError: not 0 < inner < outer, n < 3, or so few that the polygons cross.
+        """
+        if not 0 < inner < outer or n < 3 or inner >= outer * np.cos(np.pi / n):
+            raise OptionError(
+                f"an annulus needs 0 < inner < outer and n ≥ 3 vertices whose polygon clears the hole, got {inner}, "
+                f"{outer} and {n}"
+            )
+        return cls.inside(FourierBoundary.circle(outer, n), holes=(FourierBoundary.round_hole(inner, n),))
 
     @classmethod
     def from_boundary(
@@ -230,23 +256,69 @@ class PlaneDomain:
         return cls.inside(SplineBoundary.through(vertices, corners), log_scale)
 
     @classmethod
-    def inside(cls, boundary: Boundary, log_scale: Float[np.ndarray, " m"] | None = None) -> PlaneDomain:
-        """The domain inside a curve, triangulated with edges that grow inwards.
+    def inside(
+        cls,
+        boundary: Boundary,
+        log_scale: Float[np.ndarray, " m"] | None = None,
+        *,
+        holes: tuple[Boundary, ...] = (),
+    ) -> PlaneDomain:
+        """The domain inside a curve and outside holes, triangulated with edges that grow inwards.
 
         Raises:
-            DomainError: the polygon of the curve's vertices is not simple.
+            DomainError: the polygon of the curve's vertices is not simple, or a hole's is not simple, not clockwise or
+                not inside it.
         """
+        rims = tuple(len(each.vertices) for each in (boundary, *holes))
+        vertices = np.concatenate([each.vertices for each in (boundary, *holes)])
         return cls(
             boundary=boundary,
-            triangulation=_graded_triangulation(boundary.vertices.tobytes()),
-            log_scale=np.zeros(len(boundary.vertices)) if log_scale is None else log_scale,
+            triangulation=_graded_triangulation(vertices.tobytes(), rims),
+            log_scale=np.zeros(len(vertices)) if log_scale is None else log_scale,
+            holes=holes,
         )
+
+    @property
+    def boundaries(self) -> tuple[Boundary, ...]:
+        """The outer boundary, then those of the holes: all of ∂Ω, with Ω on the left."""
+        return (self.boundary, *self.holes)
+
+    @cached_property
+    def vertices(self) -> Complex[np.ndarray, " m"]:
+        """The vertices of all of ∂Ω."""
+        return np.concatenate([boundary.vertices for boundary in self.boundaries])
+
+    @cached_property
+    def arcs(self) -> Float[np.ndarray, "m 2"]:
+        """The parameters of each vertex of ∂Ω and of the end of its piece."""
+        ends = [2.0 * number + boundary.parameters for number, boundary in enumerate(self.boundaries)]
+        return np.concatenate([np.stack([t[:-1], t[1:]], axis=1) for t in ends])
+
+    def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """Points of ∂Ω."""
+        return self._on_boundaries(lambda boundary, own: boundary.point(own), t)
+
+    def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """dz/dt at points of ∂Ω."""
+        return self._on_boundaries(lambda boundary, own: boundary.derivative(own), t)
+
+    def _on_boundaries(
+        self,
+        function: Callable[[Boundary, Float[np.ndarray, " n"]], Complex[np.ndarray, " n"]],
+        t: Float[np.ndarray, "*pts"],
+    ) -> Complex[np.ndarray, "*pts"]:
+        number = (np.asarray(t) // 2).astype(np.int64)
+        z = np.empty(number.shape, dtype=np.complex128)
+        for k, boundary in enumerate(self.boundaries):
+            here = number == k
+            z[here] = function(boundary, np.asarray(t)[here] - 2 * k)
+        return z
 
     @cached_property
     def perimeter(self) -> float:
-        """Length of the polygon of the boundary's vertices."""
-        v = self.boundary.vertices
-        return float(np.abs(np.roll(v, -1) - v).sum())
+        """Length of the polygons of the boundaries' vertices."""
+        v = self.vertices
+        return float(np.abs(v[rim_successors(self.triangulation.rims)] - v).sum())
 
     @cached_property
     def diameter(self) -> float:
@@ -260,16 +332,18 @@ class PlaneDomain:
         return (self.distance_outside(z.ravel()) < 0).reshape(z.shape)
 
     @cached_property
-    def _fine_polygon(self) -> tuple[Complex[np.ndarray, " n"], cKDTree]:
-        points = sampled(self.boundary, _FINE)
-        return points, cKDTree(plane_coordinates(points))
+    def _fine_polygons(self) -> _Polygons:
+        parts = [sampled(boundary, _FINE) for boundary in self.boundaries]
+        points, after = np.concatenate(parts), rim_successors(tuple(map(len, parts)))
+        return _Polygons(points=points, after=after, tree=cKDTree(plane_coordinates(points)))
 
     def distance_outside(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Distance of points from ∂Ω, negative for points of Ω, with 16 straight edges in place of each piece of ∂Ω."""
-        points, tree = self._fine_polygon
-        vertex = np.asarray(tree.query(plane_coordinates(z))[1])
-        edge = np.stack([vertex - 1, vertex])
-        start, side = points[edge], points[(edge + 1) % len(points)] - points[edge]
+        points, after = self._fine_polygons.points, self._fine_polygons.after
+        before = np.argsort(after)
+        vertex = np.asarray(self._fine_polygons.tree.query(plane_coordinates(z))[1])
+        edge = np.stack([before[vertex], vertex])
+        start, side = points[edge], points[after[edge]] - points[edge]
         share = np.clip(((z - start) * np.conj(side)).real / np.abs(side) ** 2, 0, 1)
         distance = np.abs(z - start - share * side)
         nearer, column = distance.argmin(axis=0), np.arange(len(z))
@@ -282,14 +356,8 @@ class PlaneDomain:
 
     @cached_property
     def panel_breaks(self) -> Float[np.ndarray, " b"]:
-        """Ends of quadrature panels on ∂Ω, from 0 to 1: its vertices, and points that halve the way to each corner."""
-        t, corners = self.boundary.parameters, np.flatnonzero(self.boundary.corners)
-        halving = 0.5 ** np.arange(1, _CORNER_LEVELS + 1)
-        width = np.diff(t)
-        after = t[corners, None] + width[corners, None] * halving
-        end = np.where(corners == 0, 1.0, t[corners])
-        before = end[:, None] - width[corners - 1][:, None] * halving
-        return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))
+        """`panel_breaks` of the outer boundary."""
+        return panel_breaks(self.boundary)
 
     @cached_property
     def root(self) -> int:
@@ -317,12 +385,33 @@ class PlaneDomain:
         return PathTree(root=self.root, parent=parent, levels=_levels(self.root, parent))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Polygons:
+    """Closed polygons, one after the other."""
+
+    points: Complex[np.ndarray, " n"]
+    after: Int[np.ndarray, " n"]  # the next point of each on its polygon
+    tree: cKDTree
+
+
+def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
+    """Ends of quadrature panels on a boundary, from 0 to 1: vertices, and points that halve the way to each corner."""
+    t, corners = boundary.parameters, np.flatnonzero(boundary.corners)
+    halving = 0.5 ** np.arange(1, _CORNER_LEVELS + 1)
+    width = np.diff(t)
+    after = t[corners, None] + width[corners, None] * halving
+    end = np.where(corners == 0, 1.0, t[corners])
+    before = end[:, None] - width[corners - 1][:, None] * halving
+    return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))
+
+
 # the boundaries of many domains are one: the circle on which most loops are solved
 @lru_cache(maxsize=16)
-def _graded_triangulation(vertices: bytes) -> PlaneTriangulation:
-    """The triangulation of a polygon given as the bytes of its complex vertices, with edges that grow inwards."""
-    polygon = np.frombuffer(vertices, dtype=np.complex128)
-    return triangulate_polygon(polygon, graded_size(polygon))
+def _graded_triangulation(vertices: bytes, rims: Rims) -> PlaneTriangulation:
+    """The triangulation inside polygons given as the bytes of their complex vertices, with edges that grow inwards."""
+    points = np.frombuffer(vertices, dtype=np.complex128)
+    outer, *holes = np.split(points, np.cumsum(rims)[:-1])
+    return triangulate_polygon(outer, graded_size(points, rims=rims), holes=holes)
 
 
 def _levels(root: int, parent: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, "_"], ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.domain.delaunay import constrained_delaunay, cross
+from spinor_geom.domain.delaunay import Rims, constrained_delaunay, cross
 
 # smoothing may make a triangle less round only down to this (1: equilateral)
 _ROUND_ENOUGH = 0.4
@@ -17,19 +17,19 @@ _AROUND = np.append(0, np.exp(2j * np.pi * np.arange(8) / 8))
 
 
 def smooth(
-    points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], m: int
+    points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], rims: Rims
 ) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "t 3"]]:
     """Moves inner points to the mean of their neighbours, twice a pass; a new Delaunay triangulation follows each pass.
 
     Args:
-        points: Boundary first; the first m stay.
+        points: Boundary first; it stays.
         faces: Counter-clockwise.
-        m: Number of boundary vertices.
+        rims: Numbers of boundary vertices.
 
     Returns:
         Points and faces; no face is flipped.
     """
-    n = len(points)
+    n, m = len(points), sum(rims)
     if n == m:
         return points, faces
     for _ in range(_SMOOTHING_PASSES):
@@ -40,17 +40,17 @@ def smooth(
             moved = points.copy()
             moved[m:] = total[m:] / degree
             points = _held_back(points, moved, faces)
-        faces = constrained_delaunay(points, m)
+        faces = constrained_delaunay(points, rims)
     return points, faces
 
 
 def polish(
-    points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], m: int, min_angle: float
+    points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], rims: Rims, min_angle: float
 ) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "t 3"]]:
     """Moves inner points of triangles with an angle below `min_angle` degrees to the best of a few places nearby."""
     sine = np.sin(np.radians(min_angle))
     for step in _POLISHING_STEPS:
-        chosen = _worst_points(points, faces, m, sine)
+        chosen = _worst_points(points, faces, sum(rims), sine)
         if not chosen.any():
             break
         # every corner of a face at a chosen point, sorted by point
@@ -68,7 +68,7 @@ def polish(
         best = np.minimum.reduceat(sines, start, axis=0).argmax(axis=1)
         points = points.copy()
         points[vertex] = places[np.arange(len(vertex)), best]
-        faces = constrained_delaunay(points, m)
+        faces = constrained_delaunay(points, rims)
     return points, faces
 
 

@@ -1,8 +1,8 @@
-"""Triangulation of a simple plane polygon whose boundary stays as it is, vertex by vertex."""
+"""Triangulation of a simple plane polygon, with holes or not, whose boundary stays as it is, vertex by vertex."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,11 +12,13 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import (
     ConstrainedDelaunay,
+    Rims,
     circumcircles,
     constrained_delaunay,
     edge_codes,
     plane_coordinates,
     reachable,
+    rim_successors,
     unique_edges,
 )
 from spinor_geom.domain.lattice import lattice_inside
@@ -46,17 +48,25 @@ _LONGEST_EAR = 1.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneTriangulation:
-    """A triangulated simple polygon.
+    """A triangulated simple polygon, with holes or without.
 
     Attributes:
-        points: Vertices x + iy; the boundary comes first, counter-clockwise, equal to the input bit for bit.
+        points: Vertices x + iy; the boundary comes first, counter-clockwise, equal to the input bit for bit; after it
+            the boundaries of holes, clockwise.
         faces: Counter-clockwise triangles, indices into `points`.
-        boundary_size: Number of boundary vertices.
+        boundary_size: Number of boundary vertices, those of holes included.
+        hole_sizes: Numbers of vertices of the holes.
     """
 
     points: Complex[np.ndarray, " n"]
     faces: Int[np.ndarray, "t 3"]
     boundary_size: int
+    hole_sizes: tuple[int, ...] = ()
+
+    @property
+    def rims(self) -> Rims:
+        """Numbers of vertices of each boundary, the outer one first."""
+        return (self.boundary_size - sum(self.hole_sizes), *self.hole_sizes)
 
     @cached_property
     def angles(self) -> Float[np.ndarray, "t 3"]:
@@ -71,21 +81,28 @@ class PlaneTriangulation:
         return unique_edges(self.faces, len(self.points))
 
 
-def graded_size(boundary: Complex[np.ndarray, " m"], *, growth: float = 0.35, cap: float | None = None) -> SizeFunction:
+def graded_size(
+    boundary: Complex[np.ndarray, " m"],
+    *,
+    growth: float = 0.35,
+    cap: float | None = None,
+    rims: Rims | None = None,
+) -> SizeFunction:
     """Edge length that is the local one at the boundary and grows with the distance from it.
 
     h(z) = min_j (e_j + growth·|z − b_j|) over the boundary vertices b_j nearest to z; e_j is the mean of the two
     boundary edges at b_j, lowered where a neighbour's e_i + growth·|b_i − b_j| is smaller.
 
     Args:
-        boundary: Closed polygon, in units of Ω.
+        boundary: Closed polygon, in units of Ω, or several, one after the other.
         growth: Increase of h per unit of distance.
         cap: Upper bound of h, in units of Ω.
+        rims: Numbers of vertices of the polygons; none for a single one.
 
     Returns:
         A function from points (k,) to edge lengths (k,).
     """
-    bounds = size_bounds(boundary, growth=growth, decay=0.0)
+    bounds = size_bounds(boundary, growth=growth, decay=0.0, rims=rims)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         _, h = bounds(z)
@@ -94,19 +111,25 @@ def graded_size(boundary: Complex[np.ndarray, " m"], *, growth: float = 0.35, ca
     return size
 
 
-def size_bounds(boundary: Complex[np.ndarray, " m"], *, growth: float, decay: float) -> SizeBounds:
+def size_bounds(
+    boundary: Complex[np.ndarray, " m"], *, growth: float, decay: float, rims: Rims | None = None
+) -> SizeBounds:
     """The range of edge lengths that pass gradually into those of a boundary.
 
     Args:
-        boundary: Closed polygon, in units of Ω.
+        boundary: Closed polygon, in units of Ω, or several, one after the other.
         growth: Increase of the upper bound per unit of distance; it is `graded_size`.
         decay: Decrease of the lower bound, from the local edge length at the nearest boundary vertex.
+        rims: Numbers of vertices of the polygons; none for a single one.
 
     Returns:
         A function from points (k,) to lower bounds (k,), which may be negative, and upper bounds (k,).
     """
-    edge = np.abs(np.roll(boundary, -1) - boundary)
-    own = local = 0.5 * (edge + np.roll(edge, 1))
+    after = rim_successors(rims or (len(boundary),))
+    edge = np.abs(boundary[after] - boundary)
+    before = np.empty_like(after)
+    before[after] = np.arange(len(after))
+    own = local = 0.5 * (edge + edge[before])
     tree = cKDTree(plane_coordinates(boundary))
     distance, index = tree.query(plane_coordinates(boundary), k=min(8, len(boundary)))
     for _ in range(4):
@@ -122,7 +145,12 @@ def size_bounds(boundary: Complex[np.ndarray, " m"], *, growth: float, decay: fl
 
 
 def triangulate_polygon(
-    boundary: Complex[np.ndarray, " m"], size: SizeFunction, *, min_angle: float = 25.0, max_points: int = 200_000
+    boundary: Complex[np.ndarray, " m"],
+    size: SizeFunction,
+    *,
+    holes: Sequence[Complex[np.ndarray, " _"]] = (),
+    min_angle: float = 25.0,
+    max_points: int = 200_000,
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
@@ -135,22 +163,24 @@ def triangulate_polygon(
     Args:
         boundary: Vertices of the polygon, counter-clockwise, without repetition of the first.
         size: Wanted edge length at points (k,), in units of the polygon.
+        holes: Polygons inside it, clockwise, that are left out.
         min_angle: Angle in degrees below which a triangle is refined; above 30 the number of points grows quickly.
         max_points: No further points are inserted when there are so many in all.
 
     Raises:
         DomainError: The polygon is clockwise, has fewer than three vertices or a vertex that is not finite, or touches
-            or crosses itself.
+            or crosses itself; or a hole is counter-clockwise, not inside it, or otherwise such.
         OptionError: `size` gives a value that is not positive and finite.
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
-    boundary = np.array(boundary, dtype=np.complex128)
-    m = len(boundary)
-    if m < 3 or not np.isfinite(boundary).all():
-        raise DomainError(f"a polygon needs at least 3 finite vertices, got {m}", vertices=m)
-    if 0.5 * (np.conj(boundary) * np.roll(boundary, -1)).imag.sum() <= 0:
-        raise DomainError("the polygon runs clockwise or has no area; give it counter-clockwise", vertices=m)
+    polygons = [np.array(polygon, dtype=np.complex128) for polygon in (boundary, *holes)]
+    for number, polygon in enumerate(polygons):
+        _require_polygon(polygon, clockwise=number > 0)
+    rims = tuple(map(len, polygons))
+    boundary, m, hole_sizes = np.concatenate(polygons), sum(rims), rims[1:]
+    if sum(map(_area, polygons)) <= 0:
+        raise DomainError("a hole is not inside the polygon", vertices=m)
     if m == 3:
         return PlaneTriangulation(points=boundary, faces=np.array([[0, 1, 2]]), boundary_size=3)
     # at unit size about the origin a polygon is the same wherever and however large it is given
@@ -164,32 +194,51 @@ def triangulate_polygon(
             raise OptionError(f"the size function must give positive, finite lengths, got {h[wrong][0]}")
         return np.asarray(h / scale)
 
-    mesh = ConstrainedDelaunay(polygon, m)
+    mesh = ConstrainedDelaunay(polygon, rims)
     faces = mesh.faces[mesh.inside]
     sides = (mesh.neighbours[mesh.inside] < 0).sum()
-    if len(faces) != m - 2 or len(unique_edges(faces, m)) != 2 * m - 3 or sides != m:
-        raise DomainError("the polygon is not simple: one of its vertices lies on another of its edges", vertices=m)
-    guard = _Guard(polygon)
-    points = np.append(polygon, _seeds(polygon, guard, wanted, max_points - m))
-    points, faces = _refine(points, ConstrainedDelaunay(points, m), guard, wanted, min_angle, max_points)
+    count = m - 2 + 2 * len(holes)
+    if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
+        raise DomainError(
+            "the boundary is not simple: a vertex lies on another edge, or a hole is not inside the polygon", vertices=m
+        )
+    after = rim_successors(rims)
+    guard = _Guard(polygon, after)
+    points = np.append(polygon, _seeds(polygon, after, guard, wanted, max_points - m))
+    points, faces = _refine(points, ConstrainedDelaunay(points, rims), guard, wanted, min_angle, max_points)
     for _ in range(3):
-        middle = _long_bridges(points, faces, m, wanted, guard)
+        middle = _long_bridges(points, faces, after, wanted, guard)
         if len(middle) == 0:
             break
         points = np.append(points, middle)
-        faces = constrained_delaunay(points, m)
-    points, faces = smooth(points, faces, m)
-    points, faces = polish(points, faces, m, min_angle)
+        faces = constrained_delaunay(points, rims)
+    points, faces = smooth(points, faces, rims)
+    points, faces = polish(points, faces, rims, min_angle)
     result = points * scale + centre
     result[:m] = boundary
-    return PlaneTriangulation(points=result, faces=faces, boundary_size=m)
+    return PlaneTriangulation(points=result, faces=faces, boundary_size=m, hole_sizes=hole_sizes)
+
+
+def _require_polygon(polygon: Complex[np.ndarray, " m"], *, clockwise: bool) -> None:
+    m, name = len(polygon), "a hole" if clockwise else "the polygon"
+    if m < 3 or not np.isfinite(polygon).all():
+        raise DomainError(f"{name} needs at least 3 finite vertices, got {m}", vertices=m)
+    area = _area(polygon)
+    if clockwise and area >= 0:
+        raise DomainError("a hole runs counter-clockwise or has no area; give it clockwise", vertices=m)
+    if not clockwise and area <= 0:
+        raise DomainError("the polygon runs clockwise or has no area; give it counter-clockwise", vertices=m)
+
+
+def _area(polygon: Complex[np.ndarray, " m"]) -> float:
+    return 0.5 * float((np.conj(polygon) * np.roll(polygon, -1)).imag.sum())
 
 
 class _Guard:
     """Tells which points lie so near a boundary edge that they see it under too large an angle."""
 
-    def __init__(self, boundary: Complex[np.ndarray, " m"]) -> None:
-        middle, half = 0.5 * (np.roll(boundary, -1) + boundary), 0.5 * (np.roll(boundary, -1) - boundary)
+    def __init__(self, boundary: Complex[np.ndarray, " m"], after: Int[np.ndarray, " m"]) -> None:
+        middle, half = 0.5 * (boundary[after] + boundary), 0.5 * (boundary[after] - boundary)
         # edges of about one length share a tree, so that a few nearest ones are enough
         group = np.floor(np.log2(np.abs(half))).astype(int)
         self._groups = [
@@ -215,17 +264,17 @@ class _Guard:
 
 
 def _seeds(
-    polygon: Complex[np.ndarray, " m"], guard: _Guard, size: SizeFunction, most: int
+    polygon: Complex[np.ndarray, " m"], after: Int[np.ndarray, " m"], guard: _Guard, size: SizeFunction, most: int
 ) -> Complex[np.ndarray, " k"]:
     """Points of a lattice as wide as the largest of the sizes wanted: inner points to start from."""
-    area = 0.5 * (np.conj(polygon) * np.roll(polygon, -1)).imag.sum()
+    area = 0.5 * (np.conj(polygon) * polygon[after]).imag.sum()
     # a polygon that is hardly wider than a line must not be crossed by millions of rows
-    shortest = np.abs(np.roll(polygon, -1) - polygon).sum() / _MOST_ROWS
-    sample = lattice_inside(polygon, max(np.sqrt(area / _SIZE_SAMPLES), shortest))
+    shortest = np.abs(polygon[after] - polygon).sum() / _MOST_ROWS
+    sample = lattice_inside(polygon, max(np.sqrt(area / _SIZE_SAMPLES), shortest), after=after)
     if len(sample) == 0 or most <= 0:
         return sample[:0]
     spacing = max(float(size(sample).max()), np.sqrt(area / most), shortest)
-    points = lattice_inside(polygon, spacing)
+    points = lattice_inside(polygon, spacing, after=after)
     distance, _ = cKDTree(plane_coordinates(polygon)).query(plane_coordinates(points))
     points = points[np.asarray(distance) > _ROOM_AT_BOUNDARY * spacing]
     return np.asarray(points[~guard.too_near(points)])
@@ -323,22 +372,28 @@ def _first_in_cell(
 
 
 def _long_bridges(
-    points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], m: int, size: SizeFunction, guard: _Guard
+    points: Complex[np.ndarray, " n"],
+    faces: Int[np.ndarray, "t 3"],
+    after: Int[np.ndarray, " m"],
+    size: SizeFunction,
+    guard: _Guard,
 ) -> Complex[np.ndarray, " k"]:
     """Points that split inner edges between boundary vertices, where the polygon has room for one."""
+    m = len(after)
     edges = unique_edges(faces[(faces < m).sum(axis=1) > 1], len(points))
-    gap = edges[:, 1] - edges[:, 0]
-    edges = edges[(edges[:, 1] < m) & (gap != 1) & (gap != m - 1)]
+    edges = edges[edges[:, 1] < m]
+    edges = edges[(after[edges] != edges[:, ::-1]).all(axis=1)]
     if len(edges) == 0:
         return points[:0]
     start, end = edges.T
-    place, length, gap = 0.5 * (points[start] + points[end]), np.abs(points[end] - points[start]), end - start
+    place, length = 0.5 * (points[start] + points[end]), np.abs(points[end] - points[start])
     # a bridge that hides one convex vertex from an inner point goes sooner, and its point lies farther in
     blocked = faces[(faces < m).all(axis=1)]
     code, count = np.unique(edge_codes(blocked, m), return_counts=True)
     one_sided = np.isin(start * m + end, code[count == 1])
-    ear = ((gap == 2) | (gap == m - 2)) & one_sided
-    tip = points[np.where(gap == 2, start + 1, (end + 1) % m)]
+    is_next = after[after[start]] == end
+    ear = (is_next | (after[after[end]] == start)) & one_sided
+    tip = points[after[np.where(is_next, start, end)]]
     long = length > np.where(ear, _LONGEST_EAR, _LONGEST_BRIDGE) * size(place)
     place = np.where(ear, tip + 1.1 * (place - tip), place)[long]
     distance, _ = cKDTree(plane_coordinates(points)).query(plane_coordinates(place))

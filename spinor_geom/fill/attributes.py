@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.sparse.linalg import splu
 
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -46,7 +45,10 @@ def harmonic_values(patch: Patch, rim_values: Float[np.ndarray, "m k"]) -> Float
 
 
 def patch_attributes(
-    attributes: Mapping[str, Float[np.ndarray, "v _"]], loop: BoundaryLoop, patch: Patch, surface: SpinorSurface
+    attributes: Mapping[str, Float[np.ndarray, "v _"]],
+    rim: Int[np.ndarray, " m"],
+    patch: Patch,
+    surface: SpinorSurface,
 ) -> dict[str, Float[np.ndarray, "n _"]]:
     """Every attribute of a mesh at the inner vertices of a patch.
 
@@ -55,21 +57,22 @@ def patch_attributes(
 
     Args:
         attributes: the mesh's own, (V, k) each.
-        loop: the rim; its vertex ids index the attributes.
-        patch: the rim's vertices first.
+        rim: mesh vertices of the patch's boundary vertices.
+        patch: the patch.
         surface: gives the normals at the patch's points of Ω.
 
     Returns:
         (n − M, k) float64 under the same names.
     """
     names = [name for name in attributes if name != NORMAL]
-    rim = patch.boundary_size
     values: dict[str, Float[np.ndarray, "n _"]] = {}
     if names:
-        columns = [np.asarray(attributes[name])[loop.vertex_ids] for name in names]
+        columns = [np.asarray(attributes[name])[rim] for name in names]
         inner = harmonic_values(patch, np.hstack(columns))
         ends = np.cumsum([column.shape[1] for column in columns])[:-1]
         values = dict(zip(names, np.split(inner, ends, axis=1), strict=True))
     if NORMAL in attributes:
-        values[NORMAL] = np.asarray(surface.normal(patch.points[rim:]), dtype=np.float64).reshape(-1, 3)
+        values[NORMAL] = np.asarray(surface.normal(patch.points[patch.boundary_size :]), dtype=np.float64).reshape(
+            -1, 3
+        )
     return values

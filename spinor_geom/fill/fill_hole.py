@@ -7,6 +7,8 @@ from collections.abc import Callable
 from typing import Any, Literal, TypeVar, overload
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
+from spinor_geom.errors import OptionError
+from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
 from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
@@ -27,6 +29,7 @@ def fill_hole(
     mesh: str | os.PathLike[str],
     loop: LoopChoice = "all",
     *,
+    islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -40,6 +43,7 @@ def fill_hole(
     mesh: str | os.PathLike[str],
     loop: LoopChoice = "all",
     *,
+    islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -53,6 +57,7 @@ def fill_hole(
     mesh: MeshT,
     loop: LoopChoice = "all",
     *,
+    islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -66,6 +71,7 @@ def fill_hole(
     mesh: MeshT,
     loop: LoopChoice = "all",
     *,
+    islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -78,6 +84,7 @@ def fill_hole(
     mesh: Any,
     loop: LoopChoice = "all",
     *,
+    islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -94,9 +101,15 @@ def fill_hole(
     in the report. Where a patch crosses itself (over a knotted loop every disk does), the mesh or another patch, it is
     kept and the report says so.
 
+    Which point of one rim of a bridge lies opposite to which of the other comes from the surface. Rims too far from
+    each other have no annulus between them and stay open, as do those of pieces that are inside out to each other.
+
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
-        loop: which holes: "all", a place in `boundary_loops(mesh)`, several places, or one of those loops.
+        loop: which holes: "all", a place in `boundary_loops(mesh)`, a list of places, or one of those loops; a pair of
+            places (i, j) joins these two loops by a minimal annulus, a bridge.
+        islands: "join" fills a hole in which a loose piece lies by an annulus between both, "ignore" fills hole and
+            piece each by themselves; the report says which pieces lie in which holes.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
         max_perimeter: leaves loops longer than this open, in mesh units.
         target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length.
@@ -116,8 +129,11 @@ def fill_hole(
         MeshError: the mesh has no unambiguous boundary.
         LoopIndexError: `loop` names a place that does not exist.
         ForeignLoopError: `loop` is not a loop of this mesh.
+        TooManyRimsError: a tuple names more loops than two, or fewer.
         OptionError: an option has a value that is not allowed.
     """
+    if islands not in ("join", "ignore"):
+        raise OptionError(f"islands must be 'join' or 'ignore', not {islands!r}")
     if max_perimeter is not None:
         require_positive("max_perimeter", max_perimeter)
     options = FillOptions(target_edge_length=target_edge_length, model=model, tolerance=tolerance)
@@ -130,12 +146,17 @@ def fill_hole(
     reasons = reasons_to_leave_open(loops, places, keep_largest=keep_largest, max_perimeter=max_perimeter)
     if isinstance(loop, BoundaryLoop):
         loops[places[0]] = loop  # keeps the corners that the caller gave it
+    joins = planned_joins(triangles, loop, loops, reasons, islands)
     clock.lap("loops")
     with one_thread():
         taken = RimEdges(triangles, loops)
-        requested = [entry for entry, reason in zip(loops, reasons, strict=True) if reason is None]
+        requested = [
+            entry
+            for place, (entry, reason) in enumerate(zip(loops, reasons, strict=True))
+            if reason is None and place not in joins.alone
+        ]
         surfaces = minimal_surfaces(requested, [refusal(entry, taken) for entry in requested], options)
-        outcomes, patches = fill_loops(triangles, loops, reasons, surfaces, taken, options, on_loop)
+        outcomes, patches = fill_loops(triangles, loops, reasons, surfaces, taken, options, on_loop, joins=joins)
     clock.lap("fill")
     extension = stitch(triangles, patches)
     filled = extend(source, extension)

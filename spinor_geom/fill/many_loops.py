@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 from spinor_geom.errors import SpinorGeomError
+from spinor_geom.fill.bridge import Joins, fill_between
 from spinor_geom.fill.one_loop import FillOptions, fill_loop
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges
@@ -24,6 +26,8 @@ def fill_loops(
     taken: RimEdges,
     options: FillOptions,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    *,
+    joins: Joins | None = None,
 ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
     """One outcome for every loop, and the patches of those that are filled.
 
@@ -31,28 +35,41 @@ def fill_loops(
         mesh: the mesh.
         loops: all of its loops.
         reasons: for each why it is to stay open, or None.
-        surfaces: for each of the others in order its surface, or why it has none.
+        surfaces: for each of the others that is filled by itself, in order, its surface, or why it has none.
         taken: edges that no patch may have; takes those of the patches.
         options: of the call.
         on_loop: is called after each loop that is not to stay open, with its outcome and their number.
+        joins: what is joined to what; by default nothing.
     """
+    joins = joins or Joins()
     surroundings = Surroundings(mesh)
     requested = sum(reason is None for reason in reasons)
-    outcomes: list[LoopOutcome] = []
+    outcomes: dict[int, LoopOutcome] = {}
     patches: list[LoopPatch] = []
     for place, (loop, reason) in enumerate(zip(loops, reasons, strict=True)):
+        if place in outcomes:
+            continue
         if reason is not None:
-            outcomes.append(
-                LoopOutcome(index=place, loop=loop, requested=False, filled=False, reason=reason, timings={})
+            outcomes[place] = LoopOutcome(
+                index=place, loop=loop, requested=False, filled=False, reason=reason, timings={}
             )
             continue
-        outcome, patch = fill_loop(mesh, place, loop, partial(_next, surfaces), taken, surroundings, options)
-        outcomes.append(outcome)
+        done: tuple[LoopOutcome, ...]
+        if place in joins.pairs:
+            done, patch = fill_between(mesh, (place, joins.pairs[place]), loops, taken, surroundings, options)
+        else:
+            solve = partial(_raise, joins.refused[place]) if place in joins.refused else partial(_next, surfaces)
+            outcome, patch = fill_loop(mesh, place, loop, solve, taken, surroundings, options)
+            done = (outcome,)
+        if place in joins.notes and done[0].filled:
+            done = (replace(done[0], notes=(*done[0].notes, joins.notes[place])), *done[1:])
         if patch is not None:
             patches.append(patch)
-        if on_loop is not None:
-            on_loop(outcome, requested)
-    return outcomes, patches
+        for outcome in done:
+            outcomes[outcome.index] = outcome
+            if on_loop is not None:
+                on_loop(outcome, requested)
+    return [outcomes[place] for place in range(len(loops))], patches
 
 
 def minimal_surfaces(
@@ -74,6 +91,10 @@ def minimal_surfaces(
     solutions = solve_plateau_batch(accepted, model=options.model, tolerance=options.tolerance, device=device)
     for error in refusals:
         yield next(solutions) if error is None else error
+
+
+def _raise(error: SpinorGeomError) -> PlateauSolution:
+    raise error
 
 
 def _next(surfaces: Iterator[PlateauSolution | SpinorGeomError]) -> PlateauSolution:

@@ -1,4 +1,4 @@
-"""Fills one boundary loop: refuses what is no hole, solves, meshes, interpolates the attributes."""
+"""Fills one loop, or the gap between two: refuses what is no hole, solves, meshes, interpolates the attributes."""
 
 from __future__ import annotations
 
@@ -84,7 +84,9 @@ def fill_loop(
     surroundings: Surroundings,
     options: FillOptions,
 ) -> tuple[LoopOutcome, LoopPatch | None]:
-    """The patch of one loop, or the reason why it has none; a patch joins what is taken and the surroundings.
+    """The patch of one loop, or from it to another, or the reason why it has none.
+
+    A patch joins what is taken and the surroundings.
 
     Args:
         mesh: the mesh.
@@ -108,11 +110,12 @@ def fill_loop(
         def position(points: Complex[np.ndarray, " c"]) -> Float[np.ndarray, "c 3"]:
             return np.asarray(surface.position(points), dtype=np.float64)
 
-        patch, split = fit_to_rim(loop, mesh_patch(solution, options.target_edge_length), taken, position)
+        rim = np.concatenate([match.loop.vertex_ids for match in solution.rims])
+        patch, split = fit_to_rim(rim, mesh_patch(solution, options.target_edge_length), taken, position)
         if not np.isfinite(patch.vertices).all():
             raise SurfaceError("the surface that was found is not finite everywhere; no patch was made")
         clock.lap("mesh")
-        attributes = patch_attributes(mesh.vertex_attributes, loop, patch, surface)
+        attributes = patch_attributes(mesh.vertex_attributes, rim, patch, surface)
         clock.lap("attributes")
         crossings = surroundings.join(patch)
         clock.lap("crossings")
@@ -142,10 +145,20 @@ def fill_loop(
         self_intersections=len(crossings.own),
         mesh_intersections=len(crossings.mesh),
         patch_intersections=len(crossings.patches),
-        notes=crossings.notes,
+        notes=(*crossings.notes, *_notes(solution)),
         timings=clock.laps(),
     )
-    return outcome, LoopPatch(place=place, loop=loop, patch=patch, attributes=attributes)
+    return outcome, LoopPatch(place=place, rim=rim, patch=patch, attributes=attributes)
+
+
+def _notes(solution: PlateauSolution) -> tuple[str, ...]:
+    """What a bridge should be known by."""
+    if solution.annulus is None or solution.is_area_minimum or solution.annulus.disk_area is None:
+        return ()
+    return (
+        f"the bridge is a local minimum of area only: it has {solution.area:.6g}, the two disks over its rims have "
+        f"{solution.annulus.disk_area:.6g}",
+    )
 
 
 def refusal(loop: BoundaryLoop, taken: RimEdges) -> SpinorGeomError | None:

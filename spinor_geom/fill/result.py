@@ -27,6 +27,8 @@ class LoopOutcome:
         solution: the minimal surface, where one was found.
         patch: its mesh as it was joined to the hole's rim, with the places of its vertices in Ω; None where it is not
             filled.
+        joined_to: the place of the loop that its surface goes on to; none for a loop that is filled by itself. The
+            figures of a bridge stand with the first of the two.
         vertices_added: new vertices of its patch.
         faces_added: new faces of its patch.
         edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead.
@@ -46,6 +48,7 @@ class LoopOutcome:
     reason: str
     solution: PlateauSolution | None = None
     patch: Patch | None = None
+    joined_to: int | None = None
     vertices_added: int = 0
     faces_added: int = 0
     edges_split: int = 0
@@ -76,6 +79,7 @@ class LoopOutcome:
             "perimeter": float(self.loop.perimeter),
             "requested": self.requested,
             "filled": self.filled,
+            "joined_to": self.joined_to,
             "converged": self.converged,
             "reason": self.reason,
             "residual_rms_per_edge": None if residual is None else float(residual.rms_per_edge),

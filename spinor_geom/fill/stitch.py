@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -16,28 +17,27 @@ from spinor_geom.meshing.embed import Patch
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopPatch:
-    """A patch ready to be joined to the mesh along its loop.
+    """A patch ready to be joined to the mesh along its loop or loops.
 
     Attributes:
-        place: the loop's place among the mesh's loops.
-        loop: the rim.
-        patch: its first `boundary_size` vertices are the loop's.
+        place: the place of its loop, or of the first, among the mesh's loops.
+        rim: mesh vertices of the patch's first `boundary_size` vertices.
+        patch: the patch.
         attributes: (n − M, k) values at the inner vertices under the names of the mesh's attributes.
     """
 
     place: int
-    loop: BoundaryLoop
+    rim: Int[np.ndarray, " m"]
     patch: Patch
     attributes: Mapping[str, Float[np.ndarray, "n _"]]
 
 
 def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
     """The patch's inner edges that join two rim vertices, as pairs of patch vertices (lower first), each once."""
-    rim = patch.boundary_size
+    after = rim_successors(patch.rims)
     edges = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    edges = np.unique(np.sort(edges[(edges < rim).all(axis=1)], axis=1), axis=0)
-    apart = edges[:, 1] - edges[:, 0]
-    chords: Int[np.ndarray, "c 2"] = edges[(apart > 1) & (apart < rim - 1)]
+    edges = np.unique(np.sort(edges[(edges < patch.boundary_size).all(axis=1)], axis=1), axis=0)
+    chords: Int[np.ndarray, "c 2"] = edges[(after[edges] != edges[:, ::-1]).all(axis=1)]
     return chords
 
 
@@ -112,7 +112,7 @@ def split_chords(
 
 
 def fit_to_rim(
-    loop: BoundaryLoop,
+    rim: Int[np.ndarray, " m"],
     patch: Patch,
     taken: RimEdges,
     position: Callable[[Complex[np.ndarray, " c"]], Float[np.ndarray, "c 3"]],
@@ -120,8 +120,8 @@ def fit_to_rim(
     """Makes a patch joinable: chords on taken edges are split; those that stay are taken from now on.
 
     Args:
-        loop: the rim.
-        patch: its patch.
+        rim: mesh vertices of the patch's boundary vertices.
+        patch: the patch.
         taken: the edges of the mesh and of the patches joined so far; updated.
         position: the surface's position at points of Ω.
 
@@ -129,7 +129,7 @@ def fit_to_rim(
         The patch, and how many chords were split.
     """
     chords = patch_chords(patch)
-    in_mesh = loop.vertex_ids[chords]
+    in_mesh = rim[chords]
     clash = taken.are_taken(in_mesh)
     taken.take(in_mesh[~clash])
     if not clash.any():
@@ -152,12 +152,12 @@ def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:
     vertices, faces, face_loops = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     count = len(mesh.vertices)
     for part in patches:
-        rim, inner = part.patch.boundary_size, part.patch.vertices[part.patch.boundary_size :]
-        indices = np.concatenate([part.loop.vertex_ids, np.arange(count, count + len(inner))])
+        inner = part.patch.vertices[part.patch.boundary_size :]
+        indices = np.concatenate([part.rim, np.arange(count, count + len(inner))])
         vertices.append(inner)
         faces.append(indices[part.patch.faces])
         face_loops.append(np.full(len(part.patch.faces), part.place, dtype=np.int64))
-        count += len(part.patch.vertices) - rim
+        count += len(inner)
     attributes = {
         name: np.concatenate([np.empty((0, values.shape[1])), *(part.attributes[name] for part in patches)])
         for name, values in mesh.vertex_attributes.items()

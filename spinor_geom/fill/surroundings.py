@@ -44,7 +44,7 @@ class Surroundings:
         """Adds a patch; gives what it crosses of itself and of all that was there before."""
         new = _Piece(patch.vertices, np.asarray(patch.faces), start=self._count)
         own = NO_PAIRS
-        if not is_graph(new.vertices, new.faces, patch.boundary_size):
+        if patch.hole_sizes or not is_graph(new.vertices, new.faces, patch.boundary_size):
             own = self_intersections(new.vertices, new.faces) + new.start
         mesh = new.crossings(self._mesh)
         patches = np.concatenate([NO_PAIRS, *(new.crossings(self._patches[k]) for k in self._patches_near(new))])

@@ -20,6 +20,8 @@ class CauchyNetwork(torch.nn.Module):
 
     A complex-valued network with one hidden layer and activation σ(u) = 1/u: holomorphic on Ω because no pole lies
     in it. The features are mixed so that they are orthonormal on ∂Ω, which is what makes fits converge in few steps.
+    Around a hole p and q may change their sign: then all features are times √(z − c), c in the hole. They jump where
+    z − c is negative, what a surface is made of, p², q² and pq, does not.
 
     Shape:
         hessenberg: (degree + 1, degree), recurrence of the polynomials.
@@ -27,10 +29,12 @@ class CauchyNetwork(torch.nn.Module):
         mixing: (degree + 1 + K, n), raw features to orthonormal ones.
         leja: (degree + 1,), interpolation points of the polynomials' Newton form.
         newton: (degree + 1, degree + 1), coefficients in the orthogonal polynomials to those of the Newton form.
+        branch: (1,), the point c; (0,) where p and q are single-valued.
         readout: (n, 2), the trainable read-outs of p and q.
     """
 
     kind: ClassVar[str] = "cauchy"
+    branch: Tensor
     hessenberg: Tensor
     poles: Tensor
     scales: Tensor
@@ -47,6 +51,7 @@ class CauchyNetwork(torch.nn.Module):
         mixing: Complex[Tensor, "r n"],
         leja: Complex[Tensor, " d1"],
         newton: Complex[Tensor, "d1 d1"],
+        branch: Complex[Tensor, " b"] | None = None,
         readout: Complex[Tensor, "n 2"] | None = None,
     ) -> None:
         """Raises DtypeError where poles, mixing or read-out are not complex."""
@@ -62,6 +67,7 @@ class CauchyNetwork(torch.nn.Module):
         self.register_buffer("mixing", mixing)
         self.register_buffer("leja", leja)
         self.register_buffer("newton", newton)
+        self.register_buffer("branch", poles[:0].clone() if branch is None else branch)
         self.readout = torch.nn.Parameter(readout.clone())
 
     @classmethod
@@ -73,6 +79,7 @@ class CauchyNetwork(torch.nn.Module):
         poles: Complex[Tensor, " k"],
         scales: Float[Tensor, " k"],
         degree: int,
+        branch: complex | None = None,
         cutoff: float = 1e-12,
     ) -> CauchyNetwork:
         """A network whose features are orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g, read-outs zero.
@@ -83,12 +90,14 @@ class CauchyNetwork(torch.nn.Module):
             poles: ζ_k.
             scales: d_k, usually the distance of ζ_k from ∂Ω.
             degree: highest degree of the polynomials.
+            branch: the point c for p and q that change their sign around a hole.
             cutoff: directions with singular value below cutoff times the largest are dropped.
         """
         weight = weight / weight.sum()
         hessenberg = arnoldi_hessenberg(z, weight, degree)
         raw = _raw_features(z, hessenberg, poles, scales)
-        root = weight.sqrt()[:, None]
+        at = z.new_tensor([] if branch is None else [branch])
+        root = weight.sqrt()[:, None] * _sign_changing(z, at)[:, None]
         # QR first: the SVD then works on a small square matrix
         _, r = torch.linalg.qr(raw * root)
         _, s, vh = torch.linalg.svd(r, full_matrices=False)
@@ -96,14 +105,36 @@ class CauchyNetwork(torch.nn.Module):
         mixing = vh.mH[:, keep] / s[keep]
         leja = leja_points(z, degree + 1)
         newton = newton_matrix(leja, arnoldi_polynomials(leja, hessenberg))
-        return cls(hessenberg=hessenberg, poles=poles, scales=scales, mixing=mixing, leja=leja, newton=newton)
+        return cls(
+            hessenberg=hessenberg, poles=poles, scales=scales, mixing=mixing, leja=leja, newton=newton, branch=at
+        )
+
+    @property
+    def antiperiodic(self) -> bool:
+        """Whether p and q change their sign around a hole."""
+        return len(self.branch) > 0
+
+    def sign_changing(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
+        """√(z − c), a factor of p and q that has no zero in Ω, or 1."""
+        return _sign_changing(z, self.branch)
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
         """The shared hidden layer at z, orthonormal on the nodes it was made for."""
-        return _raw_features(z, self.hessenberg, self.poles, self.scales) @ self.mixing
+        raw = _raw_features(z, self.hessenberg, self.poles, self.scales)
+        return (self.sign_changing(z)[..., None] * raw) @ self.mixing
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
+        return self.sign_changing(z)[..., None] * self._single_valued(z)
+
+    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        """(p'(z), q'(z))."""
+        if not self.antiperiodic:
+            return self._single_valued_derivative(z)
+        logarithmic = 0.5 / (z - self.branch[0])[..., None] * self._single_valued(z)
+        return self.sign_changing(z)[..., None] * (self._single_valued_derivative(z) + logarithmic)
+
+    def _single_valued(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
@@ -112,8 +143,7 @@ class CauchyNetwork(torch.nn.Module):
         whole = in_blocks(lambda some: newton_value(some, self.leja, polynomial), z, len(self.leja))
         return whole + in_blocks(part, z, len(self.poles))
 
-    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
-        """(p'(z), q'(z))."""
+    def _single_valued_derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
@@ -130,11 +160,12 @@ class CauchyNetwork(torch.nn.Module):
         return self.newton @ raw[:split], raw[split:]
 
     def config(self) -> dict[str, Any]:
-        """Degree, number of poles and number of mixed features."""
+        """Degree, number of poles and number of mixed features, and periodicity."""
         return {
             "degree": self.hessenberg.shape[1],
             "poles": len(self.poles),
             "features": self.mixing.shape[1],
+            "antiperiodic": self.antiperiodic,
         }
 
     @classmethod
@@ -148,7 +179,12 @@ class CauchyNetwork(torch.nn.Module):
             mixing=torch.zeros(degree + 1 + poles, features, dtype=torch.complex128),
             leja=torch.zeros(degree + 1, dtype=torch.complex128),
             newton=torch.zeros(degree + 1, degree + 1, dtype=torch.complex128),
+            branch=torch.zeros(int(config["antiperiodic"]), dtype=torch.complex128),
         )
+
+
+def _sign_changing(z: Complex[Tensor, "*pts"], branch: Complex[Tensor, " b"]) -> Complex[Tensor, "*pts"]:
+    return torch.sqrt(z - branch[0]) if len(branch) else torch.ones_like(z)
 
 
 def _raw_features(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import torch
 from jaxtyping import Complex
@@ -12,6 +12,7 @@ from torch import Tensor
 from spinor_geom.errors import OptionError, StorageError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 
@@ -51,10 +52,13 @@ class IntegrableModel(HolomorphicModel, Protocol):
         ...
 
 
-MODELS: dict[str, type[CauchyInterpolant] | type[CauchyNetwork] | type[ComplexMLP] | type[PowerSeries]] = {
+Model: TypeAlias = CauchyInterpolant | CauchyNetwork | ComplexMLP | LaurentSeries | PowerSeries
+
+MODELS: dict[str, type[Model]] = {
     CauchyInterpolant.kind: CauchyInterpolant,
     CauchyNetwork.kind: CauchyNetwork,
     ComplexMLP.kind: ComplexMLP,
+    LaurentSeries.kind: LaurentSeries,
     PowerSeries.kind: PowerSeries,
 }
 

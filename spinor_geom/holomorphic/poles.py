@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 
 # A pole in a narrow gap outside Ω moves back until no part of ∂Ω is nearer than this share of its offset.
 _FREE_SHARE = 0.6
@@ -56,15 +56,19 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _C
     Numer. Anal. 57 (2019), for the clusters.
     """
     beside = edge_poles(domain, offset=offset)
-    return beside + _corner_clusters(domain, at_corner) if domain.boundary.corners.any() else beside
+    clusters = [
+        _corner_clusters(domain, boundary, at_corner) for boundary in domain.boundaries if boundary.corners.any()
+    ]
+    return sum(clusters, beside)
 
 
 def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
     """One pole beside each boundary vertex that is no corner, along the outward normal; see `place_poles`."""
-    plain = ~domain.boundary.corners
-    w = domain.boundary.vertices
-    local = (np.abs(np.roll(w, -1) - w) + np.abs(w - np.roll(w, 1))) / 2
-    position, distance = _cleared(domain, w[plain], _outward(w)[plain], offset * local[plain])
+    plain = np.concatenate([~boundary.corners for boundary in domain.boundaries])
+    polygons = [boundary.vertices for boundary in domain.boundaries]
+    local = np.concatenate([(np.abs(np.roll(w, -1) - w) + np.abs(w - np.roll(w, 1))) / 2 for w in polygons])
+    outward = np.concatenate([_outward(w) for w in polygons])
+    position, distance = _cleared(domain, domain.vertices[plain], outward[plain], offset * local[plain])
     return Poles(positions=position, scales=distance)
 
 
@@ -76,15 +80,17 @@ def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Pol
         panels: their ends as parameters of ∂Ω; the middle is taken forwards from the first to the second.
     """
     start, end = panels.T
-    length = np.abs(domain.boundary.point(end) - domain.boundary.point(start))
-    ends, owner = np.unique(np.mod(np.concatenate([start, end]), 1.0), return_inverse=True)
+    length = np.abs(domain.point(end) - domain.point(start))
+    both = np.concatenate([start, end])
+    # the end of each boundary is its start
+    ends, owner = np.unique(np.where(both % 2 == 1, both - 1, both), return_inverse=True)
     end_length = np.full(len(ends), np.inf)
     np.minimum.at(end_length, owner, np.concatenate([length, length]))
     t = np.concatenate([(start + end) / 2, ends])
-    tangent = domain.boundary.derivative(t)
+    tangent = domain.derivative(t)
     position, distance = _cleared(
         domain,
-        domain.boundary.point(t),
+        domain.point(t),
         -1j * tangent / np.abs(tangent),
         np.concatenate([length / 2, end_length / 3]),
     )
@@ -117,8 +123,8 @@ def _outward(w: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
     return np.asarray(-1j * tangent / np.maximum(np.abs(tangent), 1e-12))
 
 
-def _corner_clusters(domain: PlaneDomain, count: int) -> Poles:
-    w, corners = domain.boundary.vertices, np.flatnonzero(domain.boundary.corners)
+def _corner_clusters(domain: PlaneDomain, boundary: Boundary, count: int) -> Poles:
+    w, corners = boundary.vertices, np.flatnonzero(boundary.corners)
     along = np.concatenate([[0.0], np.cumsum(np.abs(np.roll(w, -1) - w))])
     side = np.diff(np.append(along[corners], along[-1] + along[corners[0]]))
     reach = np.minimum(side, np.roll(side, 1)) / 2

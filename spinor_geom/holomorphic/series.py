@@ -40,16 +40,16 @@ class PowerSeries(torch.nn.Module):
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts k"]:
         """Powers ((z − centre)/radius)^k, k = 0 … K − 1."""
-        return _powers((z - self.center) / self.radius, len(self.coefficients)).movedim(0, -1)
+        return power_table((z - self.center) / self.radius, len(self.coefficients)).movedim(0, -1)
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
-        return _sums((z - self.center) / self.radius, self.coefficients)
+        return power_sums((z - self.center) / self.radius, self.coefficients)
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
         k = torch.arange(len(self.coefficients), device=z.device, dtype=self.coefficients.real.dtype)
-        return _sums((z - self.center) / self.radius, (self.coefficients * (k / self.radius)[:, None])[1:])
+        return power_sums((z - self.center) / self.radius, (self.coefficients * (k / self.radius)[:, None])[1:])
 
     def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
         """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from the centre to z, polynomials too."""
@@ -58,7 +58,7 @@ class PowerSeries(torch.nn.Module):
         p, q = torch.fft.fft(self.coefficients, n=max(2 * len(self.coefficients) - 1, 1), dim=0).unbind(-1)
         products = torch.fft.ifft(torch.stack([p * p, q * q, p * q], dim=-1), dim=0)
         k = torch.arange(1, len(products) + 1, device=z.device, dtype=products.real.dtype)
-        return u[..., None] * _sums(u, products * (self.radius / k)[:, None])
+        return u[..., None] * power_sums(u, products * (self.radius / k)[:, None])
 
     def config(self) -> dict[str, Any]:
         """Number of terms, centre and radius."""
@@ -75,12 +75,12 @@ class PowerSeries(torch.nn.Module):
         return cls(zeros, center=complex(*config["center"]), radius=float(config["radius"]))
 
 
-def _sums(u: Complex[Tensor, "*pts"], coefficients: Complex[Tensor, "k c"]) -> Complex[Tensor, "*pts c"]:
+def power_sums(u: Complex[Tensor, "*pts"], coefficients: Complex[Tensor, "k c"]) -> Complex[Tensor, "*pts c"]:
     """Σ_k a_k u^k for each column of coefficients: Horner's rule on blocks of `_POWERS` terms."""
     parts = [part.mT for part in torch.split(coefficients, _POWERS)]
 
     def block(some: Complex[Tensor, " n"]) -> Complex[Tensor, "c n"]:
-        powers = _powers(some, min(_POWERS, len(coefficients)))
+        powers = power_table(some, min(_POWERS, len(coefficients)))
         total = parts[-1] @ powers[: parts[-1].shape[1]]
         if len(parts) > 1:
             step = powers[-1] * some
@@ -92,7 +92,7 @@ def _sums(u: Complex[Tensor, "*pts"], coefficients: Complex[Tensor, "k c"]) -> C
     return total.mT.reshape(*u.shape, coefficients.shape[1])
 
 
-def _powers(u: Complex[Tensor, "*pts"], count: int) -> Complex[Tensor, "k *pts"]:
+def power_table(u: Complex[Tensor, "*pts"], count: int) -> Complex[Tensor, "k *pts"]:
     """u⁰ … u^(count − 1)."""
     if count == 0:
         return u.new_zeros((0, *u.shape))

@@ -18,7 +18,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
-from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
+from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import ZeroOnContourError
 
 HolomorphicFunction = Callable[[Complex[Tensor, " n"]], Complex[Tensor, " n"]]
@@ -60,12 +61,12 @@ class _Edges:
     end: Complex[np.ndarray, " e"]
     arc: Float[np.ndarray, "e 2"]
 
-    def points(self, boundary: Boundary, s: Float[np.ndarray, " k"]) -> Complex[np.ndarray, "e k"]:
+    def points(self, domain: PlaneDomain, s: Float[np.ndarray, " k"]) -> Complex[np.ndarray, "e k"]:
         """Points at the fractions s of each path."""
         straight = self.start[:, None] + s * (self.end - self.start)[:, None]
         curved = ~np.isnan(self.arc[:, 0])
         t = self.arc[curved]
-        straight[curved] = boundary.point(t[:, :1] + s * (t[:, 1:] - t[:, :1]))
+        straight[curved] = domain.point(t[:, :1] + s * (t[:, 1:] - t[:, :1]))
         return np.asarray(straight)
 
     def take(self, index: Int[np.ndarray, " k"]) -> _Edges:
@@ -89,10 +90,10 @@ def find_zeros(
         ZeroOnContourError: the function has a zero on ∂Ω or so near to it that it cannot be placed.
     """
     edges = _boundary_edges(domain)
-    count = round(float(_turning(function, domain.boundary, edges).sum() / (2 * np.pi)))
+    count = round(float(_turning(function, domain, edges).sum() / (2 * np.pi)))
     if count == 0:
         return ()
-    rim = edges.points(domain.boundary, np.linspace(0, 1, 8, endpoint=False)).ravel()
+    rim = edges.points(domain, np.linspace(0, 1, 8, endpoint=False)).ravel()
     found = _locate(function, domain, count, rim, resolution * domain.diameter)
     centres = np.array([zero.z for zero in found])
     radii = (0.5 * _clearance(centres, rim)).tolist()
@@ -124,7 +125,7 @@ def _evaluate(function: HolomorphicFunction, z: Complex[np.ndarray, "*pts"]) -> 
     return np.asarray(values.cpu().resolve_conj().numpy().reshape(z.shape))
 
 
-def _turning(function: HolomorphicFunction, boundary: Boundary, edges: _Edges) -> Float[np.ndarray, " e"]:
+def _turning(function: HolomorphicFunction, domain: PlaneDomain, edges: _Edges) -> Float[np.ndarray, " e"]:
     """Change of arg f along each path, by sampling each finely enough.
 
     Raises:
@@ -135,7 +136,7 @@ def _turning(function: HolomorphicFunction, boundary: Boundary, edges: _Edges) -
     before = np.full(len(todo), np.nan)
     intervals = _FIRST_INTERVALS
     while len(todo) and intervals <= _MOST_INTERVALS:
-        values = _evaluate(function, edges.take(todo).points(boundary, np.linspace(0, 1, intervals + 1)))
+        values = _evaluate(function, edges.take(todo).points(domain, np.linspace(0, 1, intervals + 1)))
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.angle(values[:, 1:] / values[:, :-1])
             now = step.sum(axis=1)
@@ -149,8 +150,8 @@ def _turning(function: HolomorphicFunction, boundary: Boundary, edges: _Edges) -
 
 
 def _boundary_edges(domain: PlaneDomain) -> _Edges:
-    vertices, t = domain.boundary.vertices, domain.boundary.parameters
-    return _Edges(start=vertices, end=np.roll(vertices, -1), arc=np.stack([t[:-1], t[1:]], axis=1))
+    vertices = domain.vertices
+    return _Edges(start=vertices, end=vertices[rim_successors(domain.triangulation.rims)], arc=domain.arcs)
 
 
 def _locate(
@@ -182,7 +183,7 @@ def _search(
     found: list[Zero] = []
     corners, arcs = _cells(domain, angle)
     while True:
-        winding = _cell_windings(function, domain.boundary, corners, arcs)
+        winding = _cell_windings(function, domain, corners, arcs)
         hit = winding != 0
         corners, arcs, winding = corners[hit], arcs[hit], winding[hit]
         if len(winding) == 0:
@@ -199,7 +200,7 @@ def _search(
         rest = ~settled[label]
         if rest.any() and np.abs(corners[rest] - np.roll(corners[rest], 1, axis=1)).max() < size / 2:
             raise ZeroOnContourError(z=complex(centre[~settled][0]))
-        corners, arcs = _split(domain.boundary, corners[rest], arcs[rest], fraction)
+        corners, arcs = _split(domain, corners[rest], arcs[rest], fraction)
 
 
 def _cells(domain: PlaneDomain, angle: float) -> tuple[Complex[np.ndarray, "c 3"], Float[np.ndarray, "c 3 2"]]:
@@ -211,16 +212,15 @@ def _cells(domain: PlaneDomain, angle: float) -> tuple[Complex[np.ndarray, "c 3"
     np.minimum.at(shortest, mesh.edges.ravel(), np.repeat(length, 2))
     points[m:] += _SHIFT * np.exp(1j * angle) * shortest[m:]
     ahead = np.roll(mesh.faces, -1, axis=1)
-    on_rim = (mesh.faces < m) & (ahead == (mesh.faces + 1) % m)
-    t = domain.boundary.parameters
-    first = np.where(on_rim, mesh.faces, 0)
-    arcs = np.where(on_rim[..., None], np.stack([t[first], t[first + 1]], axis=-1), np.nan)
+    first = np.where(mesh.faces < m, mesh.faces, 0)
+    on_rim = (mesh.faces < m) & (ahead == rim_successors(mesh.rims)[first])
+    arcs = np.where(on_rim[..., None], domain.arcs[first], np.nan)
     return points[mesh.faces], arcs
 
 
 def _cell_windings(
     function: HolomorphicFunction,
-    boundary: Boundary,
+    domain: PlaneDomain,
     corners: Complex[np.ndarray, "c 3"],
     arcs: Float[np.ndarray, "c 3 2"],
 ) -> Int[np.ndarray, " c"]:
@@ -231,18 +231,18 @@ def _cell_windings(
     low, high = np.where(swap, end, start), np.where(swap, start, end)
     _, first, inverse = np.unique(np.stack([low, high], axis=1), axis=0, return_index=True, return_inverse=True)
     edges = _Edges(start=start, end=end, arc=arcs.reshape(-1, 2))
-    turning = _turning(function, boundary, edges.take(first))[inverse.ravel()]
+    turning = _turning(function, domain, edges.take(first))[inverse.ravel()]
     same_way = swap == swap[first][inverse.ravel()]
     total = np.where(same_way, turning, -turning).reshape(-1, 3).sum(axis=1)
     return np.asarray(np.rint(total / (2 * np.pi)), dtype=np.int64)
 
 
 def _split(
-    boundary: Boundary, corners: Complex[np.ndarray, "c 3"], arcs: Float[np.ndarray, "c 3 2"], fraction: float
+    domain: PlaneDomain, corners: Complex[np.ndarray, "c 3"], arcs: Float[np.ndarray, "c 3 2"], fraction: float
 ) -> tuple[Complex[np.ndarray, "d 3"], Float[np.ndarray, "d 3 2"]]:
     """Four cells for each: three at its corners, one in its middle."""
     edges = _Edges(start=corners.ravel(), end=np.roll(corners, -1, axis=1).ravel(), arc=arcs.reshape(-1, 2))
-    middle = edges.points(boundary, np.array([fraction])).reshape(-1, 3)
+    middle = edges.points(domain, np.array([fraction])).reshape(-1, 3)
     t = arcs[..., :1] + fraction * (arcs[..., 1:] - arcs[..., :1])
     head = np.concatenate([arcs[..., :1], t], axis=-1)  # from a side's start to its middle
     tail = np.concatenate([t, arcs[..., 1:]], axis=-1)

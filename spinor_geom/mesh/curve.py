@@ -151,6 +151,19 @@ class BoundaryCurve:
         _require_own_derivatives(fitted, curve, between)
         return replace(fitted, slopes=_formula_coefficients(curve.derivative, breaks))
 
+    def reversed(self) -> BoundaryCurve:
+        """The same curve run the other way, from the same vertex."""
+        widths = np.diff(self.breaks)
+        first = np.concatenate([[0], np.arange(len(widths) - 1, 0, -1)])
+        coefficients = _from_the_end(self.coefficients, widths)
+        coefficients[-1] = self.coefficients[-1][first]
+        return BoundaryCurve(
+            breaks=1 - self.breaks[::-1],
+            coefficients=coefficients,
+            corners=self.corners[first],
+            slopes=None if self.slopes is None else -_from_the_end(self.slopes, widths),
+        )
+
     def smoothed(self, width: float) -> BoundaryCurve:
         """The cubic spline with the same breaks through vertices averaged along Γ, without corners.
 
@@ -295,6 +308,19 @@ class BoundaryCurve:
             if moved <= NEWTON_STEP_TOLERANCE:
                 break
         return local
+
+
+def _from_the_end(
+    coefficients: Float[np.ndarray, "d_plus_1 m 3"], widths: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "d_plus_1 m 3"]:
+    """Polynomials of pieces in the reversed order, by the distance from each one's end."""
+    moved = coefficients.copy()
+    # repeated synthetic division: about the pieces' ends
+    for last in range(len(moved), 1, -1):
+        for k in range(1, last):
+            moved[k] += moved[k - 1] * widths[:, None]
+    sign = (-1.0) ** np.arange(len(moved) - 1, -1, -1)
+    return np.asarray(moved[:, ::-1] * sign[:, None, None])
 
 
 def _formula_breaks(

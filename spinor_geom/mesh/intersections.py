@@ -124,6 +124,27 @@ def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
     return _sorted(np.concatenate([np.stack([first[meet], second[meet]], axis=1), np.sort(neighbours, axis=1)]))
 
 
+def crossings_between(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "k 2"]:
+    """Pairs of an edge of one closed polygon and an edge of another that meet, as in `loop_crossings`.
+
+    Args:
+        points: (M, 3) in order, in mesh units; edge i runs from point i to point i + 1 (mod M).
+        others: (N, 3), likewise.
+
+    Returns:
+        Edge indices, sorted; empty for polygons that keep apart.
+    """
+    starts = np.concatenate([points, others])
+    ends = np.concatenate([np.roll(points, -1, axis=0), np.roll(others, -1, axis=0)])
+    tolerance = MEETING_PER_DIAGONAL * np.linalg.norm(np.ptp(starts, axis=0))
+    tolerance += 4 * np.finfo(np.float64).eps * np.abs(starts).max()
+    first, second = edges_with_near_boxes(starts, ends, float(tolerance))
+    between = (first < len(points)) & (second >= len(points))
+    first, second = first[between], second[between]
+    meet = _segment_distances(starts[first], ends[first], starts[second], ends[second]) <= tolerance
+    return _sorted(np.stack([first[meet], second[meet] - len(points)], axis=1))
+
+
 def require_simple(loop: BoundaryLoop) -> None:
     """Checks that a loop does not cross or touch itself.
 

@@ -1,4 +1,4 @@
-"""From a solved surface to a triangle mesh whose boundary is the loop, bit for bit."""
+"""From a solved surface to a triangle mesh whose boundary is the loop or both loops, bit for bit."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
+from spinor_geom.domain.delaunay import Rims
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, OptionError
@@ -29,19 +30,26 @@ EDGES_AT_ONCE = 1 << 16
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patch(Shown):
-    """A triangulated piece of a minimal surface over a loop.
+    """A triangulated piece of a minimal surface over a loop, or between two.
 
     Attributes:
-        vertices: Positions in mesh units; the loop's points come first, in order and bit-equal.
-        faces: Counter-clockwise in Ω and so about the surface's normal; the boundary runs along the loop.
-        boundary_size: Number M of loop points.
+        vertices: Positions in mesh units; the loops' points come first, in order and bit-equal.
+        faces: Counter-clockwise in Ω and so about the surface's normal; the boundary runs along the loops.
+        boundary_size: Number M of loop points, of all loops together.
         points: Where the vertices lie in Ω.
+        hole_sizes: Numbers of points of the loops after the first.
     """
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
     boundary_size: int
     points: Complex[np.ndarray, " n"]
+    hole_sizes: tuple[int, ...] = ()
+
+    @property
+    def rims(self) -> Rims:
+        """Numbers of points of the loops."""
+        return (self.boundary_size - sum(self.hole_sizes), *self.hole_sizes)
 
     @cached_property
     def area(self) -> float:
@@ -51,7 +59,7 @@ class Patch(Shown):
 
 
 def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["auto"] = "auto") -> Patch:
-    """Meshes a solved minimal surface; the loop's points are its boundary vertices, bit-equal.
+    """Meshes a solved minimal surface; the points of its loop or loops are its boundary vertices, bit-equal.
 
     The surface's domain is triangulated with edges of about target/λ, beside the boundary as long as the loop's own
     edges; the inner vertices are on the exact surface. The boundary's vertices are the loop's points and not the
@@ -59,22 +67,28 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
 
     Args:
         solution: A solved Plateau problem.
-        target_edge_length: In mesh units; "auto" is the loop's mean edge length.
+        target_edge_length: In mesh units; "auto" is the mean edge length of its loops.
 
     Raises:
         OptionError: The edge length is neither "auto" nor positive and finite.
         DomainError: The loop's points in Ω do not form a simple polygon, or the surface is not finite inside it.
     """
-    loop, surface = solution.loop, solution.surface
-    target = loop.mean_edge_length if target_edge_length == "auto" else target_edge_length
+    surface, loops = solution.surface, [rim.loop for rim in solution.rims]
+    mean_edge = sum(loop.perimeter for loop in loops) / sum(map(len, loops))
+    target = mean_edge if target_edge_length == "auto" else target_edge_length
     if isinstance(target, str) or not 0 < target < np.inf:
         raise OptionError(f"target_edge_length must be 'auto' or a positive number, not {target_edge_length!r}")
-    plane = triangulate_patch(surface, solution.loop_points_in_domain(), target, solution.area)
+    plane = triangulate_patch(surface, [rim.points_in_domain() for rim in solution.rims], target, solution.area)
     inner = inner_positions(surface, plane)
     if not np.isfinite(inner).all():
         raise DomainError("the surface is not finite inside its domain: p or q has a pole there")
-    vertices = np.concatenate([loop.points, inner])
-    return Patch(vertices=vertices, faces=plane.faces, boundary_size=len(loop), points=plane.points)
+    return Patch(
+        vertices=np.concatenate([*(loop.points for loop in loops), inner]),
+        faces=plane.faces,
+        boundary_size=plane.boundary_size,
+        points=plane.points,
+        hole_sizes=plane.hole_sizes,
+    )
 
 
 def inner_positions(surface: SpinorSurface, plane: PlaneTriangulation) -> Float[np.ndarray, "k 3"]:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.spatial import cKDTree
 
+from spinor_geom.domain.delaunay import Rims
 from spinor_geom.domain.triangulation import SizeFunction, size_bounds
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -18,7 +19,9 @@ NEIGHBOURS = 4
 TINY = np.finfo(np.float64).tiny
 
 
-def patch_size_field(surface: SpinorSurface, boundary: Complex[np.ndarray, " m"], target: float) -> SizeFunction:
+def patch_size_field(
+    surface: SpinorSurface, boundary: Complex[np.ndarray, " m"], target: float, *, rims: Rims | None = None
+) -> SizeFunction:
     """Edge length in Ω that gives about `target` in space, and the boundary's own edge lengths beside the boundary.
 
     h(z) = target/λ(z), but within e ± growth·d at a distance d from a boundary vertex with edges of mean length e: it
@@ -27,13 +30,14 @@ def patch_size_field(surface: SpinorSurface, boundary: Complex[np.ndarray, " m"]
 
     Args:
         surface: Gives λ.
-        boundary: The patch's boundary vertices in Ω, counter-clockwise.
+        boundary: The patch's boundary vertices in Ω, rim after rim.
         target: In the surface's units of length.
+        rims: Numbers of vertices of the rims; none for a single one.
 
     Returns:
         A function from points (k,) of Ω to lengths (k,) in units of Ω.
     """
-    bounds = size_bounds(boundary, growth=GROWTH, decay=DECAY)
+    bounds = size_bounds(boundary, growth=GROWTH, decay=DECAY, rims=rims)
     stretch = _interpolated_stretch(surface)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Complex
 
+from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.errors import OptionError, SurfaceError
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import triangulate_patch
@@ -35,16 +36,22 @@ def mesh_surface(surface: SpinorSurface, *, vertices: int = 4000) -> Patch:
         raise SurfaceError(f"the surface has the area {area}: p or q has a pole in its domain, or both are 0")
     # of equilateral triangles, two for each vertex
     target = float(np.sqrt(2 * area / (3**0.5 * vertices)))
-    plane = triangulate_patch(surface, _rim(surface, target), target, area)
+    rims = [_rim(surface, boundary, target) for boundary in (surface.domain.boundary, *surface.domain.holes)]
+    plane = triangulate_patch(surface, rims, target, area)
     positions = np.asarray(surface.position(plane.points))
     if not np.isfinite(positions).all():
         raise SurfaceError("the surface is not finite inside its domain: p or q has a pole there")
-    return Patch(vertices=positions, faces=plane.faces, boundary_size=plane.boundary_size, points=plane.points)
+    return Patch(
+        vertices=positions,
+        faces=plane.faces,
+        boundary_size=plane.boundary_size,
+        points=plane.points,
+        hole_sizes=tuple(len(rim) for rim in rims[1:]),
+    )
 
 
-def _rim(surface: SpinorSurface, target: float) -> Complex[np.ndarray, " m"]:
-    """Points of ∂Ω, its corners among them, about `target` apart in space."""
-    boundary = surface.domain.boundary
+def _rim(surface: SpinorSurface, boundary: Boundary, target: float) -> Complex[np.ndarray, " m"]:
+    """Points of a part of ∂Ω, its corners among them, about `target` apart in space."""
     pieces = boundary.parameters
     t = np.append((pieces[:-1, None] + np.diff(pieces)[:, None] * (np.arange(_FINE) / _FINE)).ravel(), 1.0)
     middle, width = (t[1:] + t[:-1]) / 2, np.diff(t)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Complex
 
@@ -16,22 +18,25 @@ POINTS_PER_TRIANGLE = 2
 
 
 def triangulate_patch(
-    surface: SpinorSurface, boundary: Complex[np.ndarray, " m"], target: float, area: float
+    surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float
 ) -> PlaneTriangulation:
-    """Triangulates the part of Ω inside a patch's boundary; angles in space are those in Ω, the surface is conformal.
+    """Triangulates the part of Ω inside a patch's boundaries; angles in space are those in Ω, the surface is conformal.
 
     Args:
         surface: Gives λ.
-        boundary: The patch's boundary vertices in Ω, counter-clockwise; they are the triangulation's boundary.
+        rims: The patch's boundary vertices in Ω, counter-clockwise, then those of holes, clockwise; they are the
+            triangulation's boundary.
         target: Edge length in space.
         area: The patch's area in space.
 
     Raises:
-        DomainError: The boundary is not a simple polygon.
+        DomainError: The boundary is not a simple polygon, with holes inside.
     """
+    boundary, sizes = np.concatenate(rims), tuple(map(len, rims))
     triangles = 4 * area / (np.sqrt(3) * target**2)
     return triangulate_polygon(
-        boundary,
-        patch_size_field(surface, boundary, target),
+        rims[0],
+        patch_size_field(surface, boundary, target, rims=sizes),
+        holes=rims[1:],
         max_points=int(POINTS_PER_VERTEX * len(boundary) + POINTS_PER_TRIANGLE * triangles),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Complex, Float
 
+from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.mesh.intersections import is_graph, self_intersections
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -23,7 +24,7 @@ def area_in_domain(surface: SpinorSurface) -> float:
     """
     mesh = surface.domain.triangulation
     inner, inner_weights = _on_triangles(mesh.points[mesh.faces])
-    outer, outer_weights = _beside_polygon(surface)
+    outer, outer_weights = _beside_polygons(surface)
     z, weights = np.concatenate([inner, outer]), np.concatenate([inner_weights, outer_weights])
     return float(weights @ surface.conformal_factor(z) ** 2)
 
@@ -39,7 +40,9 @@ def crossing_faces(surface: SpinorSurface) -> int:
         surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_PATH_ORDER
     )
     vertices = rough.position(mesh.points)
-    if not np.isfinite(vertices).all() or is_graph(vertices, mesh.faces, mesh.boundary_size):
+    if not np.isfinite(vertices).all():
+        return 0
+    if not mesh.hole_sizes and is_graph(vertices, mesh.faces, mesh.boundary_size):
         return 0
     return len(self_intersections(vertices, mesh.faces))
 
@@ -57,9 +60,14 @@ def _on_triangles(
     return z.ravel(), weights.ravel()
 
 
-def _beside_polygon(surface: SpinorSurface) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Nodes and signed weights between ∂Ω and the polygon of its vertices."""
-    boundary = surface.domain.boundary
+def _beside_polygons(surface: SpinorSurface) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Nodes and signed weights between ∂Ω and the polygons of its vertices."""
+    parts = [_beside_rim(boundary) for boundary in surface.domain.boundaries]
+    z, weights = zip(*parts, strict=True)
+    return np.concatenate(z), np.concatenate(weights)
+
+
+def _beside_rim(boundary: Boundary) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     along, across = rule("gauss", _ALONG), rule("gauss", _ACROSS)
     t, width = boundary.parameters[:-1, None], np.diff(boundary.parameters)[:, None]
     arc, slope = boundary.point(t + width * along.nodes), width * boundary.derivative(t + width * along.nodes)
@@ -68,7 +76,7 @@ def _beside_polygon(surface: SpinorSurface) -> tuple[Complex[np.ndarray, " n"], 
     v = across.nodes
     z = chord[..., None] + (arc - chord)[..., None] * v
     forwards = side[..., None] + (slope - side)[..., None] * v
-    # the outside of a boundary that runs counter-clockwise lies to its right
+    # Ω lies to the left
     density = -np.imag(np.conj(forwards) * (arc - chord)[..., None])
     weights = density * along.weights[:, None] * across.weights
     return z.ravel(), weights.ravel()

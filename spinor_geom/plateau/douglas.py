@@ -204,7 +204,7 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor
         return None
     direction = vectors[:, 0] / vectors[:, 0].abs().max() / state.speed
     lengths = [sign * amplitude for sign in (1, -1) for amplitude in _AMPLITUDES]
-    trials = [problem.state(_moved(state, direction, length)) for length in lengths]
+    trials = [problem.state(slid(state.slide, direction, length)) for length in lengths]
     best = min(trials, key=lambda trial: float(trial.energy))
     return best.slide[0] if float(best.energy) < float(state.energy) else None
 
@@ -378,7 +378,7 @@ class _Problem:
                 if which is None
                 else (self.at(which), start.at(which), direction[which], highest[which])
             )
-            trial = problem.state(_moved(before, along, 0.5**halving))
+            trial = problem.state(slid(before.slide, along, 0.5**halving))
             lower = trial.energy <= most + 1e-13 * most.abs()
             if which is None:
                 full = moved = lower
@@ -394,15 +394,15 @@ class _Problem:
         return state, moved, full
 
 
-def _moved(state: _State, direction: Float[Tensor, "b n"], length: float) -> Float[Tensor, "b n"]:
-    """The slides after a step of a given length, increasing."""
-    increments = state.increments
+def slid(slide: Float[Tensor, "b n"], direction: Float[Tensor, "b n"], length: float) -> Float[Tensor, "b n"]:
+    """Slides after a step of a given length along a direction, by factors of their increments: they increase."""
+    increments = torch.diff(slide, append=slide[:, :1] + 1)
     change = length * torch.diff(direction, append=direction[:, :1]) / increments.clamp(min=1e-300)
     factor = torch.where(change < 0, change.clamp(min=-_LARGEST_SHRINKAGE).exp(), 1 + change)
-    moved = increments * factor
-    share = (moved / moved.sum(-1, keepdim=True)).cumsum(-1)[:, :-1]
-    slide = torch.nn.functional.pad(share, (1, 0))
-    return slide + (state.slide + length * direction - slide).mean(-1, keepdim=True)
+    scaled = increments * factor
+    share = (scaled / scaled.sum(-1, keepdim=True)).cumsum(-1)[:, :-1]
+    start = torch.nn.functional.pad(share, (1, 0))
+    return start + (slide + length * direction - start).mean(-1, keepdim=True)
 
 
 def _dot(a: Float[Tensor, "b n"], b: Float[Tensor, "b n"]) -> Float[Tensor, "b 1"]:

@@ -1,8 +1,9 @@
-"""What every route to a minimal disk returns: a surface at unit size and how near to Γ it came."""
+"""What every route to a minimal surface returns: it at unit size, and how near to Γ it came."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -33,4 +34,37 @@ class Found:
     area: float
     route: Route
     history: tuple[Iteration, ...]
+    limit: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FoundAnnulus:
+    """A minimal annulus between two loops of common diagonal 1.
+
+    Attributes:
+        surface: the surface.
+        order: the numbers of the loops, that of the outer boundary of Ω first.
+        reverse: whether the second loop runs against the boundary of the surface.
+        matchings: of both boundaries of Ω, as in `Found`.
+        rms: root of the mean squared distance of both from their curves.
+        max: largest distance.
+        area: ½∮ r·Im(φ dz).
+        modulus: logarithm of the ratio of the radii; none where Ω is no round annulus.
+        spin: whether p and q come back to themselves around the hole.
+        period: |Re ∮ φ dz| around it.
+        route: how it was found.
+        limit: what keeps it from coming nearer, as the end of a sentence.
+    """
+
+    surface: SpinorSurface
+    order: tuple[int, int]
+    reverse: bool
+    matchings: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "o 2"]]
+    rms: float
+    max: float
+    area: float
+    modulus: float | None
+    spin: Literal["periodic", "antiperiodic"]
+    period: float
+    route: Route
     limit: str

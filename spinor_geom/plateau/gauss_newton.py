@@ -11,7 +11,6 @@ from scipy.linalg.blas import dsyrk
 from torch import Tensor
 
 from spinor_geom.plateau.problem import PlateauProblem
-from spinor_geom.plateau.slide import nearest_increasing
 from spinor_geom.plateau.solution import Iteration
 
 _MAX_TRIALS = 14
@@ -21,6 +20,8 @@ _KEEP = 0.4
 # Below the residual that is allowed, steps that gain less than this share of its square are not worth their time.
 _STALL_BELOW_ALLOWED = 0.6
 _STALL_DAMPED = 0.02
+# Weight of the period around a hole against the RMS distance from Γ: a gap is a fault wherever the boundary slides.
+_PERIOD = 30.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,6 +58,8 @@ def gauss_newton(
     on_iteration: Callable[[Iteration], None] | None = None,
 ) -> Fit:
     """Minimises ∮ |r − Γ(s)|² |dz| over read-outs, constant and slide by Levenberg-Marquardt.
+
+    Around a hole the square of the period Re ∮ φ dz is added, with a large weight.
 
     The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s then
     moves along the tangent and back onto the increasing sequences.
@@ -117,6 +120,7 @@ class _State:
     amounts: Tensor
     error: Tensor  # r + c − Γ(s), (nodes, 3)
     tangent: Tensor  # Γ'(s), (nodes, 3)
+    gap: Tensor  # Re ∮ φ dz around each hole, weighted, (holes, 3)
     energy: float
 
     @classmethod
@@ -129,14 +133,16 @@ class _State:
         amounts: Tensor,
         root: Tensor,
     ) -> _State:
-        point, tangent = problem.curve.point_and_derivative(slide)
-        error = problem.positions(readout) - point
+        point, tangent = problem.point_and_derivative(slide)
+        velocity = problem.velocities(readout)
+        error = problem.integrate(velocity).real - point
+        gap = _PERIOD * problem.around_hole(velocity).real
         if len(amounts):
             error = error + problem.moved(readout) @ amounts
         if constant is None:
             constant = -(root.square() * error).sum(0)
         error = error + constant
-        energy = float((root * error).square().sum())
+        energy = float((root * error).square().sum() + gap.square().sum())
         return cls(
             readout=readout,
             constant=constant,
@@ -144,13 +150,14 @@ class _State:
             amounts=amounts,
             error=error,
             tangent=tangent,
+            gap=gap,
             energy=energy,
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Linear:
-    """The residual projected on the normals of Γ (and on Γ' where the slide is held), linearised.
+    """The residual projected on the normals of Γ (and on Γ' where the slide is held), and the periods, linearised.
 
     Unknowns: real parts of the changes of both read-outs, their imaginary parts, the change of the constant, the
     amounts by which Ω moves.
@@ -163,21 +170,25 @@ class _Linear:
     @classmethod
     def at(cls, problem: PlateauProblem, state: _State, root: Float[Tensor, "nodes 1"]) -> _Linear:
         p, q = (problem.features @ state.readout).unbind(-1)
-        by_p = problem.integrate((2 * p * problem.dz)[:, None] * problem.features)
-        by_q = problem.integrate((2 * q * problem.dz)[:, None] * problem.features)
-        parts = torch.stack([by_p.real, by_p.imag, by_q.real, by_q.imag], dim=1)
+        slopes = [(2 * value * problem.dz)[:, None] * problem.features for value in (p, q)]
+        parts = _in_parts(*map(problem.integrate, slopes))
+        around = _in_parts(*map(problem.around_hole, slopes))
         moved = problem.moved(state.readout)
         held = _held_nodes(problem, state)
         directions = list(_directions(state.tangent, held))
         counts = [len(direction) for direction, _ in directions]
         n = 4 * parts.shape[2]
         # written in place, by real products: copies of rows cost as much as making them
-        rows = parts.new_empty(sum(counts), n + 3 + moved.shape[2])
-        for (direction, nodes), block in zip(directions, torch.split(rows, counts), strict=True):
+        gaps = 3 * len(around)
+        rows = parts.new_zeros(sum(counts) + gaps, n + 3 + moved.shape[2])
+        for (direction, nodes), block in zip(directions, torch.split(rows[: sum(counts)], counts), strict=True):
             e = root[nodes] * direction
             block[:, :n] = (_by_spinors(e) @ parts[nodes]).flatten(1)
             block[:, n : n + 3] = e
             block[:, n + 3 :] = torch.einsum("mi,mik->mk", e, moved[nodes])
+        if gaps:
+            axes = torch.eye(3, dtype=rows.dtype, device=rows.device)
+            rows[-gaps:, :n] = _PERIOD * (_by_spinors(axes) @ around[:, None]).flatten(2).flatten(0, 1)
         return cls(rows=rows, normal_matrix=_gram(rows), held=held)
 
     def gradient(self, state: _State, root: Float[Tensor, "nodes 1"]) -> Float[Tensor, " k"]:
@@ -185,7 +196,11 @@ class _Linear:
             (root[nodes] * direction * state.error[nodes]).sum(1)
             for direction, nodes in _directions(state.tangent, self.held)
         ]
-        return self.rows.T @ torch.cat(residual)
+        return self.rows.T @ torch.cat([*residual, state.gap.flatten()])
+
+
+def _in_parts(by_p: Complex[Tensor, "m n"], by_q: Complex[Tensor, "m n"]) -> Float[Tensor, "m 4 n"]:
+    return torch.stack([by_p.real, by_p.imag, by_q.real, by_q.imag], dim=1)
 
 
 def _by_spinors(e: Float[Tensor, "m 3"]) -> Float[Tensor, "m 4 4"]:
@@ -273,10 +288,7 @@ def _damped_step(
             moved = state.error + _displacement(problem, state, change, shift, amounts)
             # damped like the rest: where Γ turns sharply the full move along its tangent can lead away from it
             slide = state.slide + (state.tangent * moved).sum(1) / (speed2 * (1 + damping))
-            slide = torch.as_tensor(
-                nearest_increasing(slide.cpu().numpy(), speed2.cpu().numpy(), problem.slide_bounds.cpu().numpy()),
-                device=slide.device,
-            )
+            slide = problem.increasing(slide, speed2)
             trial = _State.at(
                 problem,
                 state.readout + change,

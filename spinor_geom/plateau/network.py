@@ -11,12 +11,13 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
-from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
 from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from spinor_geom.plateau.gauss_newton import Fit
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
+from spinor_geom.plateau.hole_field import HoleField
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, WayAcross
 
 # Equations per unknown. With 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and
 # the iteration wanders off; from 4 on both agree. On smooth loops 2 is enough.
@@ -44,6 +45,7 @@ class Discretisation:
     Attributes:
         domain: Ω.
         pairs: corners of Ω and Γ.
+        way: through Ω to its hole; none without one.
         poles: poles outside Ω.
         degree: of the polynomials.
         equations: equations per unknown.
@@ -55,6 +57,7 @@ class Discretisation:
 
     domain: PlaneDomain
     pairs: CornerPairs
+    way: WayAcross | None
     poles: Poles
     degree: int
     equations: float
@@ -67,73 +70,80 @@ class Discretisation:
     def first(
         cls,
         domain: PlaneDomain,
-        curve: CurveTensors,
+        curves: tuple[CurveTensors, ...],
         pairs: CornerPairs,
         *,
         degree: int,
         offset: float,
         turning: float,
         tolerance: float,
+        branch: complex | None = None,
     ) -> Discretisation:
         """One pole a boundary vertex, panels between the vertices and halving towards corners.
 
         Args:
             domain: Ω.
-            curve: Γ.
+            curves: Γ, one curve for each boundary of Ω.
             pairs: corners of Ω and Γ.
             degree: highest degree of the polynomials.
             offset: of the poles, in local edges.
             turning: turning angle that nine in ten of the loop's points do not exceed: its roughness.
             tolerance: RMS distance from Γ, in mean edges, that is asked for: corners take fewer poles for a loose one.
+            branch: a point in the hole around which p and q change their sign; none where they are single-valued.
         """
-        edges = len(domain.boundary.vertices)
+        edges = len(domain.vertices)
         at_corner = corner_poles(tolerance)
         smooth = turning < _SMOOTH_TURN and edges >= 64 and not domain.boundary.corners.any()
         return cls._of(
             domain,
-            curve,
+            curves,
             pairs,
             poles=place_poles(domain, offset=offset, at_corner=at_corner),
-            breaks=domain.panel_breaks,
+            breaks=tuple(map(panel_breaks, domain.boundaries)),
             degree=min(degree, max(8, 2 * edges)),
             equations=_EQUATIONS_SMOOTH if smooth else _EQUATIONS_ROUGH,
             at_corner=at_corner,
+            branch=branch,
         )
 
     @classmethod
     def _of(
         cls,
         domain: PlaneDomain,
-        curve: CurveTensors,
+        curves: tuple[CurveTensors, ...],
         pairs: CornerPairs,
         *,
         poles: Poles,
-        breaks: Float[np.ndarray, " b"],
+        breaks: tuple[Float[np.ndarray, " _"], ...],
         degree: int,
         equations: float,
         at_corner: int,
+        branch: complex | None,
     ) -> Discretisation:
-        device = curve.breaks.device
+        device = curves[0].breaks.device
         unknowns = 4 * (degree + 1 + len(poles.positions))
-        order = int(np.ceil(equations * unknowns / (2 * (len(breaks) - 1))))
-        panels = Panels.on(domain.boundary, breaks, max(_FEWEST_NODES_PER_PANEL, order))
+        order = int(np.ceil(equations * unknowns / (2 * sum(len(some) - 1 for some in breaks))))
+        panels = Panels.around(domain, breaks, max(_FEWEST_NODES_PER_PANEL, order))
+        way = WayAcross.through(domain)
         network = CauchyNetwork.orthonormal_on(
             torch.as_tensor(panels.z, device=device),
             torch.as_tensor(panels.arc_weights, device=device),
             poles=torch.as_tensor(poles.positions, device=device),
             scales=torch.as_tensor(poles.scales, device=device),
             degree=degree,
+            branch=branch,
         )
         return cls(
             domain=domain,
             pairs=pairs,
+            way=way,
             poles=poles,
             degree=degree,
             equations=equations,
             at_corner=at_corner,
             panels=panels,
             network=network,
-            problem=PlateauProblem.on_panels(panels, network, curve, pairs),
+            problem=PlateauProblem.on_panels(panels, network, curves, pairs, way),
         )
 
     def refined(self, fit: Fit, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
@@ -154,19 +164,23 @@ class Discretisation:
         if room <= 0 or not matter.any():
             return None
         matter[order[: max(0, len(energy) - room)]] = False
-        breaks = self.panels.breaks
-        chosen = np.stack([breaks[:-1][matter], breaks[1:][matter]], axis=1)
+        chosen = self.panels.ends[matter]
         poles = kept + refining_poles(self.domain, chosen)
         small = self.degree + len(poles.positions) < _SMALL_NETWORK
+        middle = chosen.mean(axis=1)
         return self._of(
             self.domain,
-            self.problem.curve,
+            self.problem.curves,
             self.pairs,
             poles=poles,
-            breaks=np.sort(np.concatenate([breaks, chosen.mean(axis=1)])),
+            breaks=tuple(
+                np.sort(np.concatenate([breaks, middle[middle // 2 == number] - 2 * number]))
+                for number, breaks in enumerate(self.panels.rim_breaks)
+            ),
             degree=self.degree,
             equations=_EQUATIONS_ROUGH if small else _EQUATIONS_REFINED,
             at_corner=self.at_corner,
+            branch=self.branch,
         )
 
     def idle_poles(self, fit: Fit, allowed: float) -> Bool[np.ndarray, " k"]:
@@ -203,6 +217,11 @@ class Discretisation:
         return idle
 
     @property
+    def branch(self) -> complex | None:
+        """The point in the hole around which p and q change their sign; none where they are single-valued."""
+        return complex(self.network.branch[0]) if self.network.antiperiodic else None
+
+    @property
     def is_full(self) -> bool:
         """Whether no more poles may be added."""
         return self.degree + len(self.poles.positions) + 2 > _MAX_FEATURES
@@ -213,19 +232,21 @@ class Discretisation:
         Args:
             energy: integral of the squared residual over each panel.
         """
-        boundary = self.domain.boundary
-        middle = (self.panels.breaks[:-1] + self.panels.breaks[1:]) / 2
-        edge = np.searchsorted(boundary.parameters, middle, side="right") - 1
-        at_corner = (boundary.corners | np.roll(boundary.corners, -1))[edge]
+        middle = self.panels.ends.mean(axis=1)
+        edge = np.searchsorted(self.domain.arcs[:, 0], middle, side="right") - 1
+        corners = [boundary.corners for boundary in self.domain.boundaries]
+        at_corner = np.concatenate([some | np.roll(some, -1) for some in corners])[edge]
         return float(energy[at_corner].sum() / energy.sum())
 
     @property
     def has_moduli(self) -> bool:
-        """Whether Ω has more corners than a conformal map can place where it wants."""
-        return bool(np.count_nonzero(self.domain.boundary.corners) > 3)
+        """Whether Ω has a hole, or more corners than a conformal map can place where it wants."""
+        return bool(self.domain.holes) or bool(np.count_nonzero(self.domain.boundary.corners) > 3)
 
     @cached_property
-    def _modulus_fields(self) -> ModulusFields:
+    def _modulus_fields(self) -> ModulusFields | HoleField:
+        if self.domain.holes:
+            return HoleField.of(self.domain, self.panels)
         # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
         poles = edge_poles(self.domain)
         smooth = CauchyNetwork.orthonormal_on(
@@ -253,34 +274,46 @@ class Discretisation:
             DomainError: the moved domain is not simple.
         """
         domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
-        parameters = domain.boundary.parameters
+        rims = zip(self.panels.rim_breaks, self.domain.boundaries, domain.boundaries, strict=True)
         return self._of(
             domain,
-            self.problem.curve,
-            CornerPairs(t=parameters[:-1][domain.boundary.corners], s=self.pairs.s),
+            self.problem.curves,
+            CornerPairs(t=domain.boundary.parameters[:-1][domain.boundary.corners], s=self.pairs.s),
             poles=place_poles(domain, offset=offset, at_corner=self.at_corner),
-            breaks=np.interp(self.panels.breaks, self.domain.boundary.parameters, parameters),
+            breaks=tuple(np.interp(breaks, old.parameters, new.parameters) for breaks, old, new in rims),
             degree=self.degree,
             equations=self.equations,
             at_corner=self.at_corner,
+            branch=self.branch,
         )
 
     def readout_of(self, spinors: Complex[Tensor, "nodes 2"]) -> Complex[Tensor, "n 2"]:
         """Least-squares read-outs of values of p and q at the nodes."""
-        return self.problem.features.mH @ (self.problem.arc_weights[:, None] * spinors)
+        return self.problem.features[: self.problem.nodes].mH @ (self.problem.arc_weights[:, None] * spinors)
 
-    def matching(self, fit: Fit) -> Float[np.ndarray, "n 2"]:
-        """Pairs (t, s) of a fit, increasing."""
-        return np.column_stack([self.panels.t, fit.slide.detach().cpu().numpy()])
+    def matchings(self, fit: Fit) -> tuple[Float[np.ndarray, "_ 2"], ...]:
+        """Pairs (t, s) of a fit, increasing, of each boundary with its own t from 0 to 1."""
+        slides = self.problem.by_rim(fit.slide.detach())
+        return tuple(
+            np.column_stack([t, slide.cpu().numpy()])
+            for t, slide in zip(self.panels.own_parameters, slides, strict=True)
+        )
+
+    def matched(self, fit: Fit, panels: Panels) -> Float[np.ndarray, " k"]:
+        """The parameters s that a fit gives to the nodes of other panels on ∂Ω."""
+        pairs = zip(self.matchings(fit), panels.own_parameters, strict=True)
+        return np.concatenate([interpolate_matching(matching, t) for matching, t in pairs])
 
     def transferred(self, other: Discretisation, fit: Fit) -> tuple[Complex[Tensor, "n 2"], Float[Tensor, " nodes"]]:
         """Read-outs and slide here of a fit made with another discretisation, of Ω or of a domain moved a little."""
-        t = np.interp(self.panels.t, self.domain.boundary.parameters, other.domain.boundary.parameters)
-        z = torch.as_tensor(other.domain.boundary.point(t), device=fit.readout.device)
+        domains = zip(self.panels.own_parameters, self.domain.boundaries, other.domain.boundaries, strict=True)
+        rims = [np.interp(t, here.parameters, there.parameters) for t, here, there in domains]
+        points = [boundary.point(t) for boundary, t in zip(other.domain.boundaries, rims, strict=True)]
+        z = torch.as_tensor(np.concatenate(points), device=fit.readout.device)
         with torch.no_grad():
             spinors = other.network.features(z) @ fit.readout
-        slide = interpolate_matching(other.matching(fit), t)
-        return self.readout_of(spinors), torch.as_tensor(slide, device=z.device)
+        slides = [interpolate_matching(matching, t) for matching, t in zip(other.matchings(fit), rims, strict=True)]
+        return self.readout_of(spinors), torch.as_tensor(np.concatenate(slides), device=z.device)
 
 
 def interpolate_matching(matching: Float[np.ndarray, "n 2"], t: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

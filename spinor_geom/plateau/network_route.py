@@ -17,8 +17,10 @@ from torch import Tensor
 
 from spinor_geom.discrete.minimal_surface import Disk, finer_disk
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, sampled
+from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, SplineBoundary, panel_breaks, sampled
 from spinor_geom.errors import DomainError, OptionError, SingularMatrixError
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -31,6 +33,7 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual
 from spinor_geom.plateau.solution import Iteration
 from spinor_geom.plateau.start import lifted_spinors
+from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
@@ -52,6 +55,8 @@ _ROUGH_TURN = np.radians(25.0)
 _STALL, _STALL_LAST = 0.2, 0.05
 # A move of Ω shorter than this share of the residual changes nothing: Ω's scale is near to 1.
 _LEAST_MOVE = 0.01
+# Newton steps to a closed period.
+_CLOSING_STEPS = 4
 # The fit may go on to this share of the tolerance: while it converges fast, steps cost little and every digit is real.
 _BELOW_TOLERANCE = 1e-6
 
@@ -113,48 +118,24 @@ class NetworkSolver:
         if poor and self._turning <= _RAGGED_TURN and len(fitted.history) < self.budget.max_iterations:
             fitted = self._improved(fitted, disk)
         with self.clock.stage("surface"):
-            surface, astray = _surface(fitted)
+            surface, astray = fitted_surface(fitted)
             area = surface.area()
         return Found(
             surface=surface,
-            matching=fitted.stage.matching(fitted.fit),
+            matching=fitted.stage.matchings(fitted.fit)[0],
             rms=float(np.hypot(fitted.residual.rms, astray)),
             max=max(fitted.residual.max, astray),
             area=area,
             route="network",
             history=fitted.history,
-            limit=self._limit(fitted),
+            limit=limit_of(fitted, self.budget, self._turning),
         )
-
-    def _limit(self, fitted: _Fitted) -> str:
-        """What keeps a fit from coming nearer to Γ, as the end of a sentence."""
-        stage = fitted.stage
-        features = stage.network.mixing.shape[1]
-        if len(fitted.history) >= self.budget.max_iterations:
-            return "the limit on steps was reached"
-        if fitted.folds:
-            return (
-                "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "
-                f"its network of {features} features follows the boundary no better"
-            )
-        at_corners = stage.share_at_corners(fitted.residual.energy)
-        if at_corners > 0.5:
-            where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
-        elif self._turning > _ROUGH_TURN:
-            where = f"the loop is rough: one point in ten turns by more than {np.degrees(self._turning):.0f}°"
-        else:
-            where = "more units bring it no nearer"
-        if stage.is_full:
-            return f"the network has as many features as it may have, {features}, and {where}"
-        return f"a network of {features} features follows the boundary no better: {where}"
 
     @property
     def _turning(self) -> float:
-        """Turning angle that nine in ten of the loop's points do not exceed, corners aside: its roughness."""
-        turning = turning_angles(self.loop.points)[~self.loop.corners]
-        return float(np.quantile(turning, 0.9)) if len(turning) else 0.0
+        return roughness(self.loop)
 
-    def _improved(self, fitted: _Fitted, disk: Disk) -> _Fitted:
+    def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
         """The better of a fit and one that starts from a finer disk; the fit itself where that disk cannot be made."""
         try:
             with self.clock.stage("first fill"):
@@ -165,7 +146,7 @@ class NetworkSolver:
         best = again if again.residual.rms < fitted.residual.rms else fitted
         return replace(best, history=again.history)
 
-    def _fitted_from(self, disk: Disk, history: tuple[Iteration, ...]) -> _Fitted:
+    def _fitted_from(self, disk: Disk, history: tuple[Iteration, ...]) -> Fitted:
         """The fit that starts from a discrete disk: its flattening gives Ω, its frames p and q."""
         rim, curve, device = self.rim, self.curve, self.device
         with self.clock.stage("flattening"):
@@ -181,7 +162,7 @@ class NetworkSolver:
             pairs = CornerPairs(t=domain.boundary.parameters[:-1][corners], s=curve.breaks[rim[corners]])
             stage = Discretisation.first(
                 domain,
-                CurveTensors.of(curve, device),
+                (CurveTensors.of(curve, device),),
                 pairs,
                 degree=self.options.degree,
                 offset=self.options.pole_offset,
@@ -194,7 +175,7 @@ class NetworkSolver:
             readout = stage.readout_of(spinors[torch.as_tensor(edge, device=device)])
             knots = np.append(curve.breaks[rim], curve.breaks[rim[0]] + 1)
             slide = torch.as_tensor(np.interp(stage.panels.t, domain.boundary.parameters, knots), device=device)
-            return _fit_and_refine(
+            return fit_and_refine(
                 stage,
                 readout,
                 slide,
@@ -203,6 +184,12 @@ class NetworkSolver:
                 points=len(self.loop),
                 offset=self.options.pole_offset,
             )
+
+
+def roughness(loop: BoundaryLoop) -> float:
+    """Turning angle that nine in ten of a loop's points do not exceed, corners aside."""
+    turning = turning_angles(loop.points)[~loop.corners]
+    return float(np.quantile(turning, 0.9)) if len(turning) else 0.0
 
 
 def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
@@ -215,7 +202,7 @@ def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Fitted:
+class Fitted:
     """The best round: its discretisation, its fit, its residual at unit size, its number, and the steps of all.
 
     `folds` says that Ω would fold if it moved to the conformal moduli that a fit asked for.
@@ -260,7 +247,36 @@ class Budget:
         )
 
 
-def _fit_and_refine(
+def limit_of(fitted: Fitted, budget: Budget, turning: float) -> str:
+    """What keeps a fit from coming nearer to Γ, as the end of a sentence.
+
+    Args:
+        fitted: the fit.
+        budget: what it might cost.
+        turning: angle that nine in ten of the points of Γ do not exceed.
+    """
+    stage = fitted.stage
+    features = stage.network.mixing.shape[1]
+    if len(fitted.history) >= budget.max_iterations:
+        return "the limit on steps was reached"
+    if fitted.folds:
+        return (
+            "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "
+            f"its network of {features} features follows the boundary no better"
+        )
+    at_corners = stage.share_at_corners(fitted.residual.energy)
+    if at_corners > 0.5:
+        where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
+    elif turning > _ROUGH_TURN:
+        where = f"the loop is rough: one point in ten turns by more than {np.degrees(turning):.0f}°"
+    else:
+        where = "more units bring it no nearer"
+    if stage.is_full:
+        return f"the network has as many features as it may have, {features}, and {where}"
+    return f"a network of {features} features follows the boundary no better: {where}"
+
+
+def fit_and_refine(
     stage: Discretisation,
     readout: Complex[Tensor, "n 2"],
     slide: Float[Tensor, " nodes"],
@@ -269,16 +285,21 @@ def _fit_and_refine(
     *,
     points: int,
     offset: float,
-) -> _Fitted:
+) -> Fitted:
     """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
-    best: _Fitted | None = None
+    best: Fitted | None = None
     folds = False
+    if stage.domain.holes:
+        # the modulus of a mesh is never quite right
+        first = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+        stage, history, folds = first.stage, first.history, first.folds
+        readout, slide = first.fit.readout, first.fit.slide
     for remaining in reversed(range(_MAX_ROUNDS)):
         fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
         history += fit.history
         residual = independent_residual(stage, fit, points=points)
         # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
-        if best is None and residual.rms > budget.allowed and stage.has_moduli:
+        if best is None and residual.rms > budget.allowed and stage.has_moduli and not stage.domain.holes:
             corrected = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
             history, folds = corrected.history, corrected.folds
             moved = independent_residual(corrected.stage, corrected.fit, points=points)
@@ -287,7 +308,7 @@ def _fit_and_refine(
         if best is not None and residual.rms >= best.residual.rms:
             return replace(best, history=history)
         rounds = _MAX_ROUNDS - remaining
-        best = _Fitted(stage=stage, fit=fit, residual=residual, rounds=rounds, history=history, folds=folds)
+        best = Fitted(stage=stage, fit=fit, residual=residual, rounds=rounds, history=history, folds=folds)
         if residual.rms <= budget.allowed or len(history) >= budget.max_iterations:
             break
         finer = stage.refined(fit, residual.energy, budget.allowed)
@@ -340,7 +361,7 @@ def _with_right_moduli(
     return _Corrected(stage=stage, fit=fit, history=history + fit.history, folds=folds)
 
 
-def _surface(fitted: _Fitted) -> tuple[SpinorSurface, float]:
+def fitted_surface(fitted: Fitted) -> tuple[SpinorSurface, float]:
     """The fitted surface at unit size, and the RMS distance of its boundary from the fit's.
 
     The fit integrates φ along ∂Ω, the surface along paths in Ω: they agree unless a path runs too near to a pole.
@@ -351,8 +372,10 @@ def _surface(fitted: _Fitted) -> tuple[SpinorSurface, float]:
         network.readout.copy_(fit.readout)
     domain = _clear_of_poles(stage.domain, stage.poles)
     surface = SpinorSurface(network, domain, order=_PATH_ORDER * fitted.rounds).to(device)
+    if domain.holes:
+        close_period(surface)
     some = torch.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order, device=device)
-    boundary = (stage.problem.positions(fit.readout) + fit.constant)[some]
+    boundary = (stage.problem.positions(network.readout.detach()) + fit.constant)[some]
     with torch.no_grad():
         offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
         # the median: where a path is too near to a pole the others are still right
@@ -362,11 +385,41 @@ def _surface(fitted: _Fitted) -> tuple[SpinorSurface, float]:
     return surface, float(weight @ (offset - constant).square().sum(1)) ** 0.5
 
 
+def close_period(surface: SpinorSurface) -> None:
+    """The least change of a network's read-outs with which Re ∮ φ dz = 0 around the hole, by Newton's method."""
+    network, (hole,) = surface.model, surface.domain.holes
+    assert isinstance(network, CauchyNetwork)
+    device = network.readout.device
+    panels = Panels.on(hole, panel_breaks(hole), surface.order)
+    with torch.no_grad():
+        features = network.features(torch.as_tensor(panels.z, device=device))
+        step = torch.as_tensor(panels.dz * panels.weights, device=device)[:, None]
+        for _ in range(_CLOSING_STEPS):
+            p, q = (features @ network.readout).unbind(-1)
+            gap = (step * phi(p, q)).sum(0).real
+            by_p, by_q = ((2 * value[:, None] * step * features).sum(0) for value in (p, q))
+            # Re ∮ δφ dz by the changes of both read-outs
+            rows = torch.stack([torch.cat([by_p, -by_q]), -1j * torch.cat([by_p, by_q]), torch.cat([by_q, by_p])])
+            change = -rows.mH @ torch.linalg.solve((rows @ rows.mH).real, gap).to(rows.dtype)
+            network.readout.add_(change.reshape(2, -1).T)
+
+
 def _clear_of_poles(domain: PlaneDomain, poles: Poles) -> PlaneDomain:
     """Ω with so many vertices that their polygon, where paths may run, keeps clear of the poles as ∂Ω does."""
-    boundary = domain.boundary
-    assert isinstance(boundary, SplineBoundary)
     tree = cKDTree(np.column_stack([poles.positions.real, poles.positions.imag]))
+    clear = [_clear_boundary(boundary, tree) for boundary in domain.boundaries]
+    if all(new is old for new, old in zip(clear, domain.boundaries, strict=True)):
+        return domain
+    scales = np.split(domain.log_scale, np.cumsum([len(boundary.vertices) for boundary in domain.boundaries])[:-1])
+    log_scale = [
+        np.interp(new.parameters[:-1], old.parameters[:-1], scale, period=1.0)
+        for new, old, scale in zip(clear, domain.boundaries, scales, strict=True)
+    ]
+    return PlaneDomain.inside(clear[0], np.concatenate(log_scale), holes=tuple(clear[1:]))
+
+
+def _clear_boundary(boundary: Boundary, tree: cKDTree) -> Boundary:
+    assert isinstance(boundary, SplineBoundary)
     share = np.linspace(0.0, 1.0, _POINTS_OF_A_CHORD)
     for _ in range(_HALVINGS):
         t, v = boundary.parameters, boundary.vertices
@@ -379,7 +432,4 @@ def _clear_of_poles(domain: PlaneDomain, poles: Poles) -> PlaneDomain:
         if not too_near.any():
             break
         boundary = boundary.halved(too_near)
-    if boundary is domain.boundary:
-        return domain
-    scale = np.interp(boundary.parameters[:-1], domain.boundary.parameters[:-1], domain.log_scale, period=1.0)
-    return PlaneDomain.inside(boundary, scale)
+    return boundary

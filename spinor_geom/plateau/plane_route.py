@@ -1,17 +1,21 @@
-"""Plane loops: the minimal disk is the plane region inside, whatever the loop's shape, corners and length."""
+"""Plane loops: the minimal surface is the plane region inside or between them, whatever their shape and corners."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 import torch
+from jaxtyping import Complex, Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.mesh.intersections import crossings_between, loop_crossings
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.found import Found, FoundAnnulus
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.surface.frames import spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -20,6 +24,7 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 _PLANE = 1e-12
 # Points on each piece of Γ for the residual, between its vertices.
 _PER_PIECE = 4
+_LIMIT = "it is at rounding error"
 
 
 def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, clock: Clock) -> Found | None:
@@ -40,28 +45,151 @@ def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, c
     if plane.rms_distance > _PLANE * loop.diagonal:
         return None
     with clock.stage("surface"):
-        u, v = (direction[0] for direction in normals_of(torch.tensor(plane.normal)[None]))
-        frame = torch.stack([u, v]).numpy()
-        coefficients = curve.coefficients.copy()
-        coefficients[-1] -= plane.centroid
-        boundary = SplineBoundary(curve.breaks, coefficients @ (frame[0] + 1j * frame[1]), loop.corners)
-        t = boundary.parameters[:-1, None] + np.diff(boundary.parameters)[:, None] * np.arange(_PER_PIECE) / _PER_PIECE
-        if len(loop_crossings(curve.point(t.ravel()))):
+        if len(loop_crossings(_between(curve, _PER_PIECE))):
             return None
-        spinors = torch.stack(spinors_from_phi(torch.complex(u, -v)[None]), dim=-1)
-        surface = SpinorSurface(PowerSeries(spinors), PlaneDomain.inside(boundary), plane.centroid)
-        with torch.no_grad():
-            root = np.array([surface.root.real, surface.root.imag])
-            surface.constant.add_(torch.tensor(root @ frame))
-        between = t[:, 1:].ravel()
-        distance = np.linalg.norm(surface.position(boundary.point(between)) - curve.point(between), axis=1)
+        frame = _PlaneFrame.across(plane.normal, plane.centroid)
+        boundary = frame.boundary(curve)
+        surface = frame.surface(PlaneDomain.inside(boundary))
+        distance = _distances(surface, boundary, curve)
         return Found(
             surface=surface.to(device),
-            matching=np.repeat(curve.breaks[:-1, None], 2, axis=1),
+            matching=_identity(curve),
             rms=float(np.sqrt(np.mean(distance**2))),
             max=float(distance.max()),
             area=float(surface.area()),
             route="plane",
             history=(),
-            limit="it is at rounding error",
+            limit=_LIMIT,
         )
+
+
+def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device) -> FoundAnnulus | None:
+    """The region between two loops of one plane, with itself as Ω and constant p and q.
+
+    It lies on the left of the first loop.
+
+    Args:
+        curves: the first at unit size, the second, and the second reversed.
+        device: of the surface.
+
+    Returns:
+        The annulus; None where the loops do not lie in one plane to round-off, neither is inside the other, or the
+        curves cross themselves or each other between their points.
+
+    Source: as `plane_disk`; Ω is the only minimal surface that is an annulus.
+    """
+    frame = _common_plane(curves[:2])
+    if frame is None:
+        return None
+    outer_first = _is_inside(curves[1], curves[0], frame)
+    if not outer_first:
+        if not _is_inside(curves[0], curves[1], frame):
+            return None
+        # the first loop has the surface on its left from the other side
+        frame = _PlaneFrame.across(-frame.normal, frame.origin)
+    second = BoundaryLoop.from_points(curves[1].coefficients[-1], corners=())
+    reverse = (second.area_vector @ frame.normal > 0) == outer_first
+    rims = (curves[0], curves[1 + reverse])
+    outer, inner = (frame.boundary(curve) for curve in (rims if outer_first else rims[::-1]))
+    surface = frame.surface(PlaneDomain.inside(outer, holes=(inner,)))
+    order = (0, 1) if outer_first else (1, 0)
+    pairs = zip(order, (outer, inner), strict=True)
+    distance = np.concatenate([_distances(surface, boundary, rims[number]) for number, boundary in pairs])
+    return FoundAnnulus(
+        surface=surface.to(device),
+        order=order,
+        reverse=bool(reverse),
+        matchings=(_identity(rims[order[0]]), _identity(rims[order[1]])),
+        rms=float(np.sqrt(np.mean(distance**2))),
+        max=float(distance.max()),
+        area=float(surface.area()),
+        modulus=None,
+        spin="periodic",
+        period=float(np.linalg.norm(surface.periods().real)),
+        route="plane",
+        limit=_LIMIT,
+    )
+
+
+def beside_in_plane(first: BoundaryCurve, second: BoundaryCurve) -> bool:
+    """Whether two curves at unit size lie beside each other in one plane.
+
+    Then no minimal annulus spans them: it would lie in that plane and cover the inside of both curves once, and nothing
+    in between.
+    """
+    frame = _common_plane((first, second))
+    return frame is not None and not (_is_inside(first, second, frame) or _is_inside(second, first, frame))
+
+
+def _common_plane(curves: Sequence[BoundaryCurve]) -> _PlaneFrame | None:
+    """Coordinates in the plane of two curves; None where there is none, or they cross between their points."""
+    loop = BoundaryLoop.from_points(curves[0].coefficients[-1], corners=())
+    normal = loop.plane.normal
+    offset = np.concatenate([curve.coefficients[-1] for curve in curves]) - loop.centroid
+    if np.sqrt(np.mean((offset @ normal) ** 2)) > _PLANE:
+        return None
+    fine = [_between(curve, _PER_PIECE) for curve in curves]
+    if any(len(loop_crossings(points)) for points in fine) or len(crossings_between(*fine)):
+        return None
+    return _PlaneFrame.across(normal, loop.centroid)
+
+
+def _is_inside(inner: BoundaryCurve, outer: BoundaryCurve, frame: _PlaneFrame) -> bool:
+    points = frame.coordinates(_between(outer, _PER_PIECE))
+    return _winding(points, complex(frame.coordinates(inner.coefficients[-1][0]))) != 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _PlaneFrame:
+    """Coordinates x + iy in a plane, counter-clockwise about its normal."""
+
+    normal: Float[np.ndarray, "3"]
+    origin: Float[np.ndarray, "3"]
+    axes: Float[np.ndarray, "2 3"]
+
+    @classmethod
+    def across(cls, normal: Float[np.ndarray, "3"], origin: Float[np.ndarray, "3"]) -> _PlaneFrame:
+        axes = torch.cat(normals_of(torch.tensor(normal)[None])).numpy()
+        return cls(normal=normal, origin=origin, axes=axes)
+
+    def coordinates(self, points: Float[np.ndarray, "*pts 3"]) -> Complex[np.ndarray, "*pts"]:
+        return np.asarray((points - self.origin) @ (self.axes[0] + 1j * self.axes[1]))
+
+    def boundary(self, curve: BoundaryCurve) -> SplineBoundary:
+        coefficients = curve.coefficients.copy()
+        coefficients[-1] -= self.origin
+        return SplineBoundary(curve.breaks, coefficients @ (self.axes[0] + 1j * self.axes[1]), curve.corners)
+
+    def surface(self, domain: PlaneDomain) -> SpinorSurface:
+        u, v = torch.tensor(self.axes)
+        spinors = torch.stack(spinors_from_phi(torch.complex(u, -v)[None]), dim=-1)
+        surface = SpinorSurface(PowerSeries(spinors), domain, self.origin)
+        with torch.no_grad():
+            root = np.array([surface.root.real, surface.root.imag])
+            surface.constant.add_(torch.tensor(root @ self.axes))
+        return surface
+
+
+def _between(curve: BoundaryCurve, each: int) -> Float[np.ndarray, "n 3"]:
+    """Points of a curve, `each` from every vertex to the next."""
+    return curve.point(_parameters(curve, each).ravel())
+
+
+def _parameters(curve: BoundaryCurve, each: int) -> Float[np.ndarray, "m each"]:
+    return np.asarray(curve.breaks[:-1, None] + np.diff(curve.breaks)[:, None] * np.arange(each) / each)
+
+
+def _distances(surface: SpinorSurface, boundary: SplineBoundary, curve: BoundaryCurve) -> Float[np.ndarray, " n"]:
+    """Distances between a part of the surface's boundary and its curve, between the vertices."""
+    t = _parameters(curve, _PER_PIECE)[:, 1:].ravel()
+    return np.asarray(np.linalg.norm(surface.position(boundary.point(t)) - curve.point(t), axis=1))
+
+
+def _identity(curve: BoundaryCurve) -> Float[np.ndarray, "m 2"]:
+    return np.repeat(curve.breaks[:-1, None], 2, axis=1)
+
+
+def _winding(polygon: Complex[np.ndarray, " m"], z: complex) -> int:
+    """How often a closed polygon runs around a point."""
+    away = polygon - z
+    return round(float(np.angle(np.roll(away, -1) / away).sum()) / (2 * np.pi))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,14 +10,20 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Float, Int, Shaped
 from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.corners import CornerPairs
+from spinor_geom.plateau.slide import nearest_increasing
 from spinor_geom.surface.formulas import phi
+
+# Quadrature nodes of each piece of a way through Ω.
+_WAY_ORDER = 16
 
 
 class TensorCurve(Protocol):
@@ -126,74 +133,172 @@ def _horner(
 class PlateauProblem:
     """Γ, the nodes on ∂Ω, and the features of the model there.
 
+    Where Ω has a hole there are further points behind the nodes, on a way through Ω from the outer boundary to it.
+
     Attributes:
-        curve: Γ.
-        features: (nodes, n), the model's hidden layer at the nodes.
-        dz: (nodes,), dz/dt.
-        weights: (nodes,), quadrature weights in t.
+        curves: Γ, one curve for each boundary of Ω.
+        features: (points, n), the model's hidden layer at the nodes and on the way.
+        dz: (points,), dz/dt.
+        weights: (points,), quadrature weights in t.
         widths: (panels,), lengths of the panels in t.
+        rims: numbers of panels of each boundary.
+        way: panels of ∂Ω, numbered on their own boundaries, at whose starts the way starts and ends; none without one.
         cumulative: (order, order), integration matrix of a panel of length 1.
         slide_bounds: (nodes, 2), lowest and highest curve parameter of each node.
         fields: (nodes, k), fields along which Ω may move to change its moduli.
     """
 
-    curve: CurveTensors
-    features: Complex[Tensor, "nodes n"]
-    dz: Complex[Tensor, " nodes"]
-    weights: Float[Tensor, " nodes"]
+    curves: tuple[CurveTensors, ...]
+    features: Complex[Tensor, "points n"]
+    dz: Complex[Tensor, " points"]
+    weights: Float[Tensor, " points"]
     widths: Float[Tensor, " panels"]
+    rims: tuple[int, ...]
+    way: tuple[int, int] | None
     cumulative: Float[Tensor, "order order"]
     slide_bounds: Float[Tensor, "nodes 2"]
     fields: Complex[Tensor, "nodes k"]
 
     @classmethod
     def on_panels(
-        cls, panels: Panels, network: CauchyNetwork, curve: CurveTensors, pairs: CornerPairs
+        cls,
+        panels: Panels,
+        network: CauchyNetwork,
+        curves: tuple[CurveTensors, ...],
+        pairs: CornerPairs,
+        way: WayAcross | None = None,
     ) -> PlateauProblem:
         """The problem with the nodes of given panels, on a domain that does not move."""
         device = network.poles.device
-        z = torch.tensor(panels.z, device=device)
+        z, dz, weights = panels.z, panels.dz, panels.weights
+        if way is not None:
+            z, dz, weights = np.append(z, way.z), np.append(dz, way.dz), np.append(weights, way.weights)
         with torch.no_grad():
-            features = network.features(z)
+            features = network.features(torch.tensor(z, device=device))
         return cls(
-            curve=curve,
+            curves=curves,
             features=features,
-            dz=torch.tensor(panels.dz, device=device),
-            weights=torch.tensor(panels.weights, device=device),
-            widths=torch.tensor(np.diff(panels.breaks), device=device),
+            dz=torch.tensor(dz, device=device),
+            weights=torch.tensor(weights, device=device),
+            widths=torch.tensor(panels.widths, device=device),
+            rims=panels.rims,
+            way=None if way is None else way.panels_at(panels),
             cumulative=torch.tensor(panels.cumulative, device=device),
             slide_bounds=torch.tensor(pairs.slide_bounds(panels.t), device=device),
-            fields=torch.zeros(len(z), 0, dtype=z.dtype, device=device),
+            fields=torch.zeros(len(panels.z), 0, dtype=torch.complex128, device=device),
         )
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes on ∂Ω."""
+        return len(self.widths) * len(self.cumulative)
 
     @property
     def arc_weights(self) -> Float[Tensor, " nodes"]:
         """Weights of the mean by arc length of ∂Ω; their sum is 1."""
-        weights = self.weights * self.dz.abs()
+        weights = (self.weights * self.dz.abs())[: self.nodes]
         return weights / weights.sum()
 
-    def integrate(self, f: Complex[Tensor, "nodes k"]) -> Complex[Tensor, "nodes k"]:
-        """∫ f dt from the start of the first panel to each node."""
-        panels, order = len(self.widths), len(self.cumulative)
-        by_panel = f.reshape(panels, order, -1)
+    def by_rim(self, values: Shaped[Tensor, "nodes *rest"]) -> tuple[Shaped[Tensor, "_ *rest"], ...]:
+        """What is told of the nodes, boundary by boundary."""
+        return torch.split(values, [count * len(self.cumulative) for count in self.rims])
+
+    def point_and_derivative(
+        self, slide: Float[Tensor, " nodes"]
+    ) -> tuple[Float[Tensor, "nodes 3"], Float[Tensor, "nodes 3"]]:
+        """Γ and Γ' at each node's parameter of its own curve."""
+        parts = [curve.point_and_derivative(s) for curve, s in zip(self.curves, self.by_rim(slide), strict=True)]
+        points, tangents = zip(*parts, strict=True)
+        return torch.cat(points), torch.cat(tangents)
+
+    def increasing(self, slide: Float[Tensor, " nodes"], speed: Float[Tensor, " nodes"]) -> Float[Tensor, " nodes"]:
+        """The slides around each boundary that do not fall and lie within their bounds; see `nearest_increasing`."""
+        told = [[part.cpu().numpy() for part in self.by_rim(one)] for one in (slide, speed, self.slide_bounds)]
+        parts = [nearest_increasing(*one) for one in zip(*told, strict=True)]
+        return torch.as_tensor(np.concatenate(parts), device=slide.device)
+
+    def integrate(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "nodes k"]:
+        """∫ f dt from the start of the first panel to each node, along ∂Ω and on the way to the hole."""
+        order = len(self.cumulative)
+        by_panel = f[: self.nodes].reshape(-1, order, f.shape[1])
         local = (self.cumulative.to(f.dtype) @ by_panel) * self.widths[:, None, None]
-        total = (self.weights.reshape(panels, 1, order).to(f.dtype) @ by_panel)[:, 0].cumsum(0)
-        start = torch.cat([torch.zeros_like(total[:1]), total[:-1]])
-        return (local + start[:, None]).reshape(f.shape)
+        total = (self.weights[: self.nodes].reshape(-1, 1, order).to(f.dtype) @ by_panel)[:, 0]
+        starts = [part.cumsum(0) - part for part in torch.split(total, list(self.rims))]
+        if self.way is not None:
+            (outer, inner), (first, last) = starts, self.way
+            across = self.weights[self.nodes :].to(f.dtype) @ f[self.nodes :]
+            starts = [outer, inner + (outer[first] + across - inner[last])]
+        return (local + torch.cat(starts)[:, None]).reshape(self.nodes, -1)
 
     def positions(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3"]:
         """Positions r at the nodes, up to a constant: the real part of ∫ φ dz along ∂Ω."""
         return self.integrate(self.velocities(readout)).real
 
-    def velocities(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "nodes 3"]:
-        """φ dz/dt at the nodes; its real part is dr/dt."""
+    def around_hole(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "holes k"]:
+        """∮ f dt around each hole."""
+        last = self.nodes - self.rims[-1] * len(self.cumulative)
+        total = self.weights[None, last : self.nodes].to(f.dtype) @ f[last : self.nodes]
+        return total[: len(self.rims) - 1]
+
+    def velocities(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
+        """φ dz/dt at the nodes and on the way; its real part is dr/dt."""
         return self.null_curve(readout) * self.dz[:, None]
 
-    def null_curve(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "nodes 3"]:
-        """φ at the nodes."""
+    def null_curve(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
+        """φ at the nodes and on the way."""
         p, q = (self.features @ readout).unbind(-1)
         return phi(p, q)
 
     def moved(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3 k"]:
         """Change of r at the nodes when they move along each field: Re(φ v)."""
-        return (self.null_curve(readout)[:, :, None] * self.fields[:, None, :]).real
+        return (self.null_curve(readout)[: self.nodes, :, None] * self.fields[:, None, :]).real
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WayAcross:
+    """A straight way through Ω between the vertices of its two boundaries that are nearest to each other.
+
+    Attributes:
+        t: parameters of its ends on their boundaries, in [0, 1).
+        z: quadrature nodes on it.
+        dz: derivative of z by the parameter of the way.
+        weights: quadrature weights in that.
+    """
+
+    t: tuple[float, float]
+    z: Complex[np.ndarray, " n"]
+    dz: Complex[np.ndarray, " n"]
+    weights: Float[np.ndarray, " n"]
+
+    @classmethod
+    def through(cls, domain: PlaneDomain) -> WayAcross | None:
+        """The way in a domain with one hole, its panels as short at its ends as ∂Ω's edges there; none without one."""
+        if not domain.holes:
+            return None
+        outer, inner = (boundary.vertices for boundary in domain.boundaries)
+        distance = np.abs(outer[:, None] - inner)
+        first, last = np.unravel_index(distance.argmin(), distance.shape)
+        length, step = distance[first, last], inner[last] - outer[first]
+        breaks = []
+        for polygon, vertex in ((outer, first), (inner, last)):
+            beside = polygon[[vertex - 1, (vertex + 1) % len(polygon)]]
+            edge = np.abs(beside - polygon[vertex]).min()
+            count = max(0, math.floor(math.log2(length / (2 * edge) + 1)))
+            breaks.append(edge * (2.0 ** np.arange(count + 1) - 1) / length)
+        nodes = rule("gauss", _WAY_ORDER)
+        ends = np.unique(np.concatenate([breaks[0], 1 - breaks[1]]))
+        width = np.diff(ends)
+        share = (ends[:-1, None] + width[:, None] * nodes.nodes).ravel()
+        return cls(
+            t=(float(domain.boundary.parameters[first]), float(domain.holes[0].parameters[last])),
+            z=outer[first] + step * share,
+            dz=np.full(len(share), step),
+            weights=(width[:, None] * nodes.weights).ravel(),
+        )
+
+    def panels_at(self, panels: Panels) -> tuple[int, int]:
+        """The panels, numbered on their own boundaries, that start at its ends."""
+        first, last = (
+            int(np.abs(breaks[:-1] - t).argmin()) for breaks, t in zip(panels.rim_breaks, self.t, strict=True)
+        )
+        return first, last

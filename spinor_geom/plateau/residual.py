@@ -11,7 +11,7 @@ from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
 from spinor_geom.plateau.gauss_newton import Fit
-from spinor_geom.plateau.network import Discretisation, interpolate_matching
+from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import PlateauProblem, TensorCurve
 
 # Gauss-Newton steps of a projection, and the last one's length from which on more of them change nothing.
@@ -46,24 +46,32 @@ def independent_residual(stage: Discretisation, fit: Fit, *, points: int) -> Res
         fit: its fit.
         points: number of loop points; at least three samples are taken for each.
     """
-    count = len(stage.panels.breaks) - 1
+    count = len(stage.panels.ends)
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
-    dense = Panels.on(stage.domain.boundary, stage.panels.breaks, order)
-    problem = PlateauProblem.on_panels(dense, stage.network, stage.problem.curve, stage.pairs)
+    dense = Panels.around(stage.domain, stage.panels.rim_breaks, order)
+    problem = PlateauProblem.on_panels(dense, stage.network, stage.problem.curves, stage.pairs, stage.way)
     velocity = problem.velocities(fit.readout)
     r = problem.integrate(velocity).real + fit.constant
-    slide = torch.as_tensor(interpolate_matching(stage.matching(fit), dense.t), device=r.device)
-    slide = projected(r, slide, problem.curve, limit=0.5 / len(stage.panels.t))
-    error = r - problem.curve.point_and_derivative(slide)[0]
-    square = error.square().sum(1)
-    energy = (problem.arc_weights * square).reshape(count, order).sum(1)
+    slide = torch.as_tensor(stage.matched(fit, dense), device=r.device)
     # where a boundary runs off it is long
-    length = problem.weights * velocity.real.norm(dim=1)
-    passed = passed_over(r, slide, error, problem.curve)
+    length = (problem.weights * velocity.real.norm(dim=1))[: problem.nodes]
+    squares, passed = [], []
+    rims = zip(*(problem.by_rim(part) for part in (r, slide, length)), problem.curves, strict=True)
+    for position, parameter, weight, curve in rims:
+        parameter = projected(position, parameter, curve, limit=0.5 / len(stage.panels.t))
+        error = position - curve.point_and_derivative(parameter)[0]
+        over = passed_over(position, parameter, error, curve)
+        squares.append(error.square().sum(1))
+        passed.append((float(weight.sum()), over))
+    square = torch.cat(squares)
+    mean = float(length @ square / length.sum())
+    mean += sum(share * over.mean_square for share, over in passed) / float(length.sum())
+    # closing it moves the boundary by about as much
+    mean += float(problem.around_hole(velocity).real.square().sum())
     return Residual(
-        rms=(float(length @ square / length.sum()) + passed.mean_square) ** 0.5,
-        max=max(float(square.max().sqrt()), passed.max),
-        energy=energy.cpu().numpy(),
+        rms=mean**0.5,
+        max=max(float(square.max().sqrt()), *(over.max for _, over in passed)),
+        energy=(problem.arc_weights * square).reshape(count, order).sum(1).cpu().numpy(),
     )
 
 

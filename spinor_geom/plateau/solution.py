@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Complex, Float
 from scipy.interpolate import PchipInterpolator
 
-from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
+from spinor_geom.errors import SeveralRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-Route = Literal["plane", "disk", "unfolded", "deformed", "flattened", "network", "trained"]
+Route = Literal[
+    "plane", "disk", "annulus", "annular network", "unfolded", "deformed", "flattened", "network", "trained"
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +79,7 @@ class BoundaryResidual:
 
 @dataclass(frozen=True, kw_only=True)
 class Stability:
-    """Whether a minimal disk is a local minimiser of area.
+    """Whether a minimal surface is a local minimiser of area.
 
     Attributes:
         verdict: "stable", "unstable", or "undecided" where the error of the computation leaves both possible.
@@ -94,17 +98,76 @@ class Stability:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class RimMatch:
+    """A loop and the part of ∂Ω that the surface lays on it.
+
+    Attributes:
+        loop: the loop, run as the boundary of the surface runs.
+        curve: Γ, through all of the loop's points.
+        boundary: the part of ∂Ω.
+        matching: (n, 2), increasing pairs (t, s): the surface's boundary point at parameter t is matched with Γ(s); it
+            covers one turn of both, s may exceed [0, 1).
+    """
+
+    loop: BoundaryLoop
+    curve: BoundaryCurve
+    boundary: Boundary
+    matching: Float[np.ndarray, "n 2"]
+
+    def points_in_domain(self) -> Complex[np.ndarray, " m"]:
+        """The points of ∂Ω that the surface matches with the loop's points, in loop order."""
+        t, s = self.matching.T
+        # three turns, so that every vertex parameter lies well inside; equal s (nodes slid together) are one knot
+        s = np.concatenate([s - 1, s, s + 1])
+        t = np.concatenate([t - 1, t, t + 1])
+        keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 1e-12)
+        return self.boundary.point(PchipInterpolator(s[keep], t[keep])(self.curve.breaks[:-1]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Annulus:
+    """What is told of a surface between two rims beyond that of a disk.
+
+    Attributes:
+        modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; none where it was not
+            needed to find the surface.
+        spin: whether p and q come back to themselves around the hole, or change their sign.
+        period: |Re ∮ φ dz| around the hole, in mesh units: the gap by which the surface does not close.
+        reversed: whether the second loop that was given runs against the boundary of the surface.
+        disks: the minimal disks over both loops, in the order of the rims; none where one was not found.
+    """
+
+    modulus: float | None
+    spin: Literal["periodic", "antiperiodic"]
+    period: float
+    reversed: bool
+    disks: tuple[PlateauSolution, PlateauSolution] | None
+
+    @property
+    def disk_area(self) -> float | None:
+        """Area of both disks together."""
+        return None if self.disks is None else sum(disk.area for disk in self.disks)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures, JSON-ready."""
+        return {
+            "modulus": self.modulus,
+            "spin": self.spin,
+            "period": self.period,
+            "reversed": self.reversed,
+            "disk_area": self.disk_area,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlateauSolution(Shown):
-    """A minimal disk over a loop.
+    """A minimal disk over a loop, or a minimal annulus between two.
 
     Attributes:
         surface: the surface, in the loop's own coordinates.
-        loop: the loop.
-        curve: Γ, through all of the loop's points.
+        rims: the loop, or both, with the parts of ∂Ω that lie on them: the outer boundary of Ω first.
         domain: Ω.
-        matching: (n, 2), increasing pairs (t, s): the surface's boundary point at parameter t of ∂Ω is matched with
-            Γ(s); it covers one turn of both, s may exceed [0, 1).
-        boundary_residual: distance of the surface's boundary from Γ.
+        boundary_residual: distance of the surface's boundary from Γ, of all rims together.
         area: ½∮ r·Im(φ dz), in squared mesh units.
         area_in_domain: the same by quadrature in Ω, a check of the first: see `area_in_domain`.
         self_intersections: pairs of triangles that cross in the surface's mesh over Ω's triangulation; 0 where it shows
@@ -113,20 +176,21 @@ class PlateauSolution(Shown):
             "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the unfolded least-area
             triangulation, on a domain that grew with the loop from an average of it, or on a flattened discrete disk; p
             and q are a power series or Cauchy's formula. "network": Gauss-Newton for a Cauchy network. "trained":
-            training of a complex-valued network.
+            training of a complex-valued network. "annulus": Douglas's slides of two rims and the modulus between them;
+            p and q are Laurent series. "annular network": Gauss-Newton for a Cauchy network on a flattened discrete
+            annulus.
         history: the steps.
         timings: wall time of each stage, in seconds.
         tolerance: RMS residual per mean edge that was asked for.
         converged: whether the residual is within the tolerance.
         reason: one sentence: why the solver stopped.
         stability: verdict of the second variation.
+        annulus: what is told of annuli alone; none for disks.
     """
 
     surface: SpinorSurface
-    loop: BoundaryLoop
-    curve: BoundaryCurve
+    rims: tuple[RimMatch, ...]
     domain: PlaneDomain
-    matching: Float[np.ndarray, "n 2"]
     boundary_residual: BoundaryResidual
     area: float
     area_in_domain: float
@@ -138,21 +202,64 @@ class PlateauSolution(Shown):
     converged: bool
     reason: str
     stability: Stability
+    annulus: Annulus | None = None
+
+    @property
+    def loop(self) -> BoundaryLoop:
+        """The loop of a disk.
+
+        Raises:
+            SeveralRimsError: the surface is an annulus.
+        """
+        return self._rim.loop
+
+    @property
+    def curve(self) -> BoundaryCurve:
+        """Γ of a disk.
+
+        Raises:
+            SeveralRimsError: the surface is an annulus.
+        """
+        return self._rim.curve
+
+    @property
+    def matching(self) -> Float[np.ndarray, "n 2"]:
+        """`RimMatch.matching` of a disk.
+
+        Raises:
+            SeveralRimsError: the surface is an annulus.
+        """
+        return self._rim.matching
+
+    @property
+    def _rim(self) -> RimMatch:
+        if len(self.rims) > 1:
+            raise SeveralRimsError(rims=len(self.rims))
+        return self.rims[0]
+
+    @cached_property
+    def is_area_minimum(self) -> bool:
+        """Whether the area is a local minimum and, for an annulus, below that of the two disks: Douglas's condition.
+
+        An annulus that is stable but has more area than the disks is a local minimum only. Where the disks are not
+        known the condition counts as not met.
+        """
+        if self.stability.verdict != "stable":
+            return False
+        if self.annulus is None:
+            return True
+        disks = self.annulus.disk_area
+        return disks is not None and self.area < disks
 
     def loop_points_in_domain(self) -> Complex[np.ndarray, " m"]:
-        """The points of ∂Ω that the surface matches with the loop's points, in loop order, counter-clockwise."""
-        t, s = self.matching.T
-        # three turns, so that every vertex parameter lies well inside; equal s (nodes slid together) are one knot
-        s = np.concatenate([s - 1, s, s + 1])
-        t = np.concatenate([t - 1, t, t + 1])
-        keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 1e-12)
-        return self.domain.boundary.point(PchipInterpolator(s[keep], t[keep])(self.curve.breaks[:-1]))
+        """The points of ∂Ω that the surface matches with the loop's points, in loop order, rim after rim."""
+        return np.concatenate([rim.points_in_domain() for rim in self.rims])
 
     def to_dict(self) -> dict[str, Any]:
         """The figures, JSON-ready."""
         residual = self.boundary_residual
         return {
-            "vertices": len(self.loop),
+            "vertices": sum(len(rim.loop) for rim in self.rims),
             "area": self.area,
             "area_in_domain": self.area_in_domain,
             "self_intersections": self.self_intersections,
@@ -169,5 +276,40 @@ class PlateauSolution(Shown):
             "converged": self.converged,
             "reason": self.reason,
             "stability": asdict(self.stability),
+            "annulus": None if self.annulus is None else self.annulus.to_dict(),
+            "timings": dict(self.timings),
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NoAnnulus:
+    """The answer that no minimal annulus spans two rims: its modulus runs away, the surface falls apart into two disks.
+
+    Attributes:
+        loops: both loops.
+        disks: the minimal disks over them; none where one was not found.
+        reason: one sentence: how it is known.
+        history: the steps.
+        timings: wall time of each stage, in seconds.
+    """
+
+    loops: tuple[BoundaryLoop, BoundaryLoop]
+    disks: tuple[PlateauSolution, PlateauSolution] | None
+    reason: str
+    history: tuple[Iteration, ...]
+    timings: dict[str, float]
+
+    @property
+    def area(self) -> float | None:
+        """Area of both disks together: the least area that the rims bound."""
+        return None if self.disks is None else sum(disk.area for disk in self.disks)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures, JSON-ready."""
+        return {
+            "vertices": sum(map(len, self.loops)),
+            "disk_area": self.area,
+            "reason": self.reason,
+            "iterations": len(self.history),
             "timings": dict(self.timings),
         }

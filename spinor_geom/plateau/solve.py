@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Literal, overload
 
 import torch
 
-from spinor_geom.errors import OptionError, SpinorGeomError
+from spinor_geom.errors import OptionError, SpinorGeomError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
+from spinor_geom.plateau.annulus import AnnulusTask
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
-from spinor_geom.plateau.solution import Iteration, PlateauSolution
+from spinor_geom.plateau.solution import Iteration, NoAnnulus, PlateauSolution
 from spinor_geom.plateau.solutions import find_disks
 from spinor_geom.plateau.task import Model, Options, Task
 from spinor_geom.plateau.threads import one_thread
@@ -41,7 +42,7 @@ def solve_plateau(
 
 @overload
 def solve_plateau(
-    loop: BoundaryLoop | ClosedCurve,
+    loop: BoundaryLoop | ClosedCurve | Sequence[BoundaryLoop | ClosedCurve],
     *,
     model: Model = "auto",
     optimizer: Optimizer | None = None,
@@ -55,8 +56,22 @@ def solve_plateau(
 ) -> tuple[PlateauSolution, ...]: ...
 
 
+@overload
 def solve_plateau(
-    loop: BoundaryLoop | ClosedCurve,
+    loop: Sequence[BoundaryLoop | ClosedCurve],
+    *,
+    model: Model = "auto",
+    tolerance: float = 1e-3,
+    max_iterations: int = 400,
+    unstable: Literal["leave", "keep"] = "leave",
+    all_solutions: Literal[False] = False,
+    device: str | torch.device = "cpu",
+    on_iteration: Callable[[Iteration], None] | None = None,
+) -> PlateauSolution | NoAnnulus: ...
+
+
+def solve_plateau(
+    loop: BoundaryLoop | ClosedCurve | Sequence[BoundaryLoop | ClosedCurve],
     *,
     model: Model = "auto",
     optimizer: Optimizer | None = None,
@@ -67,21 +82,28 @@ def solve_plateau(
     all_solutions: bool = False,
     device: str | torch.device = "cpu",
     on_iteration: Callable[[Iteration], None] | None = None,
-) -> PlateauSolution | tuple[PlateauSolution, ...]:
-    """A minimal disk over a closed curve: exactly minimal, its boundary on Γ as nearly as the model allows.
+) -> PlateauSolution | NoAnnulus | tuple[PlateauSolution, ...]:
+    """A minimal disk over a closed curve, or a minimal annulus between two.
 
-    Γ is the curve through all of the loop's points, with its corners kept (`BoundaryCurve`). A plane loop bounds the
-    plane region inside it, exactly. Loops without corners take Douglas's route: the slide along Γ that makes the
-    harmonic disk over Ω conformal, by Newton's method, and p and q from its boundary; Ω is the unit disk where that
-    serves the loop, else a domain made for it. Loops with corners, and those that route does not bring near to Γ, take
-    a Cauchy network: a discrete disk over the loop is flattened with its boundary lengths kept, which gives Ω; p and q
-    start from the disk's frames along ∂Ω and are fitted by Gauss-Newton with the slide along Γ eliminated, in rounds,
-    each with more Cauchy units where the residual is. Minimal disks need not be minima of the area: one that is
-    unstable is left along an eigenvector of its second variation for one of less area.
+    It is exactly minimal, its boundary on Γ as nearly as the model allows. Γ is the curve through all of the loop's
+    points, with its corners kept (`BoundaryCurve`). A plane loop bounds the plane region inside it, exactly. Loops
+    without corners take Douglas's route: the slide along Γ that makes the harmonic disk over Ω conformal, by Newton's
+    method, and p and q from its boundary; Ω is the unit disk where that serves the loop, else a domain made for it.
+    Loops with corners, and those that route does not bring near to Γ, take a Cauchy network: a discrete disk over the
+    loop is flattened with its boundary lengths kept, which gives Ω; p and q start from the disk's frames along ∂Ω and
+    are fitted by Gauss-Newton with the slide along Γ eliminated, in rounds, each with more Cauchy units where the
+    residual is. Minimal disks need not be minima of the area: one that is unstable is left along an eigenvector of its
+    second variation for one of less area.
+
+    Two curves take Douglas's route on the flat cylinder: both slides and the modulus, by Newton's method, then p and q
+    as Laurent series; two curves in one plane, one inside the other, bound the plane region between them. Which point
+    lies opposite to which, and the direction of the second curve, come from the energy and not from the order of the
+    points. The area is set against that of the two disks: see `PlateauSolution.annulus` and `is_area_minimum`. Curves
+    too far from each other have no annulus, and the answer says so.
 
     Args:
-        loop: the curve, from a mesh or `BoundaryLoop.from_points`; or a curve in formulas, which no sampling limits:
-            the loop is then of the ends of the polynomials that represent it.
+        loop: the curve, or two of them, from a mesh or `BoundaryLoop.from_points`; or a curve in formulas, which no
+            sampling limits: the loop is then of the ends of the polynomials that represent it.
         model: "auto" for what suits the loop; "cauchy" for a Cauchy network whatever the loop, or its options; "series"
             for power series on the unit disk, to rounding error: for smooth loops that are not too long for their
             width; "mlp" for the paper's complex-valued network, trained.
@@ -93,25 +115,31 @@ def solve_plateau(
             its Ω, before it polishes; else it starts from random parameters on the unit disk.
         tolerance: RMS distance of the surface's boundary from Γ, in mean loop edges, below which the result counts as
             converged.
-        max_iterations: limit on steps in all; with `all_solutions` on those from each start. Training has limits of its
-            own among the optimizer's options.
-        unstable: "keep" returns an unstable disk, which is only a critical point of the area, as it was found.
-        all_solutions: look for several disks over the loop, unstable ones too; see `find_disks`. It takes several times
-            as long, and more disks may exist than are found.
+        max_iterations: limit on steps in all; with `all_solutions` on those from each start; between two curves on
+            those after the first annulus is found. Training has limits of its own among the optimizer's options.
+        unstable: "keep" returns an unstable surface, which is only a critical point of the area, as it was found;
+            between two curves with the start that `Laurent(modulus=...)` gives.
+        all_solutions: look for several disks over the loop, or annuli, unstable ones too; see `find_disks`. It takes
+            several times as long, and more may exist than are found.
         device: where the linear algebra runs; the surface is returned there.
         on_iteration: called after each step.
 
     Returns:
-        The solution; with `all_solutions` all that were found, sorted by area, each with its Morse index.
+        The solution, or `NoAnnulus` where none spans two curves; with `all_solutions` all solutions that were found,
+        sorted by area, each with its Morse index.
 
     Raises:
-        OptionError: an unknown model or optimizer, a value out of range, or options that exclude each other.
+        OptionError: an unknown model or optimizer, a value out of range, options that exclude each other, or what is no
+            curve.
         FirstFillError: no discrete disk over the loop was found.
         DomainError: no simple plane domain was found; with "series", the loop crowds on the disk or has corners.
         CurveError: the formulas of a curve are not those of a smooth closed one.
         SelfCrossingLoopError: the loop crosses or touches itself.
+        LoopsMeetError: two loops cross or touch each other.
+        TooManyRimsError: three loops or more; or a sequence of one.
         RepeatedPointError: two neighbouring points of the loop are equal.
         SingularMatrixError: the discrete disk over the loop is degenerate.
+        SurfaceError: the annulus that was found is branched.
 
     Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).
     """
@@ -121,11 +149,29 @@ def solve_plateau(
     if all_solutions and options.optimizer is not None:
         raise OptionError("a network is trained for one disk only; use all_solutions with model='auto'")
     with one_thread():
+        if not isinstance(loop, (BoundaryLoop, ClosedCurve)):
+            pair = AnnulusTask.of(_two_of(loop), options, on_iteration)
+            return pair.every() if all_solutions else pair.solved()
         task = Task.of(loop, options, on_iteration)
         if not all_solutions:
             return task.solved()
         plane = task.in_plane()
         return find_disks(task.rim, task.from_disk) if plane is None else (plane,)
+
+
+def _two_of(
+    loops: Sequence[BoundaryLoop | ClosedCurve],
+) -> tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve]:
+    entries = tuple(loops) if isinstance(loops, Sequence) else (loops,)
+    strange = {type(entry).__name__ for entry in entries if not isinstance(entry, (BoundaryLoop, ClosedCurve))}
+    if strange:
+        raise OptionError(
+            "a surface spans a BoundaryLoop, a ClosedCurve, or two of them in a list or tuple, not "
+            f"{', '.join(sorted(strange))}; BoundaryLoop.from_points makes a loop of points"
+        )
+    if len(entries) != 2:
+        raise TooManyRimsError(sizes=[len(loop) if isinstance(loop, BoundaryLoop) else 0 for loop in entries])
+    return entries[0], entries[1]
 
 
 def solve_plateau_batch(

@@ -1,4 +1,4 @@
-"""Second variation of area: is a minimal disk a local minimiser, and along which functions does its area fall?"""
+"""Second variation of area: is a minimal surface a local minimiser, and along which functions does its area fall?"""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
 
-from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.operators import factor_symmetric
 from spinor_geom.plateau.solution import Stability
@@ -34,10 +34,10 @@ _THIN = 0.1
 def assess_stability(surface: SpinorSurface) -> Stability:
     """Verdict of the second variation ∫ |∇u|² + 2Kλ²u² dx dy over u with u = 0 on ∂Ω.
 
-    The total curvature ∫|K| dA, an integral along ∂Ω, decides first: below 2π the disk is stable. Otherwise the
+    The total curvature ∫|K| dA, an integral along ∂Ω, decides first: below 2π the surface is stable. Otherwise the
     eigenvalues μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated;
-    the disk is stable if the smallest is above 1. The difference of the meshes is the margin within which they leave it
-    open; then finer ones are tried, and after them it is "undecided". Wrinkles of the surface far below the meshes'
+    the surface is stable if the smallest is above 1. The difference of the meshes is the margin within which they leave
+    it open; then finer ones are tried, and after them it is "undecided". Wrinkles of the surface far below the meshes'
     size, as fits have them in corners, do not count.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
@@ -131,7 +131,8 @@ def _polygon_area(spinors: Complex[np.ndarray, "n 2"]) -> float:
 
     It is 2∮ Im(p̄ dp + q̄ dq)/λ for normals that run along arcs of great circles.
     """
-    return float(2 * np.angle(_inner(spinors, np.roll(spinors, -1, axis=0))).sum())
+    # squared, so that a change of sign, as antiperiodic spinors have one, does not count
+    return float(np.angle(_inner(spinors, np.roll(spinors, -1, axis=0)) ** 2).sum())
 
 
 def _boundary_curvature(surface: SpinorSurface) -> tuple[float, float]:
@@ -139,16 +140,19 @@ def _boundary_curvature(surface: SpinorSurface) -> tuple[float, float]:
 
     Δ log λ = −Kλ² turns ∫|K| dA into ∮ ∂_ν log λ |dz|, which is the area enclosed by the normals along ∂Ω.
     """
-    breaks = surface.domain.panel_breaks
-    first = max(0, int(np.ceil(np.log2(_FEWEST_SAMPLES / (len(breaks) - 1)))))
+    rims = [(boundary, panel_breaks(boundary)) for boundary in surface.domain.boundaries]
+    fewest = min(len(breaks) for _, breaks in rims) - 1
+    first = max(0, int(np.ceil(np.log2(_FEWEST_SAMPLES / fewest))))
     coarse = None
     for level in range(first, first + 1 + _DOUBLINGS):
         share = np.arange(2**level) / 2**level
-        t = breaks[:-1, None] + np.diff(breaks)[:, None] * share
-        spinors = surface.spinors(surface.domain.boundary.point(t.ravel()))
-        fine = _polygon_area(spinors)
+        spinors = [
+            surface.spinors(boundary.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()))
+            for boundary, breaks in rims
+        ]
+        fine = sum(map(_polygon_area, spinors))
         if coarse is None:
-            coarse = _polygon_area(spinors[::2])
+            coarse = sum(_polygon_area(some[::2]) for some in spinors)
         curvature, error = (4 * fine - coarse) / 3, abs(fine - coarse)
         if abs(curvature - 2 * np.pi) > error:
             break
@@ -169,7 +173,7 @@ class _Mesh:
     def of(cls, domain: PlaneDomain) -> _Mesh:
         mesh = domain.triangulation
         parameter = np.full(len(mesh.points), np.nan)
-        parameter[: mesh.boundary_size] = domain.boundary.parameters[:-1]
+        parameter[: mesh.boundary_size] = domain.arcs[:, 0]
         return cls(mesh.points, mesh.faces, parameter)
 
     @property
@@ -186,13 +190,14 @@ class _Mesh:
         rim = np.flatnonzero(uses == 1)
         a, b = self.parameter[edges[rim]].T
         gap = np.mod(b - a + 0.5, 1.0) - 0.5  # the short way around
-        parameter[rim] = np.mod(a + gap / 2, 1.0)
+        start = 2 * (a // 2)  # of the parameters of the edge's boundary
+        parameter[rim] = start + np.mod(a - start + gap / 2, 1.0)
         ab, bc, ca = (sides + n).T
         i, j, k = self.faces.T
         faces = np.concatenate([np.stack(t, axis=1) for t in ((i, ab, ca), (j, bc, ab), (k, ca, bc), (ab, bc, ca))])
         straight = np.concatenate([self.points, middle])
         curved = straight.copy()
-        curved[n + rim] = domain.boundary.point(parameter[rim])
+        curved[n + rim] = domain.point(parameter[rim])
         thin = _areas(curved, faces) <= _THIN * _areas(straight, faces)
         kept = np.unique(faces[thin])
         curved[kept] = straight[kept]

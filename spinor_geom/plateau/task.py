@@ -27,13 +27,34 @@ from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Budget, Cauchy, NetworkSolver, rim_indices
 from spinor_geom.plateau.plane_route import plane_disk
-from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution
+from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution, RimMatch
 from spinor_geom.plateau.solutions import MOST_DEPARTURES, Rim, leave_unstable, with_departures
 from spinor_geom.plateau.stability import assess_stability
 from spinor_geom.plateau.trained_route import Optimizer, optimizer_options, trained_disk
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop
 
-Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy
+
+@dataclass(frozen=True, kw_only=True)
+class Laurent:
+    """p and q between two loops as Laurent series on a round annulus.
+
+    Attributes:
+        modulus: a start: of all annuli that are found, or of the stable ones unless those that are not are to be kept,
+            the one is taken whose logarithm of the ratio of the radii is nearest to this by ratio; none for the stable
+            annulus of least area.
+
+    Raises:
+        OptionError: the modulus is not positive.
+    """
+
+    modulus: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.modulus is not None and not 0 < self.modulus < math.inf:
+            raise OptionError(f"modulus must be positive and finite, got {self.modulus}")
+
+
+Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy | Laurent
 
 # A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the network.
 # So is a ragged loop that a network left at most so far: harmonic disks take long over it and seldom do better.
@@ -48,8 +69,10 @@ def require_model(model: Model) -> None:
     Raises:
         OptionError: it is none of those that `solve_plateau` takes.
     """
-    if not isinstance(model, Cauchy) and model not in ("auto", "cauchy", "series", "mlp"):
-        raise OptionError(f"unknown model {model!r}; choose 'auto', 'cauchy', 'series', 'mlp' or Cauchy(...)")
+    if not isinstance(model, (Cauchy, Laurent)) and model not in ("auto", "cauchy", "series", "mlp"):
+        raise OptionError(
+            f"unknown model {model!r}; choose 'auto', 'cauchy', 'series', 'mlp', Cauchy(...) or Laurent(...)"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,6 +81,7 @@ class Options:
 
     Attributes:
         cauchy: of the Cauchy network.
+        laurent: of the Laurent series between two loops, where they were asked for.
         is_free: whether the model is chosen by the loop.
         is_series: whether it is a power series.
         optimizer: of a network that is trained; none for the others.
@@ -69,6 +93,7 @@ class Options:
     """
 
     cauchy: Cauchy
+    laurent: Laurent | None
     is_free: bool
     is_series: bool
     optimizer: LevenbergMarquardt | RMSprop | None
@@ -103,8 +128,9 @@ class Options:
         if unstable not in ("leave", "keep"):
             raise OptionError(f"unknown choice for unstable {unstable!r}; choose 'leave' or 'keep'")
         return cls(
-            cauchy=Cauchy() if isinstance(model, str) else model,
-            is_free=model == "auto",
+            cauchy=model if isinstance(model, Cauchy) else Cauchy(),
+            laurent=model if isinstance(model, Laurent) else None,
+            is_free=model == "auto" or isinstance(model, Laurent),
             is_series=model == "series",
             optimizer=optimizer_options(optimizer or "levenberg-marquardt") if model == "mlp" else None,
             warm_start=warm_start,
@@ -134,14 +160,36 @@ class Task:
         """The task of a loop or a curve in formulas.
 
         Raises:
+            OptionError: a model for two loops.
             SelfCrossingLoopError: the loop crosses or touches itself.
             RepeatedPointError: two neighbouring points of the loop are equal.
             CurveError: the formulas are not those of a smooth closed curve.
         """
-        loop, formula = (given, None) if isinstance(given, BoundaryLoop) else _sampled(given)
+        if options.laurent is not None:
+            raise OptionError("Laurent series span two loops; use model='auto' or 'series' for one")
+        loop, formula = (given, None) if isinstance(given, BoundaryLoop) else sampled_formula(given)
         require_simple(loop)
-        unit, clock = _at_unit_size(loop), Clock()
+        unit = _at_unit_size(loop)
         curve = BoundaryCurve.from_loop(unit) if formula is None else formula.placed(unit.points, 1 / loop.diagonal)
+        return cls._over(loop, unit, curve, options, on_iteration)
+
+    @classmethod
+    def over(cls, loop: BoundaryLoop, curve: BoundaryCurve, options: Options) -> Task:
+        """The task of a loop that is known to be simple, with Γ through it at any size and place."""
+        unit = _at_unit_size(loop)
+        size = float(np.linalg.norm(np.ptp(curve.coefficients[-1], axis=0)))
+        return cls._over(loop, unit, curve.placed(unit.points, unit.diagonal / size), options, None)
+
+    @classmethod
+    def _over(
+        cls,
+        loop: BoundaryLoop,
+        unit: BoundaryLoop,
+        curve: BoundaryCurve,
+        options: Options,
+        on_iteration: Callable[[Iteration], None] | None,
+    ) -> Task:
+        clock = Clock()
         allowed = options.tolerance * unit.mean_edge_length
         network = NetworkSolver(
             loop=unit,
@@ -312,10 +360,15 @@ class Task:
         reached = f"residual {residual.rms_per_edge:.1e} of the mean edge after {len(found.history)} steps"
         return PlateauSolution(
             surface=surface,
-            loop=loop,
-            curve=self.network.curve.placed(loop.points, loop.diagonal),
+            rims=(
+                RimMatch(
+                    loop=loop,
+                    curve=self.network.curve.placed(loop.points, loop.diagonal),
+                    boundary=surface.domain.boundary,
+                    matching=found.matching,
+                ),
+            ),
             domain=surface.domain,
-            matching=found.matching,
             boundary_residual=residual,
             area=found.area * loop.diagonal**2,
             area_in_domain=area,
@@ -337,7 +390,7 @@ def _at_unit_size(loop: BoundaryLoop) -> BoundaryLoop:
     )
 
 
-def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
+def sampled_formula(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
     """The polynomials of a curve in formulas, and the loop of their ends."""
     curve = BoundaryCurve.from_formula(given)
     return BoundaryLoop.from_points(curve.coefficients[-1], corners=np.flatnonzero(curve.corners)), curve

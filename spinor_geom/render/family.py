@@ -79,10 +79,11 @@ def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> Ass
         vertices: of the mesh.
 
     Raises:
-        PeriodError: the conjugate surface does not close around ∂Ω, so that it has no mesh on this domain.
+        PeriodError: the conjugate surface does not close around ∂Ω or a hole, so that it has no mesh on this domain.
         SurfaceError: the surface is not finite on its domain.
     """
-    _check_periods(surface)
+    if not surface.domain.holes:  # around those `associate` looks itself
+        _check_periods(surface)
     mesh = mesh_surface(surface, vertices=vertices)
     ends, lines = grid_lines(surface.domain)
     points = np.concatenate([mesh.points, ends])
@@ -136,4 +137,5 @@ def _check_periods(surface: SpinorSurface) -> None:
     period = ((panels.dz * panels.weights)[:, None] * phi).sum(axis=0)
     length = float((panels.arc_weights * factor).sum())
     if not np.abs(period).max() <= _LARGEST_PERIOD * length:
-        raise PeriodError(period=(-period.imag).tolist(), length=length)
+        around = "the domain's boundary, as p or q has a pole inside"
+        raise PeriodError(angle=np.pi / 2, around=around, period=(-period.imag).tolist())

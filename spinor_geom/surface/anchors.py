@@ -10,6 +10,7 @@ from jaxtyping import Complex, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import DomainError
 
@@ -37,7 +38,9 @@ class Anchors:
         centres = self._corners.mean(axis=1)
         self._centres = cKDTree(np.stack([centres.real, centres.imag], axis=1))
         start, end = mesh.faces, np.roll(mesh.faces, -1, axis=1)
-        self._rim_faces, side = np.nonzero((start < mesh.boundary_size) & (end == (start + 1) % mesh.boundary_size))
+        after = rim_successors(mesh.rims)
+        on_rim = start < mesh.boundary_size
+        self._rim_faces, side = np.nonzero(on_rim & (end == after[np.where(on_rim, start, 0)]))
         rim = (mesh.points[start] + mesh.points[end])[self._rim_faces, side] / 2
         self._rim = cKDTree(np.stack([rim.real, rim.imag], axis=1))
 

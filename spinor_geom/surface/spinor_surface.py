@@ -15,9 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
-from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import RuleName, rule
-from spinor_geom.errors import DomainError, DtypeError, OptionError
+from spinor_geom.errors import DomainError, DtypeError, OptionError, PeriodError
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
 from spinor_geom.holomorphic.zeros import Zero, find_zeros
 from spinor_geom.shown import Shown
@@ -26,6 +28,8 @@ from spinor_geom.surface.anchors import Anchors
 
 # points given as a tensor are answered with tensors, points given as an array with arrays
 Points = TypeVar("Points", NDArray[Any], Tensor)
+# gap that counts as closed, as a share of the root of the area
+_CLOSED = 1e-9
 # three numbers
 Vector = Sequence[float] | NDArray[Any] | Tensor
 
@@ -174,19 +178,24 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def area(self) -> float:
         """Area of the whole surface by an integral over ∂Ω alone, A = ½ ∮ (r − c) · Im(φ dz)."""
-        boundary = self.domain.boundary
-        panels = Panels.on(boundary, self.domain.panel_breaks, self.order)
-        z, dz, weight = (torch.from_numpy(a).to(self.spinor_map.device) for a in (panels.z, panels.dz, panels.weights))
-        with torch.no_grad():
-            integrand = self._in_blocks(self._phi, z) * dz[:, None]
-        width = torch.from_numpy(np.diff(panels.breaks)).to(weight)
-        inner = torch.from_numpy(panels.cumulative).to(weight)
-        step = integrand.real.reshape(len(width), -1, 3)
-        total = (step * weight.reshape(len(width), -1, 1)).sum(dim=1)
-        before = torch.cumsum(total, dim=0) - total
-        # r needs no constant here: ∮ Im(φ dz) = 0
-        r = before[:, None] + width[:, None, None] * (inner @ step)
-        return 0.5 * float((r.reshape(-1, 3) * integrand.imag * weight[:, None]).sum())
+        rims = [self._rim_integrals(boundary) for boundary in self.domain.boundaries]
+        area = sum(float(area) for area, _ in rims)
+        if self.domain.holes:
+            # each rim's own r starts at 0; together they need their places, as ∮ Im(φ dz) of one alone may not vanish
+            start = torch.from_numpy(self.position(np.array([b.point(np.zeros(())) for b in self.domain.boundaries])))
+            flux = torch.stack([period.imag for _, period in rims]).cpu()
+            area += 0.5 * float(((start - start[0]) * flux).sum())
+        return area
+
+    def periods(self) -> Complex[np.ndarray, "holes 3"]:
+        """∮ φ dz along the boundary of each hole of Ω, as it runs: clockwise.
+
+        The real part is the gap by which the surface does not close around the hole: 0 to rounding for a surface that
+        is one. The imaginary part is the flux, the force of surface tension through a curve around the hole, up to its
+        sign.
+        """
+        rims = [self._rim_integrals(boundary)[1].cpu().numpy() for boundary in self.domain.holes]
+        return np.array(rims, dtype=np.complex128).reshape(-1, 3)
 
     def branch_points(self) -> tuple[branch.BranchPoint, ...]:
         """Common zeros of p and q in Ω, where the surface is not an immersion; empty for a regular surface.
@@ -194,7 +203,15 @@ class SpinorSurface(Shown, torch.nn.Module):
         Raises:
             ZeroOnContourError: a zero of a combination of p and q lies on ∂Ω or too near to it.
         """
-        return branch.branch_points(self._on_cpu(self._spinors), self._on_cpu(self._phi), self.domain)
+
+        def spinors(z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
+            values = self._spinors(z)
+            if isinstance(self.model, (CauchyNetwork, LaurentSeries)):
+                # it has no zero in Ω and changes its sign where they do
+                values = values * self.model.sign_changing(z)[:, None]
+            return values
+
+        return branch.branch_points(self._on_cpu(spinors), self._on_cpu(self._phi), self.domain)
 
     def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
         """The zeros of p and those of q in Ω, with their orders: where n = −e₃, and where n = e₃ and g has its poles.
@@ -225,10 +242,19 @@ class SpinorSurface(Shown, torch.nn.Module):
         """The associate surface with φ turned into e^{i·angle}φ, on a copy of the model; isometric to this one.
 
         It keeps `root` and the normals; the angle π/2 gives the conjugate surface (the catenoid's is a helicoid).
+        Around a hole of Ω the associate closes only where the surface has no flux there: see `periods`.
 
         Args:
             angle: in radians.
+
+        Raises:
+            PeriodError: the associate does not close around a hole.
         """
+        if self.domain.holes:
+            moved = (np.exp(1j * angle) * self.periods()).real
+            worst = int(np.linalg.norm(moved, axis=1).argmax())
+            if np.linalg.norm(moved[worst]) > _CLOSED * self.area() ** 0.5:
+                raise PeriodError(angle=angle, around=f"hole {worst} of the domain", period=moved[worst].tolist())
         half = torch.polar(torch.ones((), dtype=torch.float64), torch.tensor(angle / 2, dtype=torch.float64))
         return self._derived(half.to(self.spinor_map.device) * self.spinor_map, self.constant)
 
@@ -346,6 +372,21 @@ class SpinorSurface(Shown, torch.nn.Module):
             beside = (start != end).nonzero()[:, 0]
             return anchored.index_add(0, beside, self._integrate(start[beside], end[beside])).reshape(*z.shape, 3)
         return (anchored + self._integrate(start, end)).reshape(*z.shape, 3)
+
+    def _rim_integrals(self, boundary: Boundary) -> tuple[Float[Tensor, ""], Complex[Tensor, "3"]]:
+        """½∮ r·Im(φ dz) with r = 0 at the start, and ∮ φ dz, along one boundary."""
+        panels = Panels.on(boundary, panel_breaks(boundary), self.order)
+        z, dz, weight = (torch.from_numpy(a).to(self.spinor_map.device) for a in (panels.z, panels.dz, panels.weights))
+        with torch.no_grad():
+            integrand = self._in_blocks(self._phi, z) * dz[:, None]
+        width = torch.from_numpy(np.diff(panels.breaks)).to(weight)
+        inner = torch.from_numpy(panels.cumulative).to(weight)
+        step = integrand.real.reshape(len(width), -1, 3)
+        total = (step * weight.reshape(len(width), -1, 1)).sum(dim=1)
+        before = torch.cumsum(total, dim=0) - total
+        r = before[:, None] + width[:, None, None] * (inner @ step)
+        area = 0.5 * (r.reshape(-1, 3) * integrand.imag * weight[:, None]).sum()
+        return area, (integrand * weight[:, None]).sum(dim=0)
 
     def _null_integral(self, z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 3"]:
         """∫ φ dζ from the model's own point to z, in closed form."""

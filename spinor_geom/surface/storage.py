@@ -27,7 +27,7 @@ from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, rebuild
 
 FORMAT = "spinor_geom.surface"
-VERSION = 3
+VERSION = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,11 +60,15 @@ def write(parts: SurfaceParts, path: str | os.PathLike[str]) -> None:
     kind = getattr(parts.model, "kind", type(parts.model).__name__)
     if kind not in MODELS or not isinstance(parts.model, MODELS[kind]):
         raise StorageError(f"a model of kind {kind!r} cannot be saved; known: {', '.join(sorted(MODELS))}", kind=kind)
-    boundary, boundary_tensors = _describe_boundary(parts.domain.boundary)
+    described = [_describe_boundary(boundary) for boundary in parts.domain.boundaries]
     mesh = parts.domain.triangulation
     tensors = {
         **{f"model/{name}": tensor for name, tensor in parts.model.state_dict().items()},
-        **boundary_tensors,
+        **{
+            f"boundary{number}/{name}": tensor
+            for number, (_, some) in enumerate(described)
+            for name, tensor in some.items()
+        },
         "constant": parts.constant,
         "spinor_map": parts.spinor_map,
         "domain/points": torch.tensor(mesh.points),
@@ -73,8 +77,7 @@ def write(parts: SurfaceParts, path: str | os.PathLike[str]) -> None:
     }
     description = {
         "model": {"kind": kind, "config": cast(HolomorphicModel, parts.model).config()},
-        "boundary": boundary,
-        "boundary_size": mesh.boundary_size,
+        "boundaries": [boundary for boundary, _ in described],
         "quadrature": parts.quadrature,
         "order": parts.order,
         "complex": sorted(name for name, tensor in tensors.items() if tensor.is_complex()),
@@ -147,39 +150,44 @@ def _parts(description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> Sur
 
 
 def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> PlaneDomain:
-    boundary = _read_boundary(description["boundary"], data)
+    boundary, *holes = (
+        _read_boundary(some, {name.removeprefix(f"boundary{number}/"): tensor for name, tensor in data.items()})
+        for number, some in enumerate(description["boundaries"])
+    )
     points, faces = data["domain/points"].numpy(), data["domain/faces"].numpy()
-    size = description["boundary_size"]
+    hole_sizes = tuple(len(hole.vertices) for hole in holes)
+    size = len(boundary.vertices) + sum(hole_sizes)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= len(points):
         raise ValueError("its triangulation names points that do not exist")
-    if size != len(boundary.vertices) or len(points) < size:
+    if len(points) < size:
         raise ValueError("its triangulation does not fit its boundary")
     return PlaneDomain(
         boundary=boundary,
-        triangulation=PlaneTriangulation(points=points, faces=faces, boundary_size=size),
+        triangulation=PlaneTriangulation(points=points, faces=faces, boundary_size=size, hole_sizes=hole_sizes),
         log_scale=data["domain/log_scale"].numpy(),
+        holes=tuple(holes),
     )
 
 
 def _describe_boundary(boundary: Boundary) -> tuple[dict[str, Any], dict[str, Tensor]]:
     if isinstance(boundary, FourierBoundary):
-        coefficients = {"boundary/coefficients": torch.tensor(boundary.coefficients)}
+        coefficients = {"coefficients": torch.tensor(boundary.coefficients)}
         return {"kind": "fourier", "count": len(boundary.vertices)}, coefficients
     if isinstance(boundary, SplineBoundary):
         return {"kind": "spline"}, {
-            "boundary/parameters": torch.tensor(boundary.parameters),
-            "boundary/coefficients": torch.tensor(boundary.coefficients),
-            "boundary/corners": torch.tensor(boundary.corners),
+            "parameters": torch.tensor(boundary.parameters),
+            "coefficients": torch.tensor(boundary.coefficients),
+            "corners": torch.tensor(boundary.corners),
         }
     raise StorageError(f"a boundary of type {type(boundary).__name__} cannot be saved; known: fourier, spline")
 
 
 def _read_boundary(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> Boundary:
     if description["kind"] == "fourier":
-        return FourierBoundary(data["boundary/coefficients"].numpy(), int(description["count"]))
+        return FourierBoundary(data["coefficients"].numpy(), int(description["count"]))
     if description["kind"] == "spline":
         parts = ("parameters", "coefficients", "corners")
-        return SplineBoundary(*(data[f"boundary/{part}"].numpy() for part in parts))
+        return SplineBoundary(*(data[part].numpy() for part in parts))
     raise ValueError(f"unknown boundary kind {description['kind']!r}")
 
 

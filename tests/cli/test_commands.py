@@ -17,6 +17,7 @@ from spinor_geom.cli.main import build_parser, main
 from spinor_geom.errors import FirstFillError
 from spinor_geom.fill.loops import boundary_loops
 from tests.fill.shapes import collar, figure_eight, spiked_tetrahedron, tube
+from tests.fill.test_bridge import island, places
 
 
 def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
@@ -133,6 +134,23 @@ def test_a_loop_that_crosses_itself_is_named_and_listed(tmp_path: Path, capsys: 
     assert capsys.readouterr().out.count("crosses or touches itself at 1 pair of edges") == 2
     assert main(["loops", str(path), "--json"]) == 0
     assert [entry["crossings"] for entry in json.loads(capsys.readouterr().out)] == [1, 1]
+
+
+def test_bridge_joins_two_rims_and_islands_are_joined_on_request(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = island()
+    hole, piece = places(mesh, 1.0, 0.4)
+    path = write_obj(tmp_path / "island.obj", *mesh)
+    output, report = str(tmp_path / "out.ply"), tmp_path / "report.json"
+    for arguments in (["--bridge", f"{hole},{piece}"], ["--islands", "join", "--loop", f"{hole},{piece}"]):
+        assert main(["fill", str(path), "-o", output, "--report", str(report), *arguments]) == 0
+        loops = json.loads(report.read_text())["loops"]
+        assert (loops[hole]["joined_to"], loops[piece]["joined_to"]) == (piece, hole)
+        assert len(boundary_loops(output)) == 2
+    capsys.readouterr()
+    assert main(["fill", str(path), "-o", output, "--bridge", "0,1,2"]) == 2
+    assert "got 3: loops 0" in capsys.readouterr().err
 
 
 def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -68,7 +68,7 @@ def test_every_attribute_is_carried_and_normals_are_the_surface_s(disk: Patch) -
     color = np.zeros((rim + 5, 4))
     color[loop.vertex_ids] = np.column_stack([disk.points[:rim].real] * 4)
     attributes = {"color": color, "normal": np.ones((rim + 5, 3)), "weight": np.full((rim + 5, 1), 7.0)}
-    inner = patch_attributes(attributes, loop, disk, FlatSurface())  # type: ignore[arg-type]
+    inner = patch_attributes(attributes, loop.vertex_ids, disk, FlatSurface())  # type: ignore[arg-type]
     assert set(inner) == set(attributes)
     np.testing.assert_allclose(inner["color"][:, 0], disk.points[rim:].real, atol=1e-12)
     np.testing.assert_allclose(inner["weight"], 7.0, rtol=1e-12)
@@ -80,5 +80,5 @@ def test_a_patch_without_inner_vertices_has_no_new_values(sides: int) -> None:
     angle = 2 * np.pi * np.arange(sides) / sides
     loop = BoundaryLoop.from_points(np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]))
     attributes = {"color": np.ones((sides, 3)), "normal": np.ones((sides, 3))}
-    inner = patch_attributes(attributes, loop, fan(loop), FlatSurface())  # type: ignore[arg-type]
+    inner = patch_attributes(attributes, loop.vertex_ids, fan(loop), FlatSurface())  # type: ignore[arg-type]
     assert {name: values.shape for name, values in inner.items()} == {"color": (0, 3), "normal": (0, 3)}

@@ -32,8 +32,8 @@ def filled_with_fans(mesh: TriangleMesh, apex: int) -> tuple[TriangleMesh, bool]
     parts = []
     for place, loop in enumerate(loops):
         if taken.face_on(loop) is None:
-            patch, _ = fit_to_rim(loop, fan(loop, apex % len(loop)), taken, flat_position)
-            parts.append(LoopPatch(place=place, loop=loop, patch=patch, attributes={}))
+            patch, _ = fit_to_rim(loop.vertex_ids, fan(loop, apex % len(loop)), taken, flat_position)
+            parts.append(LoopPatch(place=place, rim=loop.vertex_ids, patch=patch, attributes={}))
     return joined(mesh, stitch(mesh, parts)), len(parts) == len(loops)
 
 
@@ -65,13 +65,13 @@ def test_a_chord_on_a_taken_edge_is_split_and_a_free_one_stays() -> None:
     mesh = as_mesh(folded_quad())
     (loop,) = find_boundary_loops(mesh)
     free_apex = int(np.flatnonzero(loop.vertex_ids == 0)[0])
-    kept, none = fit_to_rim(loop, fan(loop, free_apex), RimEdges(mesh, [loop]), flat_position)
-    split, one = fit_to_rim(loop, fan(loop, free_apex + 1), RimEdges(mesh, [loop]), flat_position)
+    kept, none = fit_to_rim(loop.vertex_ids, fan(loop, free_apex), RimEdges(mesh, [loop]), flat_position)
+    split, one = fit_to_rim(loop.vertex_ids, fan(loop, free_apex + 1), RimEdges(mesh, [loop]), flat_position)
     assert (none, one) == (0, 1)
     assert len(kept.vertices) == 4
     assert len(split.vertices) == 5
     for patch in (kept, split):
-        part = LoopPatch(place=0, loop=loop, patch=patch, attributes={})
+        part = LoopPatch(place=0, rim=loop.vertex_ids, patch=patch, attributes={})
         assert is_watertight(joined(mesh, stitch(mesh, [part])).faces)
 
 
@@ -79,7 +79,7 @@ def test_without_the_split_the_taken_edge_would_be_non_manifold() -> None:
     mesh = as_mesh(folded_quad())
     (loop,) = find_boundary_loops(mesh)
     taken_apex = int(np.flatnonzero(loop.vertex_ids == 1)[0])
-    part = LoopPatch(place=0, loop=loop, patch=fan(loop, taken_apex), attributes={})
+    part = LoopPatch(place=0, rim=loop.vertex_ids, patch=fan(loop, taken_apex), attributes={})
     assert not is_watertight(joined(mesh, stitch(mesh, [part])).faces)
 
 
@@ -93,8 +93,8 @@ def test_a_chord_that_an_earlier_patch_took_is_split_in_the_next() -> None:
         points=ring.vertices[[0, 4, 2, 5]], vertex_ids=np.array([0, 4, 2, 5]), corners=np.zeros(4, bool)
     )
     taken = RimEdges(ring, [first, second])
-    assert fit_to_rim(first, fan(first), taken, flat_position)[1] == 0
-    assert fit_to_rim(second, fan(second), taken, flat_position)[1] == 1
+    assert fit_to_rim(first.vertex_ids, fan(first), taken, flat_position)[1] == 0
+    assert fit_to_rim(second.vertex_ids, fan(second), taken, flat_position)[1] == 1
 
 
 def test_the_outline_of_a_lone_face_is_recognised() -> None:
@@ -117,7 +117,9 @@ def test_new_vertices_and_faces_come_loop_by_loop() -> None:
     mesh = as_mesh(tube(), color=np.ones((48, 3)))
     loops = find_boundary_loops(mesh)
     parts = [
-        LoopPatch(place=place, loop=loop, patch=cone(loop), attributes={"color": np.full((1, 3), float(place))})
+        LoopPatch(
+            place=place, rim=loop.vertex_ids, patch=cone(loop), attributes={"color": np.full((1, 3), float(place))}
+        )
         for place, loop in enumerate(loops)
     ]
     extension = stitch(mesh, parts)
@@ -162,7 +164,7 @@ def test_disks_with_holes_become_spheres(disk: object, apex: int) -> None:
 def test_the_watertight_check_notices_a_broken_patch(broken: str) -> None:
     mesh = as_mesh(tube())
     parts = [
-        LoopPatch(place=place, loop=loop, patch=cone(loop), attributes={})
+        LoopPatch(place=place, rim=loop.vertex_ids, patch=cone(loop), attributes={})
         for place, loop in enumerate(find_boundary_loops(mesh))
     ]
     faces = joined(mesh, stitch(mesh, parts)).faces

@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import DtypeError, OptionError
-from spinor_geom.holomorphic import MODELS, CauchyNetwork, ComplexMLP, HolomorphicModel, PowerSeries, rebuild
+from spinor_geom.holomorphic import (
+    MODELS,
+    CauchyNetwork,
+    ComplexMLP,
+    HolomorphicModel,
+    LaurentSeries,
+    PowerSeries,
+    rebuild,
+)
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.surface import SpinorSurface
 
@@ -54,6 +62,7 @@ EVERY_KIND = {
     "series": PowerSeries(complex_normal(9, 2)),
     "cauchy": cauchy_network(),
     "cauchy-interpolant": interpolant(),
+    "laurent": LaurentSeries(complex_normal(6, 2), complex_normal(5, 2), inner=0.05),
     "mlp": ComplexMLP(generator=seeded()),
 }
 NETWORKS = {

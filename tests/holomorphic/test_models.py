@@ -171,7 +171,7 @@ def test_saved_model_is_rebuilt_bit_for_bit(model):
 
 
 def test_unknown_kind_is_refused():
-    with pytest.raises(StorageError, match=r"'spline'; known: cauchy, cauchy-interpolant, mlp, series"):
+    with pytest.raises(StorageError, match=r"'spline'; known: cauchy, cauchy-interpolant, laurent, mlp, series"):
         rebuild("spline", {}, {})
 
 

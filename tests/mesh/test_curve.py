@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import PPoly
 from scipy.spatial import cKDTree
 
+from spinor_geom import gallery
 from spinor_geom.errors import RepeatedPointError
 from spinor_geom.mesh import BoundaryCurve, BoundaryLoop
 from spinor_geom.mesh import curve as rules
@@ -423,3 +424,13 @@ class TestNearest:
 
     def test_no_points_give_no_parameters(self) -> None:
         assert curve_of(circle(10)).nearest(np.empty((0, 3))).shape == (0,)
+
+
+@pytest.mark.parametrize("formula", [False, True])
+def test_reversed_curve_is_the_same_set_of_points(formula):
+    known = gallery.tennis_seam(0.8)
+    curve = BoundaryCurve.from_formula(known) if formula else BoundaryCurve.from_loop(known.sample(50))
+    back, s = curve.reversed(), np.linspace(0.01, 0.99, 77)
+    np.testing.assert_allclose(back.point(s), curve.point(1 - s), atol=1e-14)
+    np.testing.assert_allclose(back.derivative(s), -curve.derivative(1 - s), atol=1e-12)
+    np.testing.assert_array_equal(back.point(back.breaks[:-1])[1:], curve.point(curve.breaks[:-1])[:0:-1])

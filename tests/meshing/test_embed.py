@@ -136,7 +136,7 @@ def test_edge_length_that_is_not_positive_is_refused(length):
 def test_loop_points_that_cross_in_the_domain_are_refused():
     solution = exact_solution(PLANE, 8)
     object.__setattr__(
-        solution, "loop_points_in_domain", lambda: np.exp(2j * np.pi * np.array([0, 2, 1, 3, 4, 5, 6, 7]) / 8)
+        solution.rims[0], "points_in_domain", lambda: np.exp(2j * np.pi * np.array([0, 2, 1, 3, 4, 5, 6, 7]) / 8)
     )
     with pytest.raises(DomainError):
         mesh_patch(solution)

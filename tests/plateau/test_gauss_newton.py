@@ -21,7 +21,7 @@ NO_CORNERS = CornerPairs(t=np.empty(0), s=np.empty(0))
 @pytest.fixture(scope="module")
 def stage():
     curve = CurveTensors.of(BoundaryCurve.from_loop(LOOP), torch.device("cpu"))
-    return Discretisation.first(DOMAIN, curve, NO_CORNERS, degree=12, offset=1.0, turning=0.1, tolerance=1e-3)
+    return Discretisation.first(DOMAIN, (curve,), NO_CORNERS, degree=12, offset=1.0, turning=0.1, tolerance=1e-3)
 
 
 def exact_readout(stage):
@@ -53,7 +53,7 @@ def test_integral_around_the_boundary_vanishes(stage):
 def test_curve_tensors_equal_the_curve(stage):
     curve = BoundaryCurve.from_loop(LOOP)
     s = np.random.default_rng(0).uniform(-1, 2, 50)
-    point, tangent = stage.problem.curve.point_and_derivative(torch.from_numpy(s))
+    point, tangent = stage.problem.curves[0].point_and_derivative(torch.from_numpy(s))
     np.testing.assert_allclose(point, curve.point(s), atol=1e-13)
     np.testing.assert_allclose(tangent, curve.derivative(s), atol=1e-10)
 
@@ -74,7 +74,7 @@ def test_iteration_finds_the_known_surface_from_a_disturbed_start(stage):
     # what is left is the spline's distance from the exact rim
     assert fit.residual < 1e-6
     found = stage.problem.positions(fit.readout) + fit.constant
-    expected, _ = stage.problem.curve.point_and_derivative(fit.slide)
+    expected, _ = stage.problem.point_and_derivative(fit.slide)
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 

@@ -11,7 +11,7 @@ from safetensors.torch import save as to_bytes
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import StorageError
 from spinor_geom.gallery import catenoid, enneper
-from spinor_geom.holomorphic import MODELS, CauchyNetwork, ComplexMLP
+from spinor_geom.holomorphic import MODELS, CauchyNetwork, ComplexMLP, LaurentSeries
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.storage import VERSION
@@ -56,6 +56,16 @@ SURFACES = {
 }
 
 
+def annulus_surface(*, antiperiodic):
+    outward, inward = torch.randn(2, 5, 2, dtype=torch.complex128, generator=torch.Generator().manual_seed(5))
+    model = LaurentSeries(outward, inward, inner=0.4, antiperiodic=antiperiodic)
+    return SpinorSurface(model, PlaneDomain.annulus(0.4))
+
+
+SURFACES["laurent"] = lambda: annulus_surface(antiperiodic=False)
+SURFACES["laurent, antiperiodic"] = lambda: annulus_surface(antiperiodic=True)
+
+
 def test_every_kind_of_model_is_tested():
     assert {make().model.kind for make in SURFACES.values()} == set(MODELS)
 
@@ -68,13 +78,14 @@ def test_round_trip_is_bit_exact(make, tmp_path):
     for name, tensor in surface.state_dict().items():
         assert torch.equal(loaded.state_dict()[name], tensor), name
     assert set(loaded.state_dict()) == set(surface.state_dict())
-    for name in ("points", "faces", "boundary_size"):
+    for name in ("points", "faces", "boundary_size", "hole_sizes"):
         np.testing.assert_array_equal(
             getattr(loaded.domain.triangulation, name), getattr(surface.domain.triangulation, name)
         )
     np.testing.assert_array_equal(loaded.domain.log_scale, surface.domain.log_scale)
     t = np.arange(50) / 50
-    np.testing.assert_array_equal(loaded.domain.boundary.point(t), surface.domain.boundary.point(t))
+    for again, boundary in zip(loaded.domain.boundaries, surface.domain.boundaries, strict=True):
+        np.testing.assert_array_equal(again.point(t), boundary.point(t))
     z = surface.domain.triangulation.points[::3] * 0.999
     np.testing.assert_array_equal(loaded.position(z), surface.position(z))
     np.testing.assert_array_equal(loaded.mean_curvature(z), surface.mean_curvature(z))
@@ -160,8 +171,8 @@ def test_rewriting_without_a_change_still_loads(tmp_path):
         {"replace": {"spinor_map": torch.zeros(3, 2, 2, dtype=torch.float64)}},
         {"description": {"model": {"kind": "unknown", "config": {}}}},
         {"description": {"model": {"kind": "series", "config": {}}}},
-        {"description": {"boundary": {"kind": "ellipse"}}},
-        {"description": {"boundary_size": 3}},
+        {"description": {"boundaries": [{"kind": "ellipse"}]}},
+        {"description": {"boundaries": []}},
         {"description": {"quadrature": "euler"}},
         {"description": {"order": 0}},
         {"description": {"order": "many"}},

@@ -1,0 +1,193 @@
+"""Strips of triangles between two loops, and discrete annuli made from them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+
+from spinor_geom.discrete.area_descent import Descent, descend_area, harmonic_extension
+from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
+from spinor_geom.mesh.operators import cotangent_laplacian
+
+# Longer loops are thinned to so many points for the search of the strip.
+_MOST_POINTS = 128
+# The first annulus has to be near enough for its conformal structure to be right; so often is it meshed anew.
+_FIRST_CHANGE, _ROUNDS = 1e-3, 2
+# Nodes on a length as long as a round annulus is wide.
+_NODES_PER_MODULUS = 4
+
+
+def minimum_area_strip(
+    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]
+) -> tuple[Int[np.ndarray, "f 3"], float]:
+    """The strip of m + n triangles of least area between two closed polygons, by dynamic programming.
+
+    A strip runs once around both; each triangle has an edge of one polygon and a vertex of the other. All vertices of
+    the second that may lie opposite to the first one's start are tried side by side: O(mn²) in all.
+
+    Args:
+        first: a polygon, with the strip on its left.
+        second: the other, likewise.
+
+    Returns:
+        Faces, with the second polygon's vertices after the first's, and their area.
+
+    Source: Fuchs, Kedem & Uselton, "Optimal surface reconstruction from planar contours", Comm. ACM 20 (1977).
+    """
+    m, n = len(first), len(second)
+    back = second[::-1]  # runs beside the first
+    ahead_a, ahead_b = np.roll(first, -1, axis=0), np.roll(back, -1, axis=0)
+    along_a = _triangle_areas(first[:, None], ahead_a[:, None], back[None])  # (m, n): edge i of the first, vertex j
+    along_b = _triangle_areas(back[None], ahead_b[None], first[:, None])  # (m, n): vertex i, edge j of the second
+    # row i, column l: least area of a strip from (0, start) to (i, start + l), for each start
+    around = (np.arange(n)[:, None] + np.arange(n + 1)) % n
+    edges = (np.arange(n)[:, None] + np.arange(n)) % n
+    rows = np.empty((m + 1, n, n + 1))
+    for i in range(m + 1):
+        passed = np.cumsum(along_b[i % m][edges], axis=1)
+        passed = np.concatenate([np.zeros((n, 1)), passed], axis=1)
+        if i == 0:
+            rows[i] = passed
+            continue
+        up = rows[i - 1] + along_a[i - 1][around]
+        rows[i] = passed + np.minimum.accumulate(up - passed, axis=1)
+    start = int(rows[m, :, n].argmin())
+    faces, i, l_ = [], m, n
+    while i or l_:
+        a, b = i % m, int(around[start, l_])
+        by_first = rows[i - 1, start, l_] + along_a[i - 1, b] if i else math.inf
+        by_second = rows[i, start, l_ - 1] + along_b[a, edges[start, l_ - 1]] if l_ else math.inf
+        # the numbers of the second polygon run the other way
+        if by_first <= by_second:
+            faces.append(((i - 1) % m, a, m + n - 1 - b))
+            i -= 1
+        else:
+            faces.append((a, m + n - 1 - b, m + n - 1 - int(edges[start, l_ - 1])))
+            l_ -= 1
+    return np.array(faces[::-1]), float(rows[m, start, n])
+
+
+def discrete_annulus(
+    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], *, relative_change: float
+) -> tuple[PlaneTriangulation, Descent]:
+    """A triangulated annulus of stationary area between two polygons, both with it on their left.
+
+    The strip of least area gives the first places of the vertices on a round annulus; that is meshed and its area
+    lowered. Then its conformal structure (the harmonic function that is 0 on one rim and 1 on the other, and its flux
+    through the rims) gives places on the round annulus that it is conformal to, which is meshed anew.
+
+    Returns:
+        The triangulation of the round annulus, and the descent in space.
+
+    Raises:
+        DomainError: the rims lie so that no round annulus can be meshed with their vertices.
+        SingularMatrixError: faces without area.
+
+    Source: Pinkall & Polthier, Experim. Math. 2 (1993), for the descent.
+    """
+    points = np.concatenate([first, second])
+    plane = triangulated_annulus(*_strip_places(first, second))
+    descent = _descended(plane, points, _FIRST_CHANGE)
+    for _ in range(_ROUNDS):
+        plane = triangulated_annulus(*_conformal_places(descent.vertices, plane.faces, len(first), len(points)))
+        descent = _descended(plane, points, relative_change)
+    return plane, descent
+
+
+def _descended(plane: PlaneTriangulation, points: Float[np.ndarray, "m 3"], relative_change: float) -> Descent:
+    flat = np.column_stack([plane.points.real, plane.points.imag, np.zeros(len(plane.points))])
+    mapped = harmonic_extension(cotangent_laplacian(flat, plane.faces), points)
+    return descend_area(mapped, plane.faces, len(points), relative_change=relative_change)
+
+
+def triangulated_annulus(outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n"]) -> PlaneTriangulation:
+    """A mesh between two polygons, with edges that grow away from them."""
+    size = graded_size(np.concatenate([outer, inner]), rims=(len(outer), len(inner)))
+    return triangulate_polygon(outer, size, holes=[inner])
+
+
+def _triangle_areas(
+    a: Float[np.ndarray, "*#s 3"], b: Float[np.ndarray, "*#s 3"], c: Float[np.ndarray, "*#s 3"]
+) -> Float[np.ndarray, "*s"]:
+    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1))
+
+
+def _strip_places(
+    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]
+) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
+    """Places on a round annulus: angles by the strip, radii by its mean width."""
+    kept = [np.arange(len(p)) * max(1, math.ceil(len(p) / _MOST_POINTS)) for p in (first, second)]
+    kept = [index[index < len(p)] for index, p in zip(kept, (first, second), strict=True)]
+    faces, area = minimum_area_strip(first[kept[0]], second[kept[1]])
+    turn = np.exp(2j * np.pi * (np.arange(len(faces)) + 0.5) / len(faces))
+    total = np.zeros(len(kept[0]) + len(kept[1]), dtype=np.complex128)
+    for corner in faces.T:
+        np.add.at(total, corner, turn)
+    angles = np.split(np.angle(total), [len(kept[0])])
+    length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in (first, second)) / 2
+    inner = math.exp(-2 * np.pi * area / length**2)
+    outer_angle, inner_angle = (
+        sign * _filled(sign * some, index, len(p))
+        for sign, some, index, p in zip((1, -1), angles, kept, (first, second), strict=True)
+    )
+    return np.exp(1j * outer_angle), inner * np.exp(1j * inner_angle)
+
+
+def _filled(angles: Float[np.ndarray, " k"], index: Int[np.ndarray, " k"], count: int) -> Float[np.ndarray, " n"]:
+    """Increasing angles of some of the points of a rim, interpolated between them."""
+    turned = np.unwrap(angles)
+    ends = np.append(index, count), np.append(turned, turned[0] + 2 * np.pi)
+    return np.asarray(np.interp(np.arange(count), *ends))
+
+
+def _conformal_places(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], m: int, rim: int
+) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
+    """Places of the rims' vertices on the round annulus that a discrete annulus is conformal to."""
+    laplacian = cotangent_laplacian(vertices, faces)
+    height = harmonic_extension(laplacian, np.repeat([0.0, 1.0], [m, rim - m])[:, None])
+    flux = np.abs((laplacian @ height)[:rim, 0])
+    energy = flux.sum() / 2
+    modulus = 2 * np.pi / energy
+    angles = []
+    for part in (flux[:m], flux[m:]):
+        step = np.pi * (part + np.roll(part, -1)) / part.sum()
+        angles.append(np.cumsum(step) - step)
+    shift = _best_turn(vertices[:m], vertices[m:rim], angles[0], angles[1], modulus)
+    return np.exp(1j * angles[0]), math.exp(-modulus) * np.exp(-1j * (angles[1] + shift))
+
+
+def nodes_on_cylinder(annulus: PlaneTriangulation, vertices: Float[np.ndarray, "v 3"]) -> float:
+    """How many equal steps of the angle resolve the gap and every edge of a discrete annulus over a round one.
+
+    Args:
+        annulus: its triangulation.
+        vertices: its vertices in space.
+    """
+    places = _conformal_places(vertices, annulus.faces, annulus.rims[0], annulus.boundary_size)
+    modulus = -math.log(abs(places[1][0]))
+    shortest = min(float(np.abs(np.angle(np.roll(z, -1) / z)).min()) for z in places)
+    return 2 * math.pi / max(min(modulus / _NODES_PER_MODULUS, shortest), float(np.finfo(np.float64).tiny))
+
+
+def _best_turn(
+    first: Float[np.ndarray, "m 3"],
+    second: Float[np.ndarray, "n 3"],
+    angle: Float[np.ndarray, " m"],
+    other: Float[np.ndarray, " n"],
+    modulus: float,
+) -> float:
+    """The turn of the inner rim, run clockwise, for which the harmonic map of the annulus has the least energy."""
+    n = 256
+    even = 2 * np.pi * np.arange(n) / n
+    spectra = [
+        np.fft.rfft([np.interp(even, at, column, period=2 * np.pi) for column in points.T], axis=1)
+        for points, at in ((first, angle), (second, other))
+    ]
+    k = np.arange(n // 2 + 1)
+    weight = -np.append(1 / modulus, k[1:] / np.sinh(np.minimum(k[1:] * modulus, 300.0)))
+    energy = np.fft.irfft(weight * (spectra[0] * spectra[1]).sum(axis=0), n=n)
+    # at x the second rim's values are those at the angle −x − turn
+    return float(-even[int(energy.argmin())])

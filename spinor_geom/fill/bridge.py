@@ -1,0 +1,211 @@
+"""Bridges between two loops of a mesh, and islands: loose pieces that lie in a hole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinor_geom.errors import SpinorGeomError, SurfaceError, TooManyRimsError, TwistedRimsError
+from spinor_geom.fill.loops import LoopChoice
+from spinor_geom.fill.one_loop import FillOptions, fill_loop, refuse_what_is_no_hole
+from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.stitch import LoopPatch, RimEdges
+from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.topology import face_components
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.plateau.solution import NoAnnulus, PlateauSolution
+from spinor_geom.plateau.solve import solve_plateau
+
+# An island lies no farther over or under the plane of its hole than the hole itself, and this share of its width.
+_HEIGHT_PER_WIDTH = 0.2
+
+
+Islands: TypeAlias = Literal["join", "ignore"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joins:
+    """What is joined to what.
+
+    Attributes:
+        pairs: for the first place of each bridge the second.
+        refused: errors of loops that cannot be joined as they should be.
+        notes: of the loops of whose gaps something is to be said.
+    """
+
+    pairs: dict[int, int] = field(default_factory=dict)
+    refused: dict[int, SpinorGeomError] = field(default_factory=dict)
+    notes: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def alone(self) -> set[int]:
+        """Places that are not filled by themselves."""
+        return {*self.pairs, *self.pairs.values(), *self.refused}
+
+
+def planned_joins(
+    mesh: TriangleMesh,
+    choice: LoopChoice,
+    loops: Sequence[BoundaryLoop],
+    reasons: Sequence[str | None],
+    islands: Islands,
+) -> Joins:
+    """The bridge that was asked for, or the islands in the holes that are to be filled.
+
+    Args:
+        mesh: the mesh.
+        choice: of loops; a pair of places asks for a bridge.
+        loops: all loops of the mesh.
+        reasons: for each why it is to stay open, or None.
+        islands: whether loose pieces are joined to the holes they lie in.
+
+    Raises:
+        TooManyRimsError: a bridge of other than two loops was asked for.
+    """
+    if isinstance(choice, tuple):
+        first, second = require_two(choice, loops)
+        return Joins(pairs={first: second})
+    joins = Joins()
+    for hole, pieces in find_islands(mesh, loops).items():
+        if reasons[hole] is not None:
+            continue
+        open_pieces = [piece for piece in pieces if reasons[piece] is None]
+        if islands == "ignore" or not open_pieces:
+            names = ", ".join(map(str, pieces))
+            joins.notes[hole] = (
+                f"a loose piece lies in the hole (loop {names}); it was ignored: islands='join' joins it"
+            )
+        elif len(open_pieces) == 1:
+            joins.pairs[hole] = open_pieces[0]
+            joins.notes[hole] = f"the loose piece in the hole (loop {open_pieces[0]}) was joined to it"
+        else:
+            places = [hole, *open_pieces]
+            error = TooManyRimsError(sizes=[len(loops[place]) for place in places], names=places)
+            joins.refused.update(dict.fromkeys(places, error))
+    return joins
+
+
+def fill_between(
+    mesh: TriangleMesh,
+    places: tuple[int, int],
+    loops: Sequence[BoundaryLoop],
+    taken: RimEdges,
+    surroundings: Surroundings,
+    options: FillOptions,
+) -> tuple[tuple[LoopOutcome, LoopOutcome], LoopPatch | None]:
+    """The patch between two loops, with the outcomes of both, or the reason why there is none.
+
+    Args:
+        mesh: the mesh.
+        places: of the two loops.
+        loops: all loops of the mesh.
+        taken: edges that the patch must not have.
+        surroundings: what the patch may cross.
+        options: of the call.
+    """
+    first, second = places
+
+    def solve() -> PlateauSolution:
+        for place in places:
+            refuse_what_is_no_hole(loops[place], taken)
+        return annulus_between(places, (loops[first], loops[second]), options)
+
+    outcome, patch = fill_loop(mesh, first, loops[first], solve, taken, surroundings, options)
+    here = replace(outcome, joined_to=second)
+    there = LoopOutcome(
+        index=second,
+        loop=loops[second],
+        requested=True,
+        filled=outcome.filled,
+        reason=outcome.reason,
+        solution=outcome.solution,
+        joined_to=first,
+        timings={},
+    )
+    return (here, there), patch
+
+
+def annulus_between(
+    places: tuple[int, int], loops: tuple[BoundaryLoop, BoundaryLoop], options: FillOptions
+) -> PlateauSolution:
+    """The minimal annulus between two loops of a mesh, on the same side of the surface at both.
+
+    Raises:
+        SurfaceError: there is none.
+        TwistedRimsError: the annulus joins the outside to the inside.
+        SpinorGeomError: as `solve_plateau` raises it.
+    """
+    answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance)
+    if isinstance(answer, NoAnnulus):
+        disks = "" if answer.area is None else f" of area {answer.area:.6g}"
+        raise SurfaceError(f"{answer.reason}{disks}; fill the two loops one by one instead")
+    if answer.annulus is not None and answer.annulus.reversed:
+        raise TwistedRimsError(loops=places)
+    return answer
+
+
+def require_two(places: Sequence[int], loops: Sequence[BoundaryLoop]) -> tuple[int, int]:
+    """The places of a bridge.
+
+    Raises:
+        TooManyRimsError: they are not two.
+    """
+    if len(places) != 2:
+        raise TooManyRimsError(sizes=[len(loops[place]) for place in places], names=places)
+    return places[0], places[1]
+
+
+def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:
+    """The loose pieces that lie in holes: for the place of a hole those of the pieces' rims.
+
+    A piece is loose in a hole if its longest rim, seen along the normal of the hole's plane, lies inside the hole, is
+    shorter than that, and not far over or under it; of several holes around it the shortest counts.
+    """
+    if len(loops) < 2:
+        return {}
+    component = np.zeros(len(mesh.vertices), dtype=np.int64)
+    component[mesh.faces] = face_components(mesh.faces)[:, None]
+    own = np.array([component[loop.vertex_ids[0]] for loop in loops])
+    if (own == own[0]).all():
+        return {}
+    lows, highs = (np.array([limit(loop.points, axis=0) for loop in loops]) for limit in (np.min, np.max))
+    found: dict[int, list[int]] = {}
+    # loops come longest first
+    for piece in np.unique(own, return_index=True)[1].tolist():
+        around = np.flatnonzero(_boxes_around(lows, highs, piece) & (own != own[piece]))
+        for hole in around[around < piece][::-1].tolist():
+            if _lies_in(loops[piece], loops[hole]):
+                found.setdefault(hole, []).append(piece)
+                break
+    return {hole: tuple(pieces) for hole, pieces in found.items()}
+
+
+def _boxes_around(
+    lows: Float[np.ndarray, "l 3"], highs: Float[np.ndarray, "l 3"], piece: int
+) -> Bool[np.ndarray, " l"]:
+    """Which loops' boxes, made wider, hold the centre of another loop's."""
+    centre, reach = (lows[piece] + highs[piece]) / 2, np.linalg.norm(highs - lows, axis=1)[:, None]
+    return np.asarray(((lows - reach <= centre) & (centre <= highs + reach)).all(axis=1))
+
+
+def _lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
+    plane = hole.plane
+    inside, around = piece.points - plane.centroid, hole.points - plane.centroid
+    limit = np.abs(around @ plane.normal).max() + _HEIGHT_PER_WIDTH * hole.diagonal / hole.elongation
+    if np.abs(inside @ plane.normal).max() > limit:
+        return False
+    axes = np.linalg.svd(plane.normal[None])[2][1:]
+    return bool((_windings(around @ axes.T @ [1, 1j], inside @ axes.T @ [1, 1j]) != 0).all())
+
+
+def _windings(polygon: np.ndarray, points: np.ndarray) -> Int[np.ndarray, " k"]:
+    """How often a closed plane polygon runs around each point, all of them complex numbers."""
+    away = polygon[None] - points[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.angle(np.roll(away, -1, axis=1) / away)
+    return np.asarray(np.rint(np.nansum(turn, axis=1) / (2 * np.pi)), dtype=np.int64)

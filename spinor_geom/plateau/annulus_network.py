@@ -1,0 +1,281 @@
+"""Two loops and a Cauchy network on an annular domain made for them: Gauss-Newton as for disks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float, Int
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from spinor_geom.discrete.strip import discrete_annulus, minimum_area_strip, nodes_on_cylinder
+from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.flattening_annulus import AnnularFlattening, flatten_annulus
+from spinor_geom.domain.lattice import lattice_inside
+from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
+from spinor_geom.domain.triangulation import PlaneTriangulation
+from spinor_geom.errors import DomainError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.corners import CornerPairs
+from spinor_geom.plateau.found import FoundAnnulus
+from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.network_route import (
+    Budget,
+    Cauchy,
+    fit_and_refine,
+    fitted_surface,
+    limit_of,
+    rim_indices,
+    roughness,
+)
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.residual import independent_residual
+from spinor_geom.plateau.start import lifted_frames
+from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
+
+# vertices and faces
+Mesh: TypeAlias = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
+
+# The first annulus only has to be near enough for its flattening to be right.
+_FIRST_CHANGE = 1e-3
+# Longer loops are thinned to so many points where the direction of the second one is sought.
+_MOST_FOR_STRIP = 100
+# Points across the hole among which its middle is sought.
+_LATTICE = 20
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AnnulusNetworkSolver:
+    """Two loops on the network route.
+
+    Attributes:
+        loops: both at unit size, with the annulus on their left.
+        curves: Γ, of both.
+        reverse: whether the second one runs against the loop that was given.
+        options: of the network.
+        budget: what a fit may cost.
+        device: where the linear algebra runs.
+        clock: of the stages.
+    """
+
+    loops: tuple[BoundaryLoop, BoundaryLoop]
+    curves: tuple[BoundaryCurve, BoundaryCurve]
+    reverse: bool
+    options: Cauchy
+    budget: Budget
+    device: torch.device
+    clock: Clock
+
+    @classmethod
+    def between(
+        cls,
+        loops: tuple[BoundaryLoop, BoundaryLoop, BoundaryLoop],
+        curves: tuple[BoundaryCurve, BoundaryCurve, BoundaryCurve],
+        *,
+        options: Cauchy,
+        budget: Budget,
+        device: torch.device,
+        clock: Clock,
+    ) -> AnnulusNetworkSolver:
+        """The solver for the direction of the second loop in which a strip to it has less area.
+
+        Args:
+            loops: the first, the second, and the second reversed, at unit size.
+            curves: through them.
+            options: of the network.
+            budget: what a fit may cost.
+            device: where the linear algebra runs.
+            clock: of the stages.
+        """
+        with clock.stage("first fill"):
+            thinned = [loop.points[:: math.ceil(len(loop) / _MOST_FOR_STRIP)] for loop in loops]
+            areas = [minimum_area_strip(thinned[0], other)[1] for other in thinned[1:]]
+        reverse = areas[1] < areas[0]
+        return cls(
+            loops=(loops[0], loops[1 + reverse]),
+            curves=(curves[0], curves[1 + reverse]),
+            reverse=reverse,
+            options=options,
+            budget=budget,
+            device=device,
+            clock=clock,
+        )
+
+    @cached_property
+    def _rims(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:
+        """Indices of the points of each loop that stand for it."""
+        return rim_indices(self.loops[0]), rim_indices(self.loops[1])
+
+    @cached_property
+    def _discrete(self) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
+        with self.clock.stage("first fill"):
+            first, second = (loop.points[rim] for loop, rim in zip(self.loops, self._rims, strict=True))
+            plane, descent = discrete_annulus(first, second, relative_change=_FIRST_CHANGE)
+        return plane, descent.vertices
+
+    @property
+    def nodes_on_cylinder(self) -> float:
+        """`nodes_on_cylinder` of the discrete annulus between the loops.
+
+        Raises:
+            DomainError: there is none.
+            SingularMatrixError: it is degenerate.
+        """
+        return nodes_on_cylinder(*self._discrete)
+
+    def found(self) -> FoundAnnulus:
+        """The minimal annulus that a discrete one leads to.
+
+        Raises:
+            DomainError: no simple domain was found.
+            SingularMatrixError: the discrete annulus or the fit is degenerate.
+        """
+        start = self._started()
+        points = sum(map(len, self.loops))
+        with self.clock.stage("fit"):
+            fitted = fit_and_refine(
+                start.stage, start.readout, start.slide, self.budget, (), points=points, offset=self.options.pole_offset
+            )
+        with self.clock.stage("surface"):
+            surface, astray = fitted_surface(fitted)
+            closed = replace(fitted.fit, readout=fitted.stage.network.readout.detach())
+            residual = independent_residual(fitted.stage, closed, points=points)
+        first, second = fitted.stage.matchings(closed)
+        return FoundAnnulus(
+            surface=surface,
+            order=start.order,
+            reverse=self.reverse,
+            matchings=(first, second),
+            rms=float(np.hypot(residual.rms, astray)),
+            max=max(residual.max, astray),
+            area=surface.area(),
+            modulus=None,
+            spin=start.spin,
+            period=float(np.linalg.norm(surface.periods().real)),
+            route="annular network",
+            limit=limit_of(fitted, self.budget, self._turning),
+        )
+
+    @property
+    def _turning(self) -> float:
+        return max(map(roughness, self.loops))
+
+    def _started(self) -> _Start:
+        rims, (plane, vertices) = self._rims, self._discrete
+        with self.clock.stage("flattening"):
+            sizes = len(rims[0]), len(rims[1])
+            annuli = _both_ways(vertices, plane.faces, sizes)
+            order, annulus, flat = _least_distorted(annuli, sizes)
+            boundaries = SplineBoundary.through(flat.outer), SplineBoundary.through(flat.inner)
+            domain = PlaneDomain.inside(boundaries[0], flat.log_scale, holes=(boundaries[1],))
+        curves = tuple(self.curves[k] for k in order)
+        with self.clock.stage("features"):
+            phi = lifted_frames(*annulus, domain.vertices, self.device, sizes=(len(flat.outer), len(flat.inner)))
+            branch = _middle(flat.inner) if self._is_antiperiodic(phi, len(flat.outer)) else None
+            stage = Discretisation.first(
+                domain,
+                tuple(CurveTensors.of(curve, self.device) for curve in curves),
+                CornerPairs(t=np.zeros(0), s=np.zeros(0)),
+                degree=self.options.degree,
+                offset=self.options.pole_offset,
+                turning=self._turning,
+                tolerance=self.budget.allowed / self.loops[0].mean_edge_length,
+                branch=branch,
+            )
+        with self.clock.stage("start"):
+            readout = _start_readout(stage, phi)
+            slides = []
+            for k, t, boundary in zip(order, stage.panels.own_parameters, domain.boundaries, strict=True):
+                knots = np.append(self.curves[k].breaks[rims[k]], self.curves[k].breaks[rims[k][0]] + 1)
+                slides.append(np.interp(t, boundary.parameters, knots))
+        return _Start(
+            stage=stage,
+            readout=readout,
+            slide=torch.as_tensor(np.concatenate(slides), device=self.device),
+            order=order,
+            spin="periodic" if branch is None else "antiperiodic",
+        )
+
+    def _is_antiperiodic(self, phi: Complex[Tensor, "r 3"], outer: int) -> bool:
+        signs = [spin_invariant(*spinors_from_phi(part)) for part in torch.split(phi, [outer, len(phi) - outer])]
+        return signs[0] < 0 and signs[1] < 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Start:
+    stage: Discretisation
+    readout: Complex[Tensor, "n 2"]
+    slide: Float[Tensor, " nodes"]
+    order: tuple[int, int]
+    spin: Literal["periodic", "antiperiodic"]
+
+
+def _both_ways(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], sizes: tuple[int, int]
+) -> tuple[Mesh, Mesh]:
+    """A discrete annulus with its first rim's vertices first, and with its second rim's."""
+    m, rim = sizes[0], sum(sizes)
+    order = np.concatenate([np.arange(m, rim), np.arange(m), np.arange(rim, len(vertices))])
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    return (vertices, faces), (vertices[order], number[faces])
+
+
+def _least_distorted(
+    annuli: tuple[Mesh, Mesh], sizes: tuple[int, int]
+) -> tuple[tuple[int, int], Mesh, AnnularFlattening]:
+    """The rim that goes outside, then the other; the mesh so ordered, and its flattening.
+
+    Raises:
+        DomainError: there is none either way.
+    """
+    tries = [
+        (order, mesh, flatten_annulus(*mesh, (sizes[order[0]], sizes[order[1]])))
+        for mesh, order in zip(annuli, ((0, 1), (1, 0)), strict=True)
+    ]
+    found = [(order, mesh, flat) for order, mesh, flat in tries if flat is not None]
+    if not found:
+        raise DomainError(
+            f"no simple plane domain was found for an annulus with rims of {sizes[0]} and {sizes[1]} vertices",
+            vertices=sum(sizes),
+        )
+    return min(found, key=lambda one: one[2].distortion)
+
+
+def _start_readout(stage: Discretisation, phi: Complex[Tensor, "r 3"]) -> Complex[Tensor, "n 2"]:
+    """Read-outs of the spinors of φ on each edge of ∂Ω, the sign on the hole's that fits the features better."""
+    domain, device = stage.domain, phi.device
+    t, after = domain.arcs.T
+    middle = torch.as_tensor(domain.point((t + after) / 2), device=device)
+    sign_changing = stage.network.sign_changing(middle)
+    outer = len(domain.boundary.vertices)
+    single_valued = torch.split(phi / sign_changing.square()[:, None], [outer, len(phi) - outer])
+    rims = [torch.stack(spinors_from_phi(part), dim=-1) for part in single_valued]
+    z = torch.as_tensor(stage.panels.z, device=device)
+    edge = torch.as_tensor(np.searchsorted(t, stage.panels.t, side="right") - 1, device=device)
+    root = stage.problem.arc_weights.sqrt()[:, None]
+    features = stage.problem.features[: stage.problem.nodes]
+    tries = []
+    for sign in (1, -1):
+        spinors = torch.cat([rims[0], sign * rims[1]])[edge] * stage.network.sign_changing(z)[:, None]
+        readout = stage.readout_of(spinors)
+        tries.append((float((root * (spinors - features @ readout)).abs().square().sum()), readout))
+    return min(tries, key=lambda pair: pair[0])[1]
+
+
+def _middle(hole: Complex[np.ndarray, " n"]) -> complex:
+    """The point of a grid in a hole that is farthest from its vertices."""
+    polygon = hole[::-1]
+    spacing = np.sqrt(0.5 * (np.conj(polygon) * np.roll(polygon, -1)).imag.sum()) / _LATTICE
+    inside = lattice_inside(polygon, spacing)
+    if not len(inside):
+        return complex(hole.mean())
+    distance, _ = cKDTree(plane_coordinates(hole)).query(plane_coordinates(inside))
+    return complex(inside[int(np.argmax(distance))])

@@ -1,0 +1,73 @@
+"""Domains with holes: triangulation, boundary, inside and outside."""
+
+import numpy as np
+import pytest
+
+from spinor_geom.domain import FourierBoundary, PlaneDomain
+from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
+from spinor_geom.errors import DomainError, OptionError
+
+ANGLE = 2 * np.pi * np.arange(40) / 40
+OUTER = 2 * np.cos(ANGLE) + 1j * np.sin(ANGLE)
+
+
+def hole(centre, radius, count=16):
+    return centre + radius * np.exp(-2j * np.pi * np.arange(count) / count)
+
+
+def meshed(outer, *holes):
+    rims = tuple(map(len, (outer, *holes)))
+    return triangulate_polygon(outer, graded_size(np.concatenate([outer, *holes]), rims=rims), holes=holes)
+
+
+def shoelace(polygon):
+    return 0.5 * (np.conj(polygon) * np.roll(polygon, -1)).imag.sum()
+
+
+@pytest.mark.parametrize("holes", [(hole(0.5, 0.3),), (hole(-0.8, 0.2), hole(0.9, 0.35, 12), hole(0.0, 0.1, 5))])
+def test_triangles_tile_what_is_left(holes):
+    mesh = meshed(OUTER, *holes)
+    np.testing.assert_array_equal(mesh.points[: mesh.boundary_size], np.concatenate([OUTER, *holes]))
+    assert mesh.rims == tuple(map(len, (OUTER, *holes)))
+    a, b, c = mesh.points[mesh.faces].T
+    areas = 0.5 * (np.conj(b - a) * (c - a)).imag
+    assert areas.min() > 0
+    assert abs(areas.sum() - sum(map(shoelace, (OUTER, *holes)))) < 1e-13
+    assert len(mesh.points) - len(mesh.edges) + len(mesh.faces) == 1 - len(holes)
+    assert mesh.angles.min() > 20
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        (hole(0.5, 0.3)[::-1], "clockwise"),
+        (hole(1.9, 0.3), "not simple"),
+        (hole(4.0, 0.3), "not inside"),
+        (hole(0.0, 5.0), "not"),
+        (np.array([0.1, 0.2]), "at least 3"),
+    ],
+)
+def test_what_is_no_hole_is_refused(bad, message):
+    with pytest.raises(DomainError, match=message):
+        meshed(OUTER, bad)
+
+
+def test_annulus_knows_its_inside_and_its_boundary():
+    domain = PlaneDomain.annulus(0.4)
+    z = np.array([0.0, 0.39, 0.41, 0.7j, 0.99, 1.01])
+    np.testing.assert_array_equal(domain.contains(z), [False, False, True, True, True, False])
+    np.testing.assert_allclose(np.abs(domain.point(np.array([0.3, 2.3, 3.0]))), [1.0, 0.4, 0.4])
+    np.testing.assert_allclose(domain.point(domain.arcs[:, 0]), domain.vertices)
+    # each piece ends where the next one of its boundary starts
+    np.testing.assert_allclose(domain.point(domain.arcs[64:, 1]), np.roll(domain.vertices[64:], -1), atol=1e-15)
+    assert len(domain.paths.parent) == len(domain.triangulation.points)
+
+
+def test_radii_that_are_none_are_refused():
+    for inner, outer, n in ((1.0, 0.5, 64), (0.0, 1.0, 64), (0.9, 1.0, 6)):
+        with pytest.raises(OptionError, match="an annulus needs"):
+            PlaneDomain.annulus(inner, outer, n)
+
+
+def test_round_hole_runs_clockwise():
+    assert shoelace(FourierBoundary.round_hole(0.5, 50).vertices) < 0

@@ -1,0 +1,134 @@
+"""Bridges between two rims of a mesh, and islands in holes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spinor_geom.errors import OptionError, TooManyRimsError
+from spinor_geom.fill.bridge import find_islands
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+SIDES = 24
+
+
+def ring(inner: float, outer: float, *, height: float = 0.0, down: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """A plane ring of 24 × 2 vertices, normal up or down."""
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    circle = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    vertices = np.concatenate([inner * circle, outer * circle])
+    vertices[:, 2] = height
+    a = np.arange(SIDES)
+    b = (a + 1) % SIDES
+    faces = np.concatenate([np.column_stack([a, a + SIDES, b]), np.column_stack([b, a + SIDES, b + SIDES])])
+    return vertices, faces[:, ::-1] if down else faces
+
+
+def together(*pieces: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    start = np.cumsum([0, *(len(vertices) for vertices, _ in pieces)])
+    faces = [piece + first for (_, piece), first in zip(pieces, start, strict=False)]
+    return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces)
+
+
+def island() -> tuple[np.ndarray, np.ndarray]:
+    """A plate with a round hole of radius 1 and a plate of radius 0.4 (with a hole of its own) raised in it."""
+    return together(ring(1.0, 1.5), ring(0.2, 0.4, height=0.2))
+
+
+def places(mesh: tuple[np.ndarray, np.ndarray], *radii: float) -> tuple[int, ...]:
+    """Places of the loops of given radii."""
+    loops = find_boundary_loops(TriangleMesh(*mesh))
+    found = [np.linalg.norm(loop.points[:, :2], axis=1).mean() for loop in loops]
+    return tuple(int(np.argmin(np.abs(np.array(found) - radius))) for radius in radii)
+
+
+def test_two_ends_of_a_gap_are_bridged() -> None:
+    # flanges of radius 1 at heights ±0.4, facing outwards
+    mesh = together(ring(1.0, 1.4, height=0.4), ring(1.0, 1.4, height=-0.4, down=True))
+    first, second = (
+        place
+        for place, loop in enumerate(find_boundary_loops(TriangleMesh(*mesh)))
+        if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01
+    )
+    filled, report = fill_hole(mesh, (first, second), return_report=True)
+    here, there = report.loops[first], report.loops[second]
+    assert here.converged
+    assert there.converged
+    assert (here.joined_to, there.joined_to) == (second, first)
+    assert here.faces_added > 0
+    assert there.faces_added == 0
+    np.testing.assert_array_equal(filled[0][: len(mesh[0])], mesh[0])
+    # the other two rims close it
+    closed, after = fill_hole(filled, return_report=True)
+    assert after.watertight
+    assert is_watertight(closed[1])
+    assert here.solution is not None
+    assert here.solution.annulus is not None
+    assert here.solution.is_area_minimum
+    assert not here.solution.annulus.reversed
+
+
+def test_rims_too_far_apart_stay_open_with_the_reason() -> None:
+    mesh = together(ring(1.0, 1.4, height=0.8), ring(1.0, 1.4, height=-0.8, down=True))
+    pair = tuple(
+        place
+        for place, loop in enumerate(find_boundary_loops(TriangleMesh(*mesh)))
+        if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01
+    )
+    _, report = fill_hole(mesh, pair, return_report=True)
+    assert not report.loops[pair[0]].filled
+    assert "no annulus" in report.loops[pair[0]].reason
+    assert "two disks of area" in report.loops[pair[1]].reason
+    assert len(report.extension.faces) == 0
+
+
+def test_pieces_inside_out_to_each_other_are_refused() -> None:
+    mesh = together(ring(1.0, 1.4, height=0.4), ring(1.0, 1.4, height=-0.4))
+    pair = tuple(
+        place
+        for place, loop in enumerate(find_boundary_loops(TriangleMesh(*mesh)))
+        if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01
+    )
+    _, report = fill_hole(mesh, pair, return_report=True)
+    assert not report.loops[pair[0]].filled
+    assert "turn the faces of one piece over" in report.loops[pair[0]].reason
+
+
+def test_island_is_recognised_and_joined() -> None:
+    mesh = island()
+    hole, piece = places(mesh, 1.0, 0.4)
+    loops = find_boundary_loops(TriangleMesh(*mesh))
+    assert find_islands(TriangleMesh(*mesh), loops) == {hole: (piece,)}
+    _, report = fill_hole(mesh, [hole, piece], islands="join", return_report=True)
+    assert report.loops[hole].joined_to == piece
+    assert report.loops[piece].joined_to == hole
+    assert "joined" in report.loops[hole].notes[-1]
+    assert report.complete
+    _, ignored = fill_hole(mesh, [hole, piece], return_report=True)
+    assert ignored.loops[hole].joined_to is None
+    assert "loose piece lies in the hole" in ignored.loops[hole].notes[-1]
+
+
+def test_pieces_elsewhere_are_no_islands() -> None:
+    for other in (ring(0.2, 0.4, height=2.0), (ring(0.2, 0.4)[0] + [3.0, 0, 0], ring(0.2, 0.4)[1])):
+        mesh = TriangleMesh(*together(ring(1.0, 1.5), other))
+        assert find_islands(mesh, find_boundary_loops(mesh)) == {}
+
+
+def test_two_islands_in_one_hole_are_refused_by_name() -> None:
+    small = ring(0.1, 0.2)
+    mesh = together(ring(1.0, 1.5), (small[0] + [0.5, 0, 0], small[1]), (small[0] - [0.5, 0, 0], small[1]))
+    _, report = fill_hole(mesh, islands="join", return_report=True)
+    (hole,) = places(mesh, 1.0)
+    assert not report.loops[hole].filled
+    assert "got 3: loops" in report.loops[hole].reason
+
+
+def test_what_is_no_pair_is_refused() -> None:
+    with pytest.raises(TooManyRimsError, match="got 3"):
+        fill_hole(island(), (0, 1, 2))
+    with pytest.raises(OptionError, match="islands"):
+        fill_hole(island(), islands="maybe")  # type: ignore[call-overload]

@@ -1,0 +1,296 @@
+"""Minimal annuli between two rims: known areas, the answer that there is none, and what must not matter."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
+from spinor_geom.errors import LoopsMeetError, OptionError, PeriodError, SeveralRimsError, TooManyRimsError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.plateau import Laurent, NoAnnulus
+from spinor_geom.plateau.douglas_annulus import AnnulusProblem
+from spinor_geom.plateau.problem import CurveTensors
+from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
+
+
+@cache
+def catenoid(h):
+    return solve_plateau(coaxial(h, phase=1.0))
+
+
+@cache
+def wavy():
+    first, second = skew()
+    return solve_plateau((sampled(first, 60), sampled(second, 48)))
+
+
+# --- known areas ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("h", CATENOIDS)
+def test_catenoids_between_circles_in_formulas(h):
+    solution = catenoid(h)
+    assert abs(solution.area / CATENOIDS[h][0] - 1) < 1e-12
+    assert abs(solution.surface.area() / CATENOIDS[h][0] - 1) < 1e-12
+    # triangles of Ω between curved boundaries
+    assert abs(solution.area_in_domain / CATENOIDS[h][0] - 1) < 1e-6
+    assert solution.converged
+    assert solution.route == "annulus"
+    assert solution.stability.verdict == "stable"
+    assert solution.annulus.spin == "periodic"
+    assert solution.annulus.period < 1e-14
+    assert abs(solution.annulus.disk_area / (2 * np.pi) - 1) < 1e-12
+
+
+@pytest.mark.parametrize("h", [0.25, 0.66])
+def test_catenoids_between_64_points_each(h):
+    first, second = coaxial(h)
+    solution = solve_plateau((sampled(first, 64, shift=17), sampled(second, 64)))
+    # 0.66 is just below the critical distance; its area by the equation of the neck: c cosh(h/c) = 1
+    c = max(np.real(root) for root in [_neck(h)])
+    exact = 2 * np.pi * (h * c + c * c * np.sinh(h / c) * np.cosh(h / c))
+    assert abs(solution.area / exact - 1) < 1e-6
+    assert solution.boundary_residual.rms_per_edge < 1e-3
+
+
+def _neck(h):
+    c = 0.9
+    for _ in range(60):
+        c -= (c * np.cosh(h / c) - 1) / (np.cosh(h / c) - h / c * np.sinh(h / c))
+    return c
+
+
+def test_rims_with_waves():
+    assert abs(wavy().area / SKEW_AREA - 1) < 1e-5
+    exact = solve_plateau(skew())
+    assert abs(exact.area / SKEW_AREA - 1) < 1e-12
+    assert exact.is_area_minimum
+
+
+def test_area_of_a_plane_ring_is_the_difference():
+    plane = solve_plateau((ring(1.0, 0.0), ring(0.2, 0.0, centre=(0.5, 0.1))))
+    assert plane.route == "plane"
+    assert abs(plane.area / (np.pi * 0.96) - 1) < 1e-13
+    slender = solve_plateau((ring(0.2, 0.0, centre=(2.5, 0.1)), ring(1.0, 0.0, stretch=4.0)))
+    assert abs(slender.area / (np.pi * 3.96) - 1) < 1e-13
+    # the outer boundary of Ω is the second loop that was given
+    assert slender.rims[0].loop.perimeter > slender.rims[1].loop.perimeter
+
+
+def test_ring_of_polygons():
+    square = [[-2, -2, 1], [2, -2, 1], [2, 2, 1], [-2, 2, 1]]
+    hole = [[0.5, 0.2, 1], [1.5, 0.2, 1], [1.0, 1.2, 1]]
+    solution = solve_plateau(
+        (BoundaryLoop.from_points(square, corners=range(4)), BoundaryLoop.from_points(hole, corners=range(3)))
+    )
+    assert abs(solution.area / 15.5 - 1) < 1e-13
+    normals = solution.surface.normal(solution.domain.triangulation.points)
+    np.testing.assert_allclose(normals, np.broadcast_to([0.0, 0.0, 1.0], normals.shape), atol=1e-13)
+
+
+# --- critical distance and stability ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("h", [0.7, 1.0])
+def test_circles_too_far_apart_have_no_annulus(h):
+    answer = solve_plateau(coaxial(h))
+    assert isinstance(answer, NoAnnulus)
+    assert "no annulus" in answer.reason
+    assert abs(answer.area / (2 * np.pi) - 1) < 1e-12
+    assert answer.to_dict()["disk_area"] == answer.area
+    assert solve_plateau(coaxial(h), all_solutions=True) == ()
+
+
+def test_douglas_condition_tells_minima_from_local_ones():
+    # equal at h = 0.5277
+    assert catenoid(0.5).is_area_minimum
+    assert not catenoid(0.6).is_area_minimum
+    assert catenoid(0.6).stability.verdict == "stable"
+
+
+def test_unstable_catenoid_on_request():
+    stable, unstable = solve_plateau(coaxial(0.5), all_solutions=True)
+    for solution, area, index in zip((stable, unstable), CATENOIDS[0.5], (0, 1), strict=True):
+        assert abs(solution.area / area - 1) < 1e-9
+        assert solution.stability.index == index
+    kept = solve_plateau(coaxial(0.5), unstable="keep", model=Laurent(modulus=4.0))
+    assert abs(kept.area / unstable.area - 1) < 1e-12
+    left = solve_plateau(coaxial(0.5), model=Laurent(modulus=4.0))
+    assert abs(left.area / stable.area - 1) < 1e-12
+
+
+@pytest.mark.parametrize("h", [0.5, 0.66])
+def test_inertia_of_the_energy_is_the_index_of_the_area(h):
+    device = torch.device("cpu")
+    first, second = coaxial(h)
+    both = BoundaryCurve.from_formula(first), BoundaryCurve.from_formula(second).reversed()
+    curves = [CurveTensors.of(curve, device) for curve in both]
+    problem = AnnulusProblem(curves=tuple(curves))
+    assert [problem.index(annulus) for annulus in problem.all_critical(48)] == [0, 1]
+
+
+@pytest.mark.parametrize("distance", [2.1, 3.0])
+def test_circles_beside_each_other_in_one_plane_have_no_annulus(distance):
+    pair = (ring(1.0, 0.0), ring(1.0, 0.0, centre=(distance, 0.0)))
+    answer = solve_plateau(pair)
+    assert isinstance(answer, NoAnnulus)
+    assert "beside each other in one plane" in answer.reason
+    assert solve_plateau(pair, all_solutions=True) == ()
+
+
+@pytest.mark.parametrize("radius", [0.01, 0.05])
+def test_a_small_ring_over_a_disk_has_no_annulus(radius):
+    # a catenoid from the unit circle to a radius r is no higher than r·log(2/r); no cone parts them
+    answer = solve_plateau((ring(1.0, 0.0), ring(radius, 0.2)))
+    assert isinstance(answer, NoAnnulus)
+    assert "modulus" in answer.reason
+    assert abs(answer.area / (np.pi * (1 + radius**2)) - 1) < 1e-12
+
+
+def test_just_above_the_critical_distance_no_fold_is_overlooked():
+    # h* = 0.66274…: both critical points are 2 % of the modulus apart at 0.6627 and gone at 0.6628
+    counts = {}
+    for h in (0.6627, 0.6628):
+        counts[h] = len(solve_plateau(coaxial(h), all_solutions=True))
+    assert counts == {0.6627: 2, 0.6628: 0}
+
+
+# --- what must not matter ---------------------------------------------------------------------------------------------
+
+
+def test_numbering_order_place_and_scale_do_not_matter():
+    first, second = (sampled(c, n) for c, n in zip(skew(), (60, 48), strict=True))
+    rotation = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+    area = wavy().area
+    pairs = {
+        "shifted": (first, BoundaryLoop.from_points(np.roll(second.points, 11, axis=0), corners=())),
+        "reversed": (first.reversed(), second),
+        "swapped": (second, first),
+    }
+    for name, pair in pairs.items():
+        # the nodes fall on other points of the rims
+        assert abs(solve_plateau(pair).area / area - 1) < 1e-8, name
+    moved = [BoundaryLoop.from_points(250 * loop.points @ rotation.T + 1e3, corners=()) for loop in (first, second)]
+    assert abs(solve_plateau(moved).area / (250**2 * area) - 1) < 1e-8
+
+
+def test_spinors_of_linked_rims_change_their_sign():
+    solution = solve_plateau(linked())
+    assert solution.annulus.spin == "antiperiodic"
+    assert solution.boundary_residual.rms_per_edge < 1e-3
+    surface = solution.surface
+    assert abs(surface.area() / solution.area - 1) < 1e-10
+    assert abs(solution.area_in_domain / solution.area - 1) < 1e-4
+    z = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
+    assert np.abs(surface.mean_curvature(z)).max() * np.sqrt(solution.area) < 1e-10
+    p = surface.spinors(np.array([-0.9 + 1e-9j, -0.9 - 1e-9j]))
+    assert np.abs(p[0] + p[1]).max() < 1e-6
+    normals = surface.normal(np.array([-0.9 + 1e-9j, -0.9 - 1e-9j]))
+    assert np.abs(normals[0] - normals[1]).max() < 1e-6
+    assert surface.branch_points() == ()
+
+
+# --- the surface ------------------------------------------------------------------------------------------------------
+
+
+def test_surface_closes_and_lies_on_both_rims():
+    solution = wavy()
+    surface = solution.surface
+    assert np.abs(surface.periods().real).max() < 1e-13
+    for rim in solution.rims:
+        away = np.linalg.norm(surface.position(rim.points_in_domain()) - rim.loop.points, axis=1)
+        assert away.max() < 1e-3 * rim.loop.mean_edge_length
+    # by paths around either side of the hole
+    by_quadrature = SpinorSurface(
+        surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, quadrature="simpson", order=64
+    )
+    z = solution.domain.triangulation.points
+    assert np.abs(by_quadrature.position(z) - surface.position(z)).max() < 1e-8
+    assert np.abs(surface.mean_curvature(z)).max() < 1e-10
+
+
+def test_associates_close_only_without_flux():
+    with pytest.raises(PeriodError, match="does not close around hole 0"):
+        catenoid(0.5).surface.associate(np.pi / 2)
+    assert abs(catenoid(0.5).surface.associate(np.pi).area() / catenoid(0.5).area - 1) < 1e-12
+    flat = solve_plateau((ring(1.0, 0.0), ring(0.3, 0.0))).surface
+    assert abs(flat.associate(0.7).area() / (np.pi * 0.91) - 1) < 1e-12
+
+
+def test_files_bring_the_annulus_back(tmp_path):
+    surface = wavy().surface
+    surface.save(tmp_path / "annulus.safetensors")
+    loaded = SpinorSurface.load(tmp_path / "annulus.safetensors")
+    z = surface.domain.triangulation.points
+    np.testing.assert_array_equal(loaded.position(z), surface.position(z))
+    assert loaded.area() == surface.area()
+
+
+def test_mesh_keeps_both_rims_bit_for_bit():
+    solution = wavy()
+    patch = mesh_patch(solution)
+    loops = [rim.loop for rim in solution.rims]
+    np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
+    assert patch.rims == (60, 48)
+    edges = np.unique(np.sort(patch.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    assert len(patch.vertices) - len(edges) + len(patch.faces) == 0
+    assert abs(patch.area / solution.area - 1) < 2e-3
+    a, b, c = (patch.vertices[patch.faces[:, k]] for k in range(3))
+    sides = [np.linalg.norm(y - x, axis=1) for x, y in ((b, c), (c, a), (a, b))]
+    angles = [
+        np.degrees(np.arccos(np.clip((q**2 + r**2 - p**2) / (2 * q * r), -1, 1)))
+        for p, q, r in (sides, sides[1:] + sides[:1], sides[2:] + sides[:2])
+    ]
+    assert np.min(angles) > 18
+    # two disks close it
+    caps = [
+        _fan(range(start, start + len(loop)), len(patch.vertices) + k)
+        for k, (start, loop) in enumerate(zip((0, 60), loops, strict=True))
+    ]
+    assert is_watertight(np.concatenate([patch.faces, *caps]))
+
+
+def _fan(rim, apex):
+    return np.array([[b, a, apex] for a, b in zip(rim, [*rim[1:], rim[0]], strict=True)])
+
+
+# --- errors -----------------------------------------------------------------------------------------------------------
+
+
+def test_three_rims_are_refused_by_name():
+    loops = [sampled(ring(1.0, z), n) for z, n in ((0, 20), (0.3, 30), (0.6, 40))]
+    with pytest.raises(TooManyRimsError, match=r"got 3: loops 0 \(20 vertices\), 1 \(30 vertices\), 2 \(40 vertices\)"):
+        solve_plateau(loops)
+    with pytest.raises(TooManyRimsError, match="give two"):
+        solve_plateau(loops[:1])
+
+
+@pytest.mark.parametrize("what", [np.zeros((5, 3)), None, "ab", 3])
+def test_what_is_no_curve_is_refused(what):
+    with pytest.raises(OptionError, match=r"BoundaryLoop.from_points makes a loop of points"):
+        solve_plateau(what)
+    with pytest.raises(OptionError, match=r"not .*; BoundaryLoop.from_points"):
+        solve_plateau((ring(1.0, 0.0), what))
+
+
+def test_rims_that_meet_are_refused():
+    with pytest.raises(LoopsMeetError, match="meet"):
+        solve_plateau((sampled(ring(1.0, 0.0), 40), sampled(ring(1.0, 0.0, centre=(0.5, 0.0)), 40)))
+
+
+def test_models_without_annuli_are_refused():
+    with pytest.raises(OptionError, match="between two loops"):
+        solve_plateau(coaxial(0.5), model="mlp")
+    with pytest.raises(OptionError, match="span two loops"):
+        solve_plateau(ring(1.0, 0.0), model=Laurent())
+    with pytest.raises(OptionError, match="modulus"):
+        Laurent(modulus=-1.0)
+
+
+def test_an_annulus_has_no_single_loop():
+    with pytest.raises(SeveralRimsError, match="take its loops and curves from `rims`"):
+        _ = wavy().loop

@@ -1,0 +1,163 @@
+"""Annuli on domains made for their rims: those of Douglas's route again, and those that crowd on a round annulus."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
+from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.corners import CornerPairs
+from spinor_geom.plateau.hole_field import HoleField
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, WayAcross
+from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
+
+
+def lifted_ellipse():
+    """An ellipse with a small hole near one end, a little above it: a round annulus takes millions of nodes."""
+    return sampled(ring(1.0, 0.0, stretch=4.0), 80), sampled(ring(0.2, 0.1, centre=(2.5, 0.1)), 24)
+
+
+@cache
+def slender():
+    return solve_plateau(lifted_ellipse())
+
+
+@cache
+def wavy():
+    first, second = skew()
+    return solve_plateau((sampled(first, 60), sampled(second, 48)), model="cauchy")
+
+
+def test_network_finds_the_annulus_of_the_series():
+    solution = wavy()
+    assert solution.route == "annular network"
+    # the fit ends a few ten-thousandths of an edge from the rims
+    assert abs(solution.area / SKEW_AREA - 1) < 1e-4
+    first, second = skew()
+    series = solve_plateau((sampled(first, 60), sampled(second, 48)))
+    assert series.route == "annulus"
+    assert abs(solution.area / series.area - 1) < 1e-4
+    assert solution.stability.verdict == "stable"
+    assert solution.annulus.spin == "periodic"
+
+
+def test_catenoid_by_the_network():
+    first, second = coaxial(0.5)
+    solution = solve_plateau((sampled(first, 40), sampled(second, 40)), model="cauchy")
+    assert abs(solution.area / CATENOIDS[0.5][0] - 1) < 1e-4
+    assert solution.boundary_residual.rms_per_edge < 1e-3
+
+
+def test_small_hole_near_an_end_takes_a_domain_of_its_own():
+    solution = slender()
+    assert solution.route == "annular network"
+    assert solution.converged
+    assert solution.boundary_residual.rms_per_edge < 1e-4
+    # the projection to the plane is the region between the ellipse and the hole
+    assert np.pi * 3.96 < solution.area < solution.annulus.disk_area
+    assert abs(solution.area_in_domain / solution.area - 1) < 1e-6
+    assert solution.is_area_minimum
+
+
+def test_period_is_closed_and_both_rims_are_met():
+    surface, solution = slender().surface, slender()
+    assert solution.annulus.period < 1e-13 * solution.boundary_residual.diagonal
+    assert np.abs(surface.periods().real).max() == pytest.approx(0.0, abs=1e-13 * solution.boundary_residual.diagonal)
+    for rim in solution.rims:
+        away = np.linalg.norm(surface.position(rim.points_in_domain()) - rim.loop.points, axis=1)
+        assert away.max() < 1e-3 * rim.loop.mean_edge_length
+    z = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
+    assert np.abs(surface.mean_curvature(z)).max() * np.sqrt(solution.area) < 1e-8
+
+
+def test_spinors_that_change_their_sign():
+    first, second = (sampled(curve, 64) for curve in linked())
+    solution = solve_plateau((first, second), model="cauchy")
+    series = solve_plateau((first, second))
+    assert solution.annulus.spin == series.annulus.spin == "antiperiodic"
+    assert abs(solution.area / series.area - 1) < 1e-4
+    assert solution.annulus.period < 1e-12
+    assert solution.surface.branch_points() == ()
+
+
+def test_files_bring_it_back(tmp_path):
+    surface = slender().surface
+    surface.save(tmp_path / "annulus.safetensors")
+    loaded = SpinorSurface.load(tmp_path / "annulus.safetensors")
+    z = surface.domain.triangulation.points
+    np.testing.assert_array_equal(loaded.position(z), surface.position(z))
+
+
+def test_mesh_keeps_both_rims_bit_for_bit():
+    patch = mesh_patch(slender())
+    loops = [rim.loop for rim in slender().rims]
+    np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
+    assert abs(patch.area / slender().area - 1) < 5e-3
+
+
+# --- its parts --------------------------------------------------------------------------------------------------------
+
+
+DOMAIN = PlaneDomain.annulus(0.4, n=48)
+
+
+def problem_on_annulus(branch=None):
+    panels = Panels.around(DOMAIN, tuple(map(panel_breaks, DOMAIN.boundaries)), 8)
+    poles = torch.tensor([1.4, 1.1j, 0.1], dtype=torch.complex128)
+    network = CauchyNetwork.orthonormal_on(
+        torch.from_numpy(panels.z),
+        torch.from_numpy(panels.arc_weights),
+        poles=poles,
+        scales=torch.ones(3, dtype=torch.float64),
+        degree=3,
+        branch=branch,
+    )
+    curves = tuple(
+        CurveTensors.of(BoundaryCurve.from_loop(sampled(ring(r, 0.0), 24)), torch.device("cpu")) for r in (1.0, 0.4)
+    )
+    pairs = CornerPairs(t=np.zeros(0), s=np.zeros(0))
+    return panels, PlateauProblem.on_panels(panels, network, curves, pairs, WayAcross.through(DOMAIN)), network
+
+
+def test_integrals_go_along_both_boundaries_and_across():
+    panels, problem, _ = problem_on_annulus()
+    z = torch.from_numpy(np.append(panels.z, WayAcross.through(DOMAIN).z))
+    integral = problem.integrate((z**3 * problem.dz)[:, None])[:, 0]
+    expected = torch.from_numpy(panels.z) ** 4 / 4
+    difference = integral - expected
+    assert (difference - difference[0]).abs().max() < 1e-13
+    around = problem.around_hole((problem.dz / z)[:, None])
+    assert abs(complex(around[0, 0]) + 2j * np.pi) < 1e-12
+
+
+@pytest.mark.parametrize("branch", [None, 0.05 + 0.02j])
+def test_derivative_of_a_network_around_a_hole(branch):
+    _, _, network = problem_on_annulus(branch)
+    generator = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        network.readout.copy_(torch.randn(network.readout.shape, dtype=torch.complex128, generator=generator))
+    z, h = torch.tensor([0.7, -0.1 + 0.6j, 0.5j]), 1e-5
+    z = z.to(torch.complex128)
+    difference = (network.value(z + h) - network.value(z - h)) / (2 * h)
+    assert (difference - network.derivative(z)).abs().max() < 1e-6
+    assert (network.features(z) @ network.readout - network.value(z)).abs().max() < 1e-10
+    # across the cut of the root both change their sign
+    cut = -0.7 + 0.02j + 1e-12j * torch.tensor([1.0, -1.0], dtype=torch.float64)
+    above, below = network.value(cut)
+    assert (above + (1 if branch else -1) * below).abs().max() < 1e-8
+
+
+def test_hole_grows_along_its_field():
+    panels, _, _ = problem_on_annulus()
+    field = HoleField.of(DOMAIN, panels)
+    grown = field.moved(DOMAIN, np.array([0.1]))
+    radius = np.abs(grown.holes[0].vertices)
+    assert np.ptp(radius) < 1e-2 * radius.mean()
+    assert radius.mean() > 0.4
+    # nowhere on the outer boundary
+    assert not field.nodes[: 48 * 8].any()
