@@ -206,7 +206,7 @@ def end_figures(path: Path) -> list[Figure]:
     """The two ends of a tube, far apart: the answer that no annulus joins them, and the disks that close it instead."""
     if not path.exists():
         return []
-    case, mesh = f"facing ends of {path.name}", to_mesh(read_mesh(path)).merged()
+    case, mesh = f"facing ends of {path.name}", read_mesh(path).merged()
     first, second = boundary_loops(mesh)
     answer, seconds = timed((first, second))
     none = isinstance(answer, NoAnnulus)
