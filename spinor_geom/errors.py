@@ -313,8 +313,8 @@ class PeriodError(SurfaceError):
     def __init__(self, *, angle: float, around: str, period: Sequence[float]) -> None:
         told = ", ".join(f"{x:.3g}" for x in period)
         super().__init__(
-            f"the associate surface of angle {angle:.6g} does not close around {around}: it moves by ({told}) there; take "
-            "an angle that is a multiple of π, or a part of the domain that does not go around",
+            f"the associate surface of angle {angle:.6g} does not close around {around}: it moves by ({told}) there; "
+            "take an angle that is a multiple of π, or a part of the domain that does not go around",
             angle=angle,
             around=around,
             period=tuple(period),
