@@ -33,7 +33,7 @@ ARC_NODES = 6
 # share of the extent.
 SPECTRAL_FALL, SPECTRAL_ROUNDING = 1e-2, 1e-14
 # Edges of such a curve that differ by a larger factor leave it to splines by arcs, whose parameter is the length.
-MOST_UNEVEN = 10.0
+MOST_UNEVEN = 40.0
 # Polynomials of a formula: their degree, the error that is allowed, as a share of the curve's extent, where it is
 # looked for on each piece, and the numbers of pieces that are tried. Derivatives of the formula may differ by more.
 FORMULA_DEGREE, FORMULA_ERROR = 11, 1e-14
@@ -233,6 +233,20 @@ class BoundaryCurve:
         s = self.breaks[:-1, None] + widths * (nodes + 1) / 2
         speed = np.linalg.norm(self.derivative(s), axis=-1)
         return float((speed * weights * widths).sum() / 2)
+
+    def length_share(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """Share of the length of Γ up to Γ(s), one more after each turn; the parameter of a spline is that, about."""
+        if self.degree <= max(DEGREES):
+            return s
+        whole = np.floor(s)
+        return np.asarray(self._shares(s - whole) + whole)
+
+    @cached_property
+    def _shares(self) -> CubicSpline:
+        n = SAMPLES_PER_PIECE * (len(self.breaks) - 1)
+        grid = np.arange(n + 1) / n
+        length = CubicSpline(grid, np.linalg.norm(self.derivative(grid), axis=1)).antiderivative()(grid)
+        return CubicSpline(grid, length / length[-1])
 
     def nearest(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """Parameter in [0, 1) of the point of Γ nearest to each point, (N,).

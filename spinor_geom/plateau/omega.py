@@ -42,12 +42,14 @@ class NodeDensity:
     the slide along it can be analytic. On a circle of equal edges t = s.
 
     Attributes:
+        curve: Γ.
         points: number of points that Ω is to be made from, with those for narrow places.
         narrowest: ratio of a point's share of the length to the width of the loop where it is least, at least 1.
     """
 
     def __init__(self, curve: BoundaryCurve, points: int) -> None:
         """Takes Γ and the usual number of points that Ω is made from, which sets the width of the smoothing."""
+        self.curve = curve
         more, self.narrowest = _more_in_narrow_places(curve, points)
         total = 1 + float(more[-1])
         points = self.points = int(np.ceil(total * points))
@@ -58,7 +60,7 @@ class NodeDensity:
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
         turning = np.cumsum(np.linalg.norm(np.diff(tangent, axis=0, prepend=tangent[:1]), axis=1))
         by_vertex = np.interp(s, curve.breaks, np.arange(count + 1) / count)
-        share = np.array(_SHARES) @ np.stack([s, by_vertex, turning / turning[-1]])
+        share = np.array(_SHARES) @ np.stack([curve.length_share(s), by_vertex, turning / turning[-1]])
         share = (share + np.interp(s, np.arange(len(more)) / (len(more) - 1), more)) / total
         self._t = np.arange(n + 1) / n
         offset = np.fft.rfft(np.interp(self._t[:-1], share, s) - self._t[:-1])
@@ -89,15 +91,15 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
         The nodes, from 0 on; and the largest density of nodes, the usual one included.
     """
     n = _FACING_SAMPLES * points
-    s = np.arange(n) / n
-    p = curve.point(s)
+    s = np.arange(n + 1) / n
+    p, along = curve.point(s[:-1]), curve.length_share(s)
     edge = curve.length() / points
-    way = np.abs(s[:, None] - s)
+    way = np.abs(along[:-1, None] - along[:-1])
     way = np.minimum(way, 1 - way) * curve.length()
     distance = np.linalg.norm(p[:, None] - p, axis=-1)
     width = np.where((way > edge) & (_FACING * distance < way), distance, np.inf).min(axis=1)
     density = np.clip(edge / width, 1, _MOST_IN_NARROW)
-    return np.append(0, np.cumsum(density - 1)) / n, float(density.max())
+    return np.append(0, np.cumsum((density - 1) * np.diff(along))), float(density.max())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -208,7 +210,7 @@ def reflattened(
 ) -> tuple[FourierBoundary, Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
     """∂Ω for which a harmonic disk has the same scale all along its boundary: its surface flattened.
 
-    With u = log |ds/dz| on ∂Ω, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz maps Ω conformally onto
+    With u = log |ds/dz| on ∂Ω, s the length along Γ, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz maps Ω conformally onto
     the flattening (`flatten` does the same for triangles). Equal steps of s become equal lengths of the new ∂Ω, whose
     perimeter is 1. Nothing crowds there, whatever Ω was.
 
@@ -229,8 +231,8 @@ def reflattened(
     slide = disk.slide.cpu().numpy()
     k = np.fft.fftfreq(n, 1 / n)
     damping = np.exp(-0.5 * (2 * np.pi * k * width) ** 2)
-    offset = np.fft.fft(slide - t) * damping
-    smooth = t + np.fft.ifft(offset).real
+    smooth = t + np.fft.ifft(np.fft.fft(slide - t) * damping).real
+    offset = np.fft.fft(density.curve.length_share(slide) - t) * damping
     stretch = 1 + np.fft.ifft(2j * np.pi * k * offset).real
     if stretch.min() <= 0:
         return None
