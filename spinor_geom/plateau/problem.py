@@ -223,7 +223,7 @@ class PlateauProblem:
         by_panel = f[: self.nodes].reshape(-1, order, f.shape[1])
         local = (self.cumulative.to(f.dtype) @ by_panel) * self.widths[:, None, None]
         total = (self.weights[: self.nodes].reshape(-1, 1, order).to(f.dtype) @ by_panel)[:, 0]
-        starts = [part.cumsum(0) - part for part in torch.split(total, self.rims)]
+        starts = [part.cumsum(0) - part for part in torch.split(total, list(self.rims))]
         if self.way is not None:
             (outer, inner), (first, last) = starts, self.way
             across = self.weights[self.nodes :].to(f.dtype) @ f[self.nodes :]
