@@ -23,11 +23,12 @@ HEIGHTS, TOO_FAR = (0.25, 0.5, 0.6, 0.66), (0.7, 1.0)
 SAMPLED, EXACT, PLANE, RESIDUAL, SECONDS, NEARER = 1e-6, 1e-12, 1e-10, 1e-3, 0.1, 1e3
 SAME = 1e-6  # of areas that are one, relative
 SPOT = Path(__file__).parents[1] / "data" / "spot_cut.obj"
+VEIN = "vein.stl"  # not among the meshes that are shipped
 Pair = tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve]
 
 
-def rims(only: str) -> list[Table]:
-    """Measures the annuli of the pairs of rims with `only` in their names."""
+def rims(only: str, folder: Path) -> list[Table]:
+    """Measures the annuli of the pairs of rims with `only` in their names; some are of mesh files in a folder."""
     groups: dict[str, Callable[[], list[Figure]]] = {
         **{f"catenoid h = {h}": lambda h=h: catenoid_figures(h) for h in HEIGHTS},  # type: ignore[misc]
         **{f"circles h = {h}": lambda h=h: far_figures(h) for h in TOO_FAR},  # type: ignore[misc]
@@ -35,6 +36,7 @@ def rims(only: str) -> list[Table]:
         "tilted, wavy, noisy rims": rough_figures,
         "the same rims": invariance_figures,
         "island of spot_cut.obj": island_figures,
+        "facing ends of vein.stl": lambda: end_figures(folder / VEIN),
         "MeshLib's stitch": stitch_figures,
     }
     figures: list[Figure] = []
@@ -215,6 +217,31 @@ def island_figures() -> list[Figure]:
             measured="watertight" if whole.watertight else "open",
             target="watertight",
             met=whole.watertight,
+        ),
+    ]
+
+
+def end_figures(path: Path) -> list[Figure]:
+    """The two ends of a tube, far apart: the answer that no annulus joins them, and the disks that close it instead."""
+    if not path.exists():
+        return []
+    case, mesh = f"facing ends of {path.name}", read_mesh(path).merged()
+    first, second = boundary_loops(mesh)
+    answer, seconds = timed((first, second))
+    none = isinstance(answer, NoAnnulus)
+    told = answer.reason if isinstance(answer, NoAnnulus) else "an annulus"
+    _, report = fill_hole(mesh, return_report=True)
+    residuals = [outcome.solution.boundary_residual.rms_per_edge for outcome in report.loops if outcome.solution]
+    return [
+        Figure(case=case, name="answer", measured=told, target="no annulus", met=none),
+        Figure(case=case, name="seconds", measured=f"{seconds:.2f}"),
+        Figure.at_most(case, "RMS residual per mean edge of the disks instead", max(residuals), RESIDUAL),
+        Figure(
+            case=case,
+            name="the mesh with both ends filled",
+            measured="watertight" if report.watertight else "open",
+            target="watertight",
+            met=report.watertight,
         ),
     ]
 

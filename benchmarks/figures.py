@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "any_loop": lambda: any_loop(options.only),
         "random": lambda: random_loops(options.only),
         "solutions": lambda: solutions(options.only),
-        "rims": lambda: rims(options.only),
+        "rims": lambda: rims(options.only, options.data),
         "speed": lambda: speed(options.only),
         "paper": lambda: paper(options.only, Training(epochs=options.epochs, checkpoint=options.checkpoint)),
         "meshes": lambda: meshes(options.only, options.data),

@@ -13,12 +13,12 @@ OURS = "spinor-fill"
 
 
 def _prepare(hole: Hole) -> Any:
-    return (hole.vertices, hole.faces), hole.places
+    return (hole.vertices, hole.faces), tuple(hole.places) if hole.facing else hole.places
 
 
 def _fill(state: Any) -> Any:
     mesh, places = state
-    return fill_hole(mesh, places, return_report=True)
+    return fill_hole(mesh, places, islands="join", return_report=True)
 
 
 def _finish(state: Any, answer: Any) -> Filled:
@@ -32,7 +32,8 @@ def _finish(state: Any, answer: Any) -> Filled:
         faces=faces,
         told="; ".join([f"{filled} of {len(requested)} filled", *dict.fromkeys(said)]),
         succeeded=all(outcome.converged for outcome in requested) and report.intersection_free,
-        area=sum(outcome.solution.area for outcome in requested if outcome.solution is not None and outcome.filled),
+        # a surface between two rims counts once, at the rim that its faces are counted at
+        area=sum(o.solution.area for o in requested if o.solution is not None and o.faces_added),
     )
 
 
@@ -43,7 +44,8 @@ FILLERS: Mapping[str, Peer] = {
             name=OURS,
             package="spinor_geom",
             distribution="spinor-geom",
-            options="fill_hole with its defaults; the whole of it is timed: finding loops, solving, meshing, stitching",
+            options="fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, "
+            "meshing, stitching",
             prepare=_prepare,
             fill=_fill,
             finish=_finish,

@@ -36,6 +36,7 @@ class Hole:
         faces: of the mesh.
         rim: ids of the vertices of the rims.
         expected: what a tool should do, in a few words; empty where it is to close the rims.
+        facing: whether its two rims face each other, so that a tool that can join rims is to join them.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Hole:
     faces: Int[np.ndarray, "f 3"]
     rim: Int[np.ndarray, " r"]
     expected: str = ""
+    facing: bool = False
 
     @cached_property
     def rim_edges(self) -> Int[np.ndarray, "e 2"]:
@@ -185,6 +187,7 @@ def facing_rims(height: float, n: int = 48) -> Hole:
         faces=np.concatenate([upper.faces, upper.faces[:, ::-1] + len(lower)]),
         rim=np.concatenate([upper.rim, upper.rim + len(lower)]),
         expected=expected,
+        facing=True,
     )
 
 

@@ -124,11 +124,14 @@ def _meshlib_nicely(fine: bool) -> Callable[[Any], Any]:
         from meshlib import mrmeshpy
 
         mesh, edges, hole = state
+        settings = mrmeshpy.StitchHolesNicelySettings() if hole.facing else mrmeshpy.FillHoleNicelySettings()
+        if fine:
+            settings.subdivideSettings.maxEdgeLen = hole.mean_edge
+            settings.subdivideSettings.maxEdgeSplits = 1_000_000
+        if hole.facing:
+            mrmeshpy.stitchHolesNicely(mesh, *edges, settings)
+            return
         for edge in edges:
-            settings = mrmeshpy.FillHoleNicelySettings()
-            if fine:
-                settings.subdivideSettings.maxEdgeLen = hole.mean_edge
-                settings.subdivideSettings.maxEdgeSplits = 1_000_000
             mrmeshpy.fillHoleNicely(mesh, edge, settings)
 
     return fill
@@ -344,7 +347,11 @@ def _peers() -> tuple[Peer, ...]:
             for name, options, fill in (
                 ("meshlib-universal", "fillHole with the universal metric", _meshlib_plain("getUniversalMetric")),
                 ("meshlib-min-area", "fillHole with the minimum-area metric", _meshlib_plain("getMinAreaMetric")),
-                ("meshlib-nicely", "fillHoleNicely with its defaults", _meshlib_nicely(False)),
+                (
+                    "meshlib-nicely",
+                    "fillHoleNicely with its defaults, stitchHolesNicely between facing rims",
+                    _meshlib_nicely(False),
+                ),
                 (
                     "meshlib-nicely-fine",
                     "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",

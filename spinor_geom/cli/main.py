@@ -76,14 +76,15 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     fill.add_argument(
         "-o", "--output", metavar="OUT", type=Path, required=True, help="filled mesh, format by its suffix"
     )
-    fill.add_argument(
+    which = fill.add_mutually_exclusive_group()
+    which.add_argument(
         "--loop",
         metavar="N[,N…]",
         type=_places,
         action="extend",
         help="only these holes, as numbered by 'spinor-geom loops'; may be repeated (default: all)",
     )
-    fill.add_argument(
+    which.add_argument(
         "--bridge",
         metavar="I,J",
         type=_places,

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinor_geom.errors import SpinorGeomError, SurfaceError, TooManyRimsError, TwistedRimsError
+from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TooManyRimsError, TwistedRimsError
 from spinor_geom.fill.loops import LoopChoice
 from spinor_geom.fill.one_loop import FillOptions, fill_loop, refuse_what_is_no_hole
 from spinor_geom.fill.result import LoopOutcome
@@ -66,6 +66,7 @@ def planned_joins(
 
     Raises:
         TooManyRimsError: a bridge of other than two loops was asked for.
+        OptionError: a bridge from a loop to itself was asked for.
     """
     if isinstance(choice, tuple):
         first, second = require_two(choice, loops)
@@ -116,7 +117,7 @@ def fill_between(
         return annulus_between(places, (loops[first], loops[second]), options)
 
     outcome, patch = fill_loop(mesh, first, loops[first], solve, taken, surroundings, options)
-    here = replace(outcome, joined_to=second)
+    here = replace(outcome, joined_to=second, notes=(*outcome.notes, *_verdict(outcome)))
     there = LoopOutcome(
         index=second,
         loop=loops[second],
@@ -128,6 +129,20 @@ def fill_between(
         timings={},
     )
     return (here, there), patch
+
+
+def _verdict(outcome: LoopOutcome) -> tuple[str, ...]:
+    """What is to be said of a bridge that has more area than the disks over its rims: Douglas's condition."""
+    solution = outcome.solution
+    if not outcome.filled or solution is None or solution.annulus is None:
+        return ()
+    disks = solution.annulus.disk_area
+    if disks is None or solution.area < disks:
+        return ()
+    return (
+        f"the bridge is a local minimum of the area only: it has {solution.area:.6g}, "
+        f"two disks over its rims {disks:.6g}",
+    )
 
 
 def annulus_between(
@@ -154,9 +169,12 @@ def require_two(places: Sequence[int], loops: Sequence[BoundaryLoop]) -> tuple[i
 
     Raises:
         TooManyRimsError: they are not two.
+        OptionError: they are one and the same.
     """
     if len(places) != 2:
         raise TooManyRimsError(sizes=[len(loops[place]) for place in places], names=places)
+    if places[0] == places[1]:
+        raise OptionError(f"a bridge joins two loops, got loop {places[0]} twice; fill it by itself, or name another")
     return places[0], places[1]
 
 

@@ -87,6 +87,8 @@ class LoopOutcome:
                 "eigenvalue": None if stability.eigenvalue is None else float(stability.eigenvalue),
                 "index": None if stability.index is None else int(stability.index),
             },
+            "annulus": None if solution is None or solution.annulus is None else solution.annulus.to_dict(),
+            "area_minimum": None if solution is None else bool(solution.is_area_minimum),
             "vertices_added": self.vertices_added,
             "faces_added": self.faces_added,
             "edges_split": self.edges_split,

@@ -10,6 +10,7 @@ from spinor_geom.bench.measure import hole_figures
 from spinor_geom.bench.peers import Filled
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.intersections import loop_crossings
+from tests.plateau.rims import CATENOIDS
 
 
 def test_a_collar_has_one_rim_and_a_longer_outer_boundary():
@@ -67,6 +68,39 @@ def test_an_untouched_hole_is_open_and_our_fill_closes_it():
     worse = hole_figures(moved, hole, case)
     assert not worse["rim_kept"]
     assert worse["open_rim_edges"] + worse["new_open_edges"] > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "patches", "says"),
+    [
+        ("island", 1, "was joined to it"),
+        ("facing-0.5", 1, ""),
+        ("facing-0.6", 1, "local minimum of the area only"),
+        ("facing-0.7", 0, "no annulus"),
+    ],
+)
+def test_our_fill_joins_islands_and_facing_rims_where_a_surface_does(name, patches, says):
+    hole = odd_hole(name)
+    tool = FILLERS[OURS]
+    state = tool.prepare(hole)
+    filled = tool.finish(state, tool.fill(state))
+    figures = hole_figures(filled, hole, None)
+    assert figures.get("patches", 0) == patches
+    assert says in filled.told
+    assert filled.succeeded == (patches > 0)
+    assert (figures["open_rim_edges"] == 0) == (patches > 0)
+    if name == "facing-0.5":
+        assert abs(filled.area / CATENOIDS[0.5][0] - 1) < 1e-6
+
+
+def test_meshlib_stitches_facing_rims():
+    pytest.importorskip("meshlib")
+    hole = odd_hole("facing-0.5")
+    tool = FILLERS["meshlib-nicely"]
+    state = tool.prepare(hole)
+    tool.fill(state)
+    figures = hole_figures(tool.finish(state, None), hole, None)
+    assert (figures["patches"], figures["open_rim_edges"]) == (1, 0)
 
 
 @pytest.mark.parametrize("name", [name for name in FILLERS if name != OURS])

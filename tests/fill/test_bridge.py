@@ -69,6 +69,21 @@ def test_two_ends_of_a_gap_are_bridged() -> None:
     assert here.solution.annulus is not None
     assert here.solution.is_area_minimum
     assert not here.solution.annulus.reversed
+    entry = here.to_dict()
+    assert entry["area_minimum"]
+    assert entry["annulus"]["spin"] == "periodic"
+    assert abs(entry["annulus"]["disk_area"] / (2 * np.pi) - 1) < 1e-5
+
+
+def test_a_bridge_with_more_area_than_two_disks_is_told_to_be_a_local_minimum() -> None:
+    # two disks have less area from height 0.5277 on
+    mesh = together(ring(1.0, 1.4, height=0.6), ring(1.0, 1.4, height=-0.6, down=True))
+    _, report = fill_hole(mesh, (2, 3), return_report=True)
+    here, there = report.loops[2], report.loops[3]
+    assert here.converged
+    assert "local minimum of the area only" in here.notes[-1]
+    assert not there.notes
+    assert not here.to_dict()["area_minimum"]
 
 
 def test_rims_too_far_apart_stay_open_with_the_reason() -> None:
@@ -130,5 +145,7 @@ def test_two_islands_in_one_hole_are_refused_by_name() -> None:
 def test_what_is_no_pair_is_refused() -> None:
     with pytest.raises(TooManyRimsError, match="got 3"):
         fill_hole(island(), (0, 1, 2))
+    with pytest.raises(OptionError, match="loop 1 twice"):
+        fill_hole(island(), (1, 1))
     with pytest.raises(OptionError, match="islands"):
         fill_hole(island(), islands="maybe")  # type: ignore[call-overload]
