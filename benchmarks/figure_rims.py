@@ -143,10 +143,29 @@ def plane_figures() -> list[Figure]:
 
 
 def rough_figures() -> list[Figure]:
-    """Rims off each other's axis, with and without noise."""
+    """Rims that crowd on a round annulus, and rims off each other's axis, with and without noise."""
+    figures = []
+    slender = {
+        "small hole near the end of an ellipse 4:1, lifted": (
+            sampled(ring(1.0, 0.0, stretch=4.0), 120),
+            sampled(ring(0.2, 0.1, centre=(2.5, 0.1)), 40),
+        ),
+        "ellipse 8:1 in another": (
+            sampled(ring(1.0, 0.0, stretch=8.0), 200),
+            sampled(ring(0.7, 0.2, centre=(0.1, 0.05), stretch=7.6 / 0.7), 180),
+        ),
+    }
+    for case, pair in slender.items():
+        start = time.perf_counter()
+        answer = solve_plateau(pair)
+        seconds = time.perf_counter() - start
+        residual = answer.boundary_residual.rms_per_edge if isinstance(answer, PlateauSolution) else float("inf")
+        figures += [
+            Figure.at_most(case, "RMS residual per mean edge", residual, RESIDUAL),
+            Figure(case=case, name="seconds", measured=f"{seconds:.1f}"),
+        ]
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.4), -np.sin(0.4)], [0.0, np.sin(0.4), np.cos(0.4)]])
     first, second = ring(1.0, 0.35, stretch=1.3), ring(0.8, -0.35, centre=(0.2, 0.1))
-    figures = []
     for noise in (0.0, 0.1, 0.2):
         upper = BoundaryLoop.from_points(sampled(first, 80, noise=noise).points @ tilt.T, corners=())
         case = f"tilted rims, noise {noise:.0%} of an edge"

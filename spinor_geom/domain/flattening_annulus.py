@@ -138,7 +138,9 @@ def _gaps(
         after = np.roll(np.arange(count), -1)
         own = np.arange(count)
         step = edge[part] * np.exp((u[part] + u[part][after]) / 2) * np.exp(1j * (np.cumsum(turned[part])))
-        slope = 1j * (step[::-1].cumsum()[::-1] @ neumann[part])
+        # directions are taken from their mean: from that of the first edge, a rim far from closed would bend there
+        ahead = step[::-1].cumsum()[::-1] - step.sum() * (1 - own / count)
+        slope = 1j * (ahead @ neumann[part])
         by_scale = np.zeros(len(u), dtype=np.complex128)
         np.add.at(by_scale, part.start + own, step / 2)
         np.add.at(by_scale, part.start + after, step / 2)

@@ -96,7 +96,10 @@ def solve_plateau(
     second variation for one of less area.
 
     Two curves take Douglas's route on the flat cylinder: both slides and the modulus, by Newton's method, then p and q
-    as Laurent series; two curves in one plane, one inside the other, bound the plane region between them. Which point
+    as Laurent series; two curves in one plane, one inside the other, bound the plane region between them. Where a round
+    annulus would take too many nodes, as for a small hole near the end of a long one, a discrete annulus between the
+    curves is flattened to an Ω of their lengths, and p and q are a Cauchy network on it with poles in the hole too, by
+    Gauss-Newton with the modulus and the closed period among its conditions. Which point
     lies opposite to which, and the direction of the second curve, come from the energy and not from the order of the
     points. The area is set against that of the two disks: see `PlateauSolution.annulus` and `is_area_minimum`. Curves
     too far from each other have no annulus, and the answer says so.
