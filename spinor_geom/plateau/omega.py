@@ -210,9 +210,9 @@ def reflattened(
 ) -> tuple[FourierBoundary, Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
     """∂Ω for which a harmonic disk has the same scale all along its boundary: its surface flattened.
 
-    With u = log |ds/dz| on ∂Ω, s the length along Γ, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz maps Ω conformally onto
-    the flattening (`flatten` does the same for triangles). Equal steps of s become equal lengths of the new ∂Ω, whose
-    perimeter is 1. Nothing crowds there, whatever Ω was.
+    With u = log |ds/dz| on ∂Ω, s the length along Γ, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz
+    maps Ω conformally onto the flattening (`flatten` does the same for triangles). Equal lengths of Γ become equal
+    lengths of the new ∂Ω, whose perimeter is 1. Nothing crowds there, whatever Ω was.
 
     Args:
         disk: a harmonic disk over Ω.

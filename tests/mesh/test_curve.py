@@ -33,6 +33,10 @@ def wave(count: int, uneven: float = 0.0) -> np.ndarray:
     return wave_point(t + uneven * np.sin(t + 1))
 
 
+def circle_at(t: np.ndarray) -> np.ndarray:
+    return np.stack([np.cos(t), np.sin(t), np.zeros_like(t)], axis=-1)
+
+
 def wave_point(t: np.ndarray) -> np.ndarray:
     return np.stack([2 * np.cos(t), np.sin(t) + 0.2 * np.cos(2 * t), 0.4 * np.sin(2 * t + 1)], axis=-1)
 
@@ -222,9 +226,19 @@ class TestTrigonometric:
         assert curve_of(wave_point(t), []).degree < 11
         noisy = wave(count) + 1e-4 * np.random.default_rng(0).normal(size=(count, 3))
         assert curve_of(noisy, []).degree < 11
-        # steps that vary by a factor of 19
+        # steps that vary by a factor of 199
         t = 2 * np.pi * np.arange(count) / count
-        assert curve_of(wave_point(t + 0.9 * np.sin(t)), []).degree < 11
+        assert curve_of(circle_at(t + 0.99 * np.sin(t)), []).degree < 11
+
+    def test_share_of_the_length_is_that_of_the_arcs(self) -> None:
+        t = 2 * np.pi * np.arange(60) / 60
+        curve = curve_of(circle_at(t + 0.6 * np.sin(t)), [])
+        assert curve.degree == 11
+        s = np.linspace(-1, 2, 50)
+        # a circle's length is its angle
+        np.testing.assert_allclose(curve.length_share(s), s + 0.6 * np.sin(2 * np.pi * s) / (2 * np.pi), atol=1e-6)
+        spline = curve_of(np.random.default_rng(0).normal(size=(20, 3)), [])
+        np.testing.assert_array_equal(spline.length_share(s), s)
 
     def test_rounded_coordinates_do_not_hide_what_is_smooth(self) -> None:
         assert curve_of(np.round(wave(32), 7), []).degree == 11

@@ -94,7 +94,7 @@ def test_on_a_circle_of_equal_edges_the_parameter_is_the_slide():
 
 def test_steps_are_shorter_at_bends_and_among_many_vertices():
     tips = density_of(LOOPS["saddle 8:1"])
-    width = np.diff(tips.slide(np.linspace(0, 1, 257)))
+    width = np.diff(tips.curve.length_share(tips.slide(np.linspace(0, 1, 257))))
     # the ellipse's tips are at s = 0 and ½; a third of the nodes follow the turning
     assert width[[0, 127, 128, 255]].max() < 0.3 * width[[64, 192]].min()
     t = 2 * np.pi * np.concatenate([np.arange(20) / 40, 0.5 + np.arange(100) / 200])
