@@ -116,8 +116,7 @@ def compare(
         DomainError: The solution cannot be meshed, or the loop has no discrete surface.
         FirstFillError: The loop has no discrete surface.
     """
-    loops = [rim.loop for rim in solution.rims]
-    discrete = baseline or discrete_minimal_surface(loops[0] if len(loops) == 1 else loops)
+    discrete = baseline or discrete_minimal_surface([rim.loop for rim in solution.rims])
     mesh = mesh_patch(solution, target_edge_length) if patch is None else patch
     exact = _exact_curvature(solution, mesh)
     return Comparison(

@@ -78,14 +78,15 @@ def discrete_minimal_surface(
     "pymeshlab" for them.
 
     Args:
-        loop: a closed loop, or two that both have the annulus on their left, as those of `PlateauSolution.rims`.
+        loop: a closed loop, or a sequence of one, or of two that both have the annulus on their left, as the loops of
+            `PlateauSolution.rims`.
         method: which library's operators are used.
         target_edge_length: upper bound of the edge length in mesh units; None lets it grow inwards.
         relative_change: the area counts as stationary when a step lowers it by less than this share.
 
     Raises:
         OptionError: unknown method, one that has no annuli, or an edge length that is not positive.
-        TooManyRimsError: a sequence of other than two loops.
+        TooManyRimsError: a sequence of other than one or two loops.
         FirstFillError: no first fill was found.
         DomainError: the first fill has no simple flattening.
         SingularMatrixError: the loop crosses itself or runs along itself, so that faces have no area.
@@ -94,6 +95,8 @@ def discrete_minimal_surface(
     """
     if target_edge_length is not None and not target_edge_length > 0:
         raise OptionError(f"target_edge_length must be positive, got {target_edge_length}")
+    if not isinstance(loop, BoundaryLoop) and len(loop) == 1:
+        (loop,) = loop
     if not isinstance(loop, BoundaryLoop):
         if method != "libigl" or target_edge_length is not None:
             raise OptionError("between two loops there is only method='libigl', without target_edge_length")

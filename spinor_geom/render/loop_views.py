@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.comparison import MOST_CURVATURE_POINTS
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
-from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.delaunay import plane_coordinates, rim_successors
 from spinor_geom.errors import SpinorGeomError, ZeroOnContourError
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
@@ -72,8 +72,7 @@ class LoopViews:
 
     @property
     def _rim(self) -> Int[np.ndarray, "m 2"]:
-        rim = np.arange(self.patch.boundary_size)
-        return np.stack([rim, np.roll(rim, -1)], axis=1)
+        return np.stack([np.arange(self.patch.boundary_size), rim_successors(self.patch.rims)], axis=1)
 
     def in_space(self, *, edges: str) -> list[Faces | Lines]:
         """The patch in the mesh's space; its edges are shown by a switch of that name."""
@@ -198,7 +197,7 @@ def loop_views(outcome: LoopOutcome, *, details: bool = True, exact: bool = Fals
     figures: dict[str, Any] = {"|H| of the patch": {"max": curvature.max, "rms": curvature.rms}}
     distance = none
     try:
-        baseline = discrete_minimal_surface(outcome.loop)
+        baseline = discrete_minimal_surface([rim.loop for rim in solution.rims])
         distance = distances_to_mesh(patch.vertices, baseline.vertices, baseline.faces)
         baseline_curvature = discrete_mean_curvature(baseline.vertices, baseline.faces)
         figures["discrete minimal surface"] = {

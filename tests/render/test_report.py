@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 import spinor_geom
+from spinor_geom.bench.holes import facing_rims
 from spinor_geom.cli.main import main
 from spinor_geom.fill.result import FillResult
+from spinor_geom.render.loop_views import DISTANCE, loop_views
 from tests.browser import Visit, browser, visit
 from tests.fill.shapes import collar, figure_eight, tube
 
@@ -254,3 +256,18 @@ def test_the_page_of_a_scan_is_small(tmp_path: Path) -> None:
     path = tmp_path / "mountain.html"
     spinor_geom.report(scan, path)
     assert os.path.getsize(path) < 5_000_000
+
+
+def test_a_bridge_is_shown_with_both_rims_and_its_discrete_annulus() -> None:
+    hole = facing_rims(0.4, 24)
+    first, second = hole.places
+    _, report = spinor_geom.fill_hole((hole.vertices, hole.faces), (first, second), return_report=True)
+    views = loop_views(report.loops[first])
+    (rim,) = (
+        layer for layer in views.in_plane(edges="wireframe") if type(layer).__name__ == "Lines" and layer.width == 2.5
+    )
+    start, end = rim.vertices[rim.edges].swapaxes(0, 1)
+    # rings of 24 points: no line leads from one to the other
+    assert (np.linalg.norm(start - end, axis=1) < 0.3 * np.linalg.norm(start, axis=1)).all()
+    assert np.isfinite(views.fields[DISTANCE]).all()
+    assert views.fields[DISTANCE].max() < 0.05
