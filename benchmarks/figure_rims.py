@@ -6,6 +6,7 @@ import importlib.util
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +31,8 @@ Pair = tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve]
 def rims(only: str, folder: Path) -> list[Table]:
     """Measures the annuli of the pairs of rims with `only` in their names; some are of mesh files in a folder."""
     groups: dict[str, Callable[[], list[Figure]]] = {
-        **{f"catenoid h = {h}": lambda h=h: catenoid_figures(h) for h in HEIGHTS},  # type: ignore[misc]
-        **{f"circles h = {h}": lambda h=h: far_figures(h) for h in TOO_FAR},  # type: ignore[misc]
+        **{f"catenoid h = {h}": partial(catenoid_figures, h) for h in HEIGHTS},
+        **{f"circles h = {h}": partial(far_figures, h) for h in TOO_FAR},
         "plane rings": plane_figures,
         "tilted, wavy, noisy rims": rough_figures,
         "the same rims": invariance_figures,

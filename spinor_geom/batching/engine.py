@@ -367,7 +367,7 @@ def _deafness() -> Any:
     """Makes workers leave an interrupt of the terminal, which all processes hear, to the driver."""
     from distributed import WorkerPlugin
 
-    class Deaf(WorkerPlugin):  # type: ignore[misc]
+    class Deaf(WorkerPlugin):  # type: ignore[misc] # distributed's types are not read, see pyproject.toml
         def setup(self, worker: Any) -> None:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.curve import piecewise_cubic
+from spinor_geom.mesh.interpolation import piecewise_cubic
 
 # Straight edges for each piece of ∂Ω, where distances from it are told.
 _FINE = 16

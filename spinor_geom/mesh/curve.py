@@ -4,39 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from math import factorial
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
+from spinor_geom.mesh.interpolation import (
+    DEGREES,
+    MIN_POINTS_FOR_HIGH_DEGREE,
+    by_arcs,
+    gauss_nodes,
+    is_trigonometric,
+    piecewise_cubic,
+    places_in_piece,
+    predicting_degree,
+    smooth_spline,
+    through,
+    trigonometric_coefficients,
+)
 
 LENGTH_NODES = 16
 SAMPLES_PER_PIECE = 8
 NEAREST_SAMPLES = 2
 MAX_NEWTON_STEPS = 30
 NEWTON_STEP_TOLERANCE = 1e-15
-# Degrees tried on loops without corners; higher ones gain nothing that float64 can hold.
-DEGREES = (3, 5, 7)
-# Fewer points do not show how smooth a curve is.
-MIN_POINTS_FOR_HIGH_DEGREE = 16
-# A higher degree must predict left-out points this many times better: on rough curves it only swings.
-GAIN_PER_DEGREE = 2.5
-ARC_NODES = 6
-# The spectrum of points that lie on an analytic curve at equal steps of its parameter falls off: what is left of it in
-# its last fifth is at most this share of what its last half holds, or of the error of splines, or rounding error as a
-# share of the extent.
-SPECTRAL_FALL, SPECTRAL_ROUNDING = 1e-2, 1e-14
-# Edges of such a curve that differ by a larger factor leave it to splines by arcs, whose parameter is the length.
-MOST_UNEVEN = 40.0
-# Polynomials of a formula: their degree, the error that is allowed, as a share of the curve's extent, where it is
+# Polynomials of a formula: the error that is allowed, as a share of the curve's extent, where it is
 # looked for on each piece, and the numbers of pieces that are tried. Derivatives of the formula may differ by more.
-FORMULA_DEGREE, FORMULA_ERROR = 11, 1e-14
+FORMULA_ERROR = 1e-14
 FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])
 FEWEST_PIECES, MOST_PIECES = 64, 4096
 # Largest gap between the end of a piece and the start of the next, as a share of the extent.
@@ -104,13 +103,13 @@ class BoundaryCurve:
         """
         require_distinct_neighbours(loop.points)
         if not loop.corners.any() and len(loop) >= MIN_POINTS_FOR_HIGH_DEGREE:
-            breaks = _by_arcs(loop.points)
-            degree, error = _predicting_degree(loop.points, breaks)
-            if _is_trigonometric(loop.points, error):
+            breaks = by_arcs(loop.points)
+            degree, error = predicting_degree(loop.points, breaks)
+            if is_trigonometric(loop.points, error):
                 even = np.arange(len(loop) + 1) / len(loop)
-                return cls(breaks=even, coefficients=_trigonometric_coefficients(loop.points), corners=loop.corners)
+                return cls(breaks=even, coefficients=trigonometric_coefficients(loop.points), corners=loop.corners)
             if degree > DEGREES[0]:
-                spline = _smooth_spline(loop.points, breaks, degree)
+                spline = smooth_spline(loop.points, breaks, degree)
                 return cls(breaks=breaks, coefficients=spline, corners=loop.corners)
         breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
         return cls(breaks=breaks, coefficients=coefficients, corners=loop.corners)
@@ -228,7 +227,7 @@ class BoundaryCurve:
 
     def length(self) -> float:
         """Length of Γ in mesh units, by 16-point Gauss–Legendre quadrature on every piece."""
-        nodes, weights = _gauss_nodes(LENGTH_NODES)
+        nodes, weights = gauss_nodes(LENGTH_NODES)
         widths = np.diff(self.breaks)[:, None]
         s = self.breaks[:-1, None] + widths * (nodes + 1) / 2
         speed = np.linalg.norm(self.derivative(s), axis=-1)
@@ -354,54 +353,11 @@ def _formula_breaks(
 
 def _formula_coefficients(function: CurveFunction, breaks: Float[np.ndarray, " m1"]) -> Float[np.ndarray, "d1 m 3"]:
     """Polynomials through the values of Γ or Γ′ at Chebyshev's points inside each piece and at its start."""
-    x, width = _places_in_piece(), np.diff(breaks)
+    x, width = places_in_piece(), np.diff(breaks)
     values = np.asarray(function(breaks[:-1, None] + width[:, None] * x), dtype=np.float64)
     if values.shape != (len(width), len(x), 3):
         raise CurveError(reason=f"gives arrays of shape {values.shape} for {len(width), len(x)} points", parameter=0.0)
-    return _through(np.moveaxis(values, 1, 0), width)
-
-
-def _places_in_piece() -> Float[np.ndarray, " d1"]:
-    """Chebyshev's points of a piece of length 1, without its end: at a corner that is the next side's."""
-    return np.asarray((1 - np.cos(np.pi * np.arange(FORMULA_DEGREE + 1) / (FORMULA_DEGREE + 0.5))) / 2)
-
-
-def _through(values: Float[np.ndarray, "d1 m 3"], width: Float[np.ndarray, " m"]) -> Float[np.ndarray, "d1 m 3"]:
-    """Polynomials with given values at those places of pieces of given widths."""
-    x = _places_in_piece()
-    powers = np.linalg.solve(np.vander(x), values.reshape(len(x), -1)).reshape(values.shape)
-    coefficients = powers / width[:, None] ** np.arange(FORMULA_DEGREE, -1, -1)[:, None, None]
-    coefficients[-1] = values[0]
-    return np.asarray(coefficients)
-
-
-def _trigonometric_coefficients(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "d1 m 3"]:
-    """Polynomials of the trigonometric polynomial through points at equal steps, a piece from each to the next."""
-    m = len(points)
-    spectrum = np.fft.rfft(points, axis=0)
-    frequency = np.arange(len(spectrum))
-    turn = np.exp(2j * np.pi / m * frequency * _places_in_piece()[:, None])
-    values = np.fft.irfft(turn[:, :, None] * spectrum, n=m, axis=1)
-    values[0] = points
-    return _through(values, np.full(m, 1 / m))
-
-
-def _is_trigonometric(points: Float[np.ndarray, "m 3"], error: float) -> bool:
-    """Whether a trigonometric polynomial through points at equal steps is nearer to their curve than splines.
-
-    Args:
-        points: of a closed curve.
-        error: expected of the best spline.
-    """
-    edges = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1)
-    if edges.max() > MOST_UNEVEN * edges.min():
-        return False
-    m = len(points)
-    power = (np.abs(np.fft.rfft(points, axis=0) / m) ** 2).sum(axis=1)
-    frequency = np.arange(len(power))
-    upper, last = (float(np.sqrt(2 * power[frequency > share * m / 2].sum())) for share in (0.5, 0.8))
-    rounding = SPECTRAL_ROUNDING * np.ptp(points, axis=0).max()
-    return bool(last <= max(SPECTRAL_FALL * max(upper, error), rounding) and last < max(error, rounding))
+    return through(np.moveaxis(values, 1, 0), width)
 
 
 def _require_own_derivatives(fitted: BoundaryCurve, curve: ClosedCurve, s: Float[np.ndarray, "m k"]) -> None:
@@ -415,96 +371,3 @@ def _require_own_derivatives(fitted: BoundaryCurve, curve: ClosedCurve, s: Float
         if not error.max() <= DERIVATIVE_ERROR * max(np.abs(own).max(), extent):
             worst = float(s.flat[int(np.nan_to_num(error, nan=np.inf).argmax())])
             raise CurveError(reason=f"has another derivative than {name}= says", parameter=worst)
-
-
-def piecewise_cubic(
-    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"]
-) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "4 m k"]]:
-    """The closed interpolating cubic spline through points of any dimension, by chord length, with kinks at corners.
-
-    Returns:
-        Breaks from 0 to 1, and coefficients of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
-    """
-    closed = np.vstack([points, points[:1]])
-    chord = np.linalg.norm(np.diff(closed, axis=0), axis=1)
-    breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
-    breaks[-1] = 1.0
-    if corners.any():
-        coefficients = _sides(breaks, closed, np.flatnonzero(corners))
-    else:
-        coefficients = CubicSpline(breaks, closed, bc_type="periodic").c
-    return breaks, np.ascontiguousarray(coefficients)
-
-
-def _smooth_spline(
-    points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"], degree: int
-) -> Float[np.ndarray, "d_plus_1 m 3"]:
-    """The polynomials of the periodic spline of a degree above 3."""
-    spline = _periodic(breaks, points, degree)
-    powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
-    # the constant terms are the vertices themselves, to the last bit
-    return np.stack([*powers, points])
-
-
-def _predicting_degree(points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"]) -> tuple[int, float]:
-    """The degree of the local polynomials that predict every second point best from the others.
-
-    Also the RMS error to expect of the spline through all points: that of the prediction less what an order gains.
-    """
-    # an odd number of points leaves two neighbours next to each other; nothing is lost by that
-    kept, left_out = np.arange(0, len(points) - 1, 2), np.arange(1, len(points), 2)
-    errors = []
-    for degree in DEGREES:
-        # as many kept points to either side: the one before point 2i + 1 is the i-th
-        near = np.arange(len(left_out))[:, None] + np.arange(degree + 1) - degree // 2
-        nodes = breaks[kept][near % len(kept)] + near // len(kept) - breaks[left_out, None]
-        predicted = np.einsum("nj,njk->nk", _lagrange_at_0(nodes), points[kept][near % len(kept)])
-        errors.append(np.sqrt(np.mean((predicted - points[left_out]) ** 2)))
-    best = 0
-    for higher in range(1, len(DEGREES)):
-        if GAIN_PER_DEGREE * errors[higher] < errors[best]:
-            best = higher
-    return DEGREES[best], float(errors[best]) / 2 ** (DEGREES[best] + 1)
-
-
-def _lagrange_at_0(nodes: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
-    """Values at 0 of the polynomials that are 1 at one of k nodes and 0 at the others."""
-    own = np.eye(nodes.shape[1], dtype=bool)
-    differences = np.where(own, 1.0, nodes[:, None, :] - nodes[:, :, None])
-    return np.asarray(np.where(own, 1.0, nodes[:, None, :] / differences).prod(axis=2))
-
-
-def _periodic(breaks: Float[np.ndarray, " m_plus_1"], points: Float[np.ndarray, "m k"], degree: int) -> BSpline:
-    return make_interp_spline(breaks, np.vstack([points, points[:1]]), k=degree, bc_type="periodic")
-
-
-def _by_arcs(points: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " m_plus_1"]:
-    """The parameters of points as shares of the arc length of the periodic cubic spline through them."""
-    breaks, (a, b, c, _) = piecewise_cubic(points, np.zeros(len(points), dtype=bool))
-    nodes, weights = _gauss_nodes(ARC_NODES)
-    width = np.diff(breaks)
-    h = (width[:, None] * (nodes + 1) / 2)[:, :, None]
-    speed = np.linalg.norm((3 * a[:, None] * h + 2 * b[:, None]) * h + c[:, None], axis=2)
-    arcs = width / 2 * (speed @ weights)
-    shares = np.append(0.0, np.cumsum(arcs) / arcs.sum())
-    shares[-1] = 1.0
-    return shares
-
-
-@cache
-def _gauss_nodes(count: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return nodes, weights
-
-
-def _sides(
-    breaks: Float[np.ndarray, " m_plus_1"], closed: Float[np.ndarray, "m_plus_1 k"], corners: Int[np.ndarray, " c"]
-) -> Float[np.ndarray, "4 m k"]:
-    """Coefficients of the separate splines between consecutive corners."""
-    count = len(breaks) - 1
-    coefficients = np.empty((4, count, closed.shape[1]))
-    for first, last in zip(corners, np.append(corners[1:], corners[0] + count), strict=True):
-        vertices = np.arange(first, last + 1)
-        parameters = breaks[vertices % count] + vertices // count
-        coefficients[:, vertices[:-1] % count] = CubicSpline(parameters, closed[vertices % count]).c
-    return coefficients

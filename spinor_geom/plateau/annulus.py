@@ -22,7 +22,8 @@ from spinor_geom.errors import (
     SurfaceError,
 )
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
-from spinor_geom.mesh.curve import DEGREES, BoundaryCurve, ClosedCurve
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
 from spinor_geom.plateau.certificates import area_in_domain, crossing_faces

@@ -22,7 +22,8 @@ from spinor_geom.discrete.minimal_surface import Disk
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
-from spinor_geom.mesh.curve import DEGREES, BoundaryCurve
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import (

@@ -49,7 +49,8 @@ class Faces:
         edges: whether the triangles' edges are drawn, or the switch of the view's panel that says so.
         switch: the switch of the view's panel that shows it; without one it is always shown.
         loop: the loop of the view's panel for which it is shown; `ALWAYS` for each.
-        conjugate: see `MeshView`.
+        conjugate: positions on the conjugate surface; with them a slider turns through the associate family, cos θ of
+            the vertices and sin θ of these, both from the middle of the vertices.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -137,8 +138,6 @@ class MeshView:
         faces: triangles.
         fields: values at the vertices that it may be coloured by, by name; NaN is grey. The first is shown first.
         edges: whether the triangles' edges are drawn.
-        conjugate: positions on the conjugate surface; with them a slider turns through the associate family, cos θ of
-            the vertices and sin θ of these, both from the middle of the vertices.
     """
 
     title: str
@@ -146,7 +145,6 @@ class MeshView:
     faces: Int[np.ndarray, "f 3"]
     fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
     edges: bool = True
-    conjugate: Float[np.ndarray, "n 3"] | None = None
 
     def scene(self) -> Scene:
         """The mesh as the one layer of a view."""
@@ -155,7 +153,6 @@ class MeshView:
             faces=self.faces,
             fields=self.fields,
             edges=self.edges,
-            conjugate=self.conjugate,
         )
         scales = {name: Scale.of(values) for name, values in self.fields.items()}
         return Scene(title=self.title, layers=(layer,), scales=scales, spins=True)
