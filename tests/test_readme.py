@@ -62,10 +62,7 @@ def test_other_commands_in_the_text_exist(capsys: pytest.CaptureFixture[str]) ->
     assert "usage" in capsys.readouterr().out
 
 
-def test_python_blocks_run_one_after_the_other(
-    clone: Path, site: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(site))  # for the processes that a batch starts
+def test_python_blocks_run_one_after_the_other(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (clone / "out").mkdir()
     document = Sybil(parsers=[PythonCodeBlockParser()]).parse(README)
     document.namespace["__name__"] = "__main__"  # as in a script

@@ -20,7 +20,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # from a copy: building leaves folders behind, and takes stale ones in
     source = tmp_path_factory.mktemp("source")
     for name in ("spinor_geom", "adapters"):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
     target = tmp_path_factory.mktemp("wheel")
@@ -94,3 +94,10 @@ def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path) ->
     ]
     assert [line.split("\t")[:2] for line in said[0].splitlines()[1:]] == [["0", "3"]]
     assert said[1] == "spinor-geom 0.1.0\n"
+
+
+def test_python_in_the_clone_s_root_finds_every_part_of_the_package() -> None:
+    # without PYTHONPATH: the root itself is what Python has there, and it hides an installed package
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    program = "import spinor_geom.adapters, spinor_geom; print(spinor_geom.adapters.__file__, spinor_geom.fill_hole)"
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment, timeout=120, check=True)

@@ -118,10 +118,10 @@ def polygon_chart(vertices: ArrayLike, *, axis: ArrayLike, degree: int, flat: Ar
         surface = RootSurface(degree=degree, roots=roots.ravel(), angle=float(angle))
         found = surface.complex_position(parameters).real
         fits.append((surface, *_similarity(found, corners)))
-    surface, scale, rotation, shift, error = min(fits, key=lambda fit: fit[-1])
+    surface, similarity, shift, error = min(fits, key=lambda fit: fit[-1])
     if error > 1e-10:
         raise OptionError(f"no surface with these flat points has these corners: they are missed by {error:.1e}")
-    return _chart(surface, great_circles(parameters, degree), scale, rotation, shift)
+    return _chart(surface, great_circles(parameters, degree), similarity, shift)
 
 
 def schwarz_d_quadrilateral() -> KnownCurve:
@@ -204,7 +204,7 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     outline = great_circles(np.array([0, root, 1, 1j, 1j * root]), 1)
     # a quarter turn that exchanges above and below
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    chart = _chart(surface, outline, 1 / side, Rotation.identity(), np.zeros(3))
+    chart = _chart(surface, outline, np.eye(3) / side, np.zeros(3))
     return polygon(
         corners,
         name=f"Schwarz prism 1:{stretch:g}",
@@ -240,7 +240,7 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     edge, arc = math.sqrt(a), np.pi / 6
     return KnownPatch(
         name=f"Schwarz H a={a:g}",
-        chart=_chart(surface, great_circles(corners, 2), 1.0, Rotation.identity(), np.zeros(3)),
+        chart=_chart(surface, great_circles(corners, 2), np.eye(3), np.zeros(3)),
         sides=(
             lambda t: edge * t + 0j,
             lambda t: edge + (1 - edge) * t + 0j,
@@ -273,11 +273,9 @@ def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np
 def _chart(
     surface: RootSurface,
     outline: Complex[np.ndarray, " m"],
-    scale: float,
-    rotation: Rotation,
+    matrix: Float[np.ndarray, "3 3"],
     shift: Float[np.ndarray, "3"],
 ) -> Chart:
-    matrix = scale * rotation.as_matrix()
     # counter-clockwise
     area = float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
     return Chart(
@@ -289,15 +287,17 @@ def _chart(
 
 def _similarity(
     points: Float[np.ndarray, "c 3"], targets: Float[np.ndarray, "c 3"]
-) -> tuple[float, Rotation, Float[np.ndarray, "3"], float]:
-    """Scale, rotation and shift that bring points to targets, and the largest distance left per extent."""
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
+    """Scaled rotation and shift that bring points to targets, and the largest distance left per extent."""
     centre, goal = points.mean(axis=0), targets.mean(axis=0)
     moved, wanted = points - centre, targets - goal
-    scale = float(np.linalg.norm(wanted) / np.linalg.norm(moved))
-    rotation, _ = Rotation.align_vectors(wanted, scale * moved)
-    shift = goal - scale * rotation.apply(centre)
-    error = np.linalg.norm(scale * rotation.apply(points) + shift - targets, axis=1).max()
-    return scale, rotation, shift, float(error / np.linalg.norm(wanted))
+    # not scipy's align_vectors: for a candidate that is flat by symmetry it warns, or not, as the BLAS kernel rounds
+    left, _, right = np.linalg.svd(wanted.T @ moved)
+    left[:, 2] *= np.sign(np.linalg.det(left @ right))
+    matrix = np.linalg.norm(wanted) / np.linalg.norm(moved) * (left @ right)
+    shift = goal - matrix @ centre
+    error = np.linalg.norm(points @ matrix.T + shift - targets, axis=1).max()
+    return matrix, shift, float(error / np.linalg.norm(wanted))
 
 
 def _continuous_root(g: Complex[np.ndarray, " c"], degree: int) -> Complex[np.ndarray, " c"]:

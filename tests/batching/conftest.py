@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import pytest
 
@@ -37,8 +36,8 @@ if "spinor_geom.batching.solver" in sys.orig_argv:
 
 
 @pytest.fixture(scope="session")
-def harmful_site(site: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+def harmful_site(tmp_path_factory: pytest.TempPathFactory) -> str:
     """What PYTHONPATH has to be."""
     folder = tmp_path_factory.mktemp("harm")
     (folder / "sitecustomize.py").write_text(HARM)
-    return os.pathsep.join([str(folder), str(site)])
+    return os.pathsep.join([str(folder), os.environ["PYTHONPATH"]])

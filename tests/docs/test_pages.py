@@ -83,10 +83,7 @@ def run_shell(block: Any) -> None:
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_the_blocks_of_a_page_run_one_after_the_other(
-    name: str, clone: Path, site: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(site))
+def test_the_blocks_of_a_page_run_one_after_the_other(name: str, clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = []
     monkeypatch.setattr(Portrait, "write", lambda self, path, **options: drawn.append(path))
     document = Sybil(parsers=[PythonCodeBlockParser(), CodeBlockParser(language="sh", evaluator=run_shell)]).parse(
@@ -101,14 +98,14 @@ def test_the_blocks_of_a_page_run_one_after_the_other(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "number"), [("batch.md", 0), ("batch.md", 1), ("batch.md", 2), ("slurm.md", 0)])
-def test_scripts_run_on_a_cluster_of_this_machine(name: str, number: int, clone: Path, site: Path) -> None:
+def test_scripts_run_on_a_cluster_of_this_machine(name: str, number: int, clone: Path) -> None:
     document = Sybil(parsers=[PythonCodeBlockParser()]).parse(DOCS / name)
     (clone / "script.py").write_text(list(document.examples())[number].parsed)
     for path, cluster in STUBS.items():
         stub = clone / "stubs" / path
         stub.parent.mkdir(parents=True, exist_ok=True)
         stub.write_text(STUB.format(name=cluster))
-    environment = {**os.environ, "PYTHONPATH": f"{site}:{clone / 'stubs'}", "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, "PYTHONPATH": f"{os.environ['PYTHONPATH']}:{clone / 'stubs'}", "OMP_NUM_THREADS": "1"}
     subprocess.run([sys.executable, "script.py"], check=True, cwd=clone, env=environment, timeout=240)
     tables = list(clone.glob("*/loops.csv"))
     assert len(tables) == 1

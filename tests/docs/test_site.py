@@ -24,11 +24,11 @@ ROOT = Path(__file__).parents[2]
 README_PICTURES = ("demosthenes.png", "error.png", "gallery.png")
 
 
-def build(folder: Path, site: Path, **environment: str) -> None:
+def build(folder: Path, **environment: str) -> None:
     said = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", str(folder)],
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(site), "NO_MKDOCS_2_WARNING": "1", **environment},
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1", **environment},
         capture_output=True,
         text=True,
         timeout=900,
@@ -38,12 +38,12 @@ def build(folder: Path, site: Path, **environment: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def pages(site: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a built site."""
     if "SPINOR_GEOM_SITE" in os.environ:
         return Path(os.environ["SPINOR_GEOM_SITE"])
     folder = tmp_path_factory.mktemp("pages")
-    build(folder, site, SPINOR_GEOM_PICTURES="none")
+    build(folder, SPINOR_GEOM_PICTURES="none")
     return folder
 
 
