@@ -131,7 +131,7 @@ def compare(
         exact_curvature_points=len(exact),
         patch_vertices=len(mesh.vertices),
         baseline_vertices=len(discrete.vertices),
-        solution_seconds=sum(solution.timings.values()),
+        solution_seconds=sum(solution.solve_timings.values()),
         baseline_seconds=discrete.seconds,
     )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -9,7 +11,9 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.solution import BoundaryResidual, PlateauSolution, RimMatch, Stability
+from spinor_geom.plateau.evidence import Evidence
+from spinor_geom.plateau.solution import BoundaryResidual, PlateauSolution, RimMatch
+from spinor_geom.plateau.stability import Stability
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # coefficients of z⁰, z¹, … as pairs (p, q)
@@ -45,13 +49,18 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
         domain=domain,
         boundary_residual=BoundaryResidual(rms=0.0, max=0.0, mean_edge=loop.mean_edge_length, diagonal=loop.diagonal),
         area=surface.area(),
-        area_in_domain=surface.area(),
-        self_intersections=0,
         route="disk",
         history=(),
-        timings={"fit": 0.25},
+        solve_timings={"fit": 0.25},
         tolerance=1e-3,
         converged=True,
         reason="",
-        stability=Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=0.0),
+        evidence=Evidence(surface=surface),
     )
+
+
+def with_stability(solution: PlateauSolution, stability: Stability) -> PlateauSolution:
+    """A solution with a verdict that is given and not computed."""
+    evidence = Evidence(surface=solution.surface)
+    evidence.__dict__["stability"] = stability
+    return replace(solution, evidence=evidence)

@@ -14,7 +14,7 @@ import pytest
 from spinor_geom import gallery, read_mesh
 from spinor_geom.bench.tables import Table
 from spinor_geom.errors import SurfaceError
-from tests.exact_solutions import ENNEPER, exact_solution
+from tests.exact_solutions import ENNEPER, exact_solution, with_stability
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
@@ -169,17 +169,16 @@ def test_verdicts_are_compared_with_what_is_known(benchmark_modules: Callable[[s
     solutions = benchmark_modules("figure_solutions")
     case = next(case for case in solutions.cases() if case.name.startswith("tennis seam a=0.75"))
     stable, unstable = (
-        dataclasses.replace(
-            (exact := exact_solution(ENNEPER, 24)),
-            area=disk.area,
-            stability=dataclasses.replace(
+        with_stability(
+            dataclasses.replace((exact := exact_solution(ENNEPER, 24)), area=disk.area),
+            dataclasses.replace(
                 exact.stability, verdict="stable" if disk.stable else "unstable", index=0 if disk.stable else 1
             ),
         )
         for disk in case.disks
     )
     assert all(figure.met for figure in solutions.case_figures(case, stable, unstable, (stable, stable, unstable)))
-    wrong = dataclasses.replace(unstable, stability=stable.stability)
+    wrong = with_stability(unstable, stable.stability)
     usual, kept, area, first, second = solutions.case_figures(case, unstable, wrong, (stable,))
     assert [usual.met, kept.met, area.met, first.met, second.met] == [False, False, False, True, False]
     assert second.measured == "not found"

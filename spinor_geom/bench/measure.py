@@ -52,7 +52,7 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Fig
     }
     if spanned.solution is not None:
         solution = spanned.solution
-        figures["solve_seconds"] = sum(solution.timings.values())
+        figures["solve_seconds"] = sum(solution.solve_timings.values())
         figures["residual_per_edge"] = solution.boundary_residual.rms_per_edge
         figures |= _exact_curvature(solution, diameter)
     return figures

@@ -117,7 +117,7 @@ def fill_between(
         return annulus_between(places, (loops[first], loops[second]), options)
 
     outcome, patch = fill_loop(mesh, first, loops[first], solve, taken, surroundings, options)
-    here = replace(outcome, joined_to=second, notes=(*outcome.notes, *_verdict(outcome)))
+    here = replace(outcome, joined_to=second)
     there = LoopOutcome(
         index=second,
         loop=loops[second],
@@ -129,20 +129,6 @@ def fill_between(
         timings={},
     )
     return (here, there), patch
-
-
-def _verdict(outcome: LoopOutcome) -> tuple[str, ...]:
-    """What is to be said of a bridge that has more area than the disks over its rims: Douglas's condition."""
-    solution = outcome.solution
-    if not outcome.filled or solution is None or solution.annulus is None:
-        return ()
-    disks = solution.annulus.disk_area
-    if disks is None or solution.area < disks:
-        return ()
-    return (
-        f"the bridge is a local minimum of the area only: it has {solution.area:.6g}, "
-        f"two disks over its rims {disks:.6g}",
-    )
 
 
 def annulus_between(
@@ -157,8 +143,7 @@ def annulus_between(
     """
     answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance)
     if isinstance(answer, NoAnnulus):
-        disks = "" if answer.area is None else f" of area {answer.area:.6g}"
-        raise SurfaceError(f"{answer.reason}{disks}; fill the two loops one by one instead")
+        raise SurfaceError(f"{answer.reason}; fill the two loops one by one instead")
     if answer.annulus is not None and answer.annulus.reversed:
         raise TwistedRimsError(loops=places)
     return answer

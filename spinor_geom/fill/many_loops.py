@@ -62,7 +62,7 @@ def fill_loops(
             outcome, patch = fill_loop(mesh, place, loop, solve, taken, surroundings, options)
             done = (outcome,)
         if place in joins.notes and done[0].filled:
-            done = (replace(done[0], notes=(*done[0].notes, joins.notes[place])), *done[1:])
+            done = (replace(done[0], remarks=(*done[0].remarks, joins.notes[place])), *done[1:])
         if patch is not None:
             patches.append(patch)
         for outcome in done:

@@ -145,20 +145,10 @@ def fill_loop(
         self_intersections=len(crossings.own),
         mesh_intersections=len(crossings.mesh),
         patch_intersections=len(crossings.patches),
-        notes=(*crossings.notes, *_notes(solution)),
+        remarks=crossings.notes,
         timings=clock.laps(),
     )
     return outcome, LoopPatch(place=place, rim=rim, patch=patch, attributes=attributes)
-
-
-def _notes(solution: PlateauSolution) -> tuple[str, ...]:
-    """What a bridge should be known by."""
-    if solution.annulus is None or solution.is_area_minimum or solution.annulus.disk_area is None:
-        return ()
-    return (
-        f"the bridge is a local minimum of area only: it has {solution.area:.6g}, the two disks over its rims have "
-        f"{solution.annulus.disk_area:.6g}",
-    )
 
 
 def refusal(loop: BoundaryLoop, taken: RimEdges) -> SpinorGeomError | None:

@@ -35,8 +35,8 @@ class LoopOutcome:
         self_intersections: pairs of faces of its patch that cross.
         mesh_intersections: pairs of a face of its patch and one of the mesh that cross.
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that cross.
-        notes: what else the caller should know, a sentence each: where those crossings are. Faces are numbered as the
-            triangles of the filled mesh.
+        remarks: where those crossings are, and which islands lie in the hole, a sentence each. Faces are numbered as
+            the triangles of the filled mesh.
         timings: seconds by stage ("solve", "mesh", "attributes", "crossings", or "failed" for the stage that was not
             finished).
     """
@@ -55,13 +55,30 @@ class LoopOutcome:
     self_intersections: int = 0
     mesh_intersections: int = 0
     patch_intersections: int = 0
-    notes: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     timings: Mapping[str, float]
 
     @property
     def converged(self) -> bool:
         """Whether the loop is filled and its boundary residual is within the tolerance."""
         return self.filled and self.solution is not None and bool(self.solution.converged)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What else the caller should know, a sentence each: the remarks, and of a bridge whether disks have less area.
+
+        These are solved when this is first read.
+        """
+        annulus = None if self.solution is None or self.patch is None else self.solution.annulus
+        if annulus is None or self.solution is None or annulus.disk_area is None:
+            return self.remarks
+        if self.solution.area < annulus.disk_area:
+            return self.remarks
+        return (
+            *self.remarks,
+            f"the bridge is a local minimum of the area only: it has {self.solution.area:.6g}, "
+            f"two disks over its rims {annulus.disk_area:.6g}",
+        )
 
     @property
     def intersections(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Float
@@ -26,17 +26,24 @@ from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
-from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_annulus import AnnulusProblem, HarmonicAnnulus
+from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import FoundAnnulus
 from spinor_geom.plateau.lift_annulus import AnnularLift, annular_surface, lifted_annulus
 from spinor_geom.plateau.network_route import Budget
 from spinor_geom.plateau.plane_route import beside_in_plane, plane_annulus
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, NoAnnulus, PlateauSolution, RimMatch
-from spinor_geom.plateau.stability import assess_stability
+from spinor_geom.plateau.solution import (
+    Annulus,
+    BoundaryResidual,
+    Iteration,
+    NoAnnulus,
+    PlateauSolution,
+    RimDisks,
+    RimMatch,
+)
 from spinor_geom.plateau.task import Options, Task, sampled_formula
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -328,22 +335,16 @@ class AnnulusTask:
     def _none(self, reason: str) -> NoAnnulus:
         return NoAnnulus(
             loops=self.loops[:2],
-            disks=self._disks,
+            rim_disks=self._disks,
             reason=f"no annulus: {reason}; what is left are two disks",
             history=tuple(self.history),
-            timings=self.clock.seconds,
+            solve_timings=dict(self.clock.seconds),
         )
 
     @cached_property
-    def _disks(self) -> tuple[PlateauSolution, PlateauSolution] | None:
-        with self.clock.stage("disks"):
-            try:
-                options = replace(self.options, laurent=None)
-                pairs = zip(self.loops[:2], self.curves[:2], strict=True)
-                first, second = (Task.over(loop, curve, options).solved() for loop, curve in pairs)
-            except SpinorGeomError:
-                return None
-        return first, second
+    def _disks(self) -> RimDisks:
+        options = replace(self.options, laurent=None)
+        return RimDisks(solve=partial(_disks_over, self.loops[:2], self.curves[:2], options))
 
     def _solution(self, reverse: bool, annulus: HarmonicAnnulus) -> PlateauSolution:
         """The annulus with as many nodes as the tolerance asks for, or as help."""
@@ -445,15 +446,10 @@ class AnnulusTask:
         )
 
     def _told(self, found: FoundAnnulus) -> PlateauSolution:
-        """An annulus in the loops' coordinates, with its verdicts."""
+        """An annulus in the loops' coordinates."""
         scale, clock = self.scale, self.clock
         with clock.stage("surface"):
             surface = found.surface.transform(scale=scale, translation=self.centre)
-        with clock.stage("stability"):
-            stability = assess_stability(surface)
-        with clock.stage("certificates"):
-            area, crossings = area_in_domain(surface), crossing_faces(surface)
-        disks = self._disks
         residual = BoundaryResidual(
             rms=found.rms * scale, max=found.max * scale, mean_edge=self._mean_edge, diagonal=scale
         )
@@ -466,21 +462,20 @@ class AnnulusTask:
             domain=surface.domain,
             boundary_residual=residual,
             area=found.area * scale**2,
-            area_in_domain=area,
-            self_intersections=crossings,
             route=found.route,
             history=tuple(self.history),
-            timings=dict(clock.seconds),
+            solve_timings=dict(clock.seconds),
             tolerance=self.options.tolerance,
             converged=converged,
             reason=reached if converged else missed,
-            stability=stability,
+            evidence=Evidence(surface=surface),
             annulus=Annulus(
                 modulus=found.modulus,
                 spin=found.spin,
                 period=found.period * scale,
                 reversed=found.reverse,
-                disks=None if disks is None else (disks[found.order[0]], disks[found.order[1]]),
+                order=found.order,
+                rim_disks=self._disks,
             ),
         )
 
@@ -496,6 +491,17 @@ class AnnulusTask:
             )
             for number, boundary, matching in zip(found.order, surface.domain.boundaries, found.matchings, strict=True)
         )
+
+
+def _disks_over(
+    loops: tuple[BoundaryLoop, BoundaryLoop], curves: tuple[BoundaryCurve, BoundaryCurve], options: Options
+) -> tuple[PlateauSolution, PlateauSolution] | None:
+    """The minimal disks over two loops that are known to be simple; None where one was not found."""
+    try:
+        first, second = (Task.over(*rim, options).solved() for rim in zip(loops, curves, strict=True))
+    except SpinorGeomError:
+        return None
+    return first, second
 
 
 def _grown(curve: BoundaryCurve, points: int) -> list[BoundaryCurve]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -14,6 +15,10 @@ from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 from spinor_geom.errors import SeveralRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.evidence import Evidence
+from spinor_geom.plateau.stability import Stability
+from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -77,26 +82,6 @@ class BoundaryResidual:
         return self.max / self.diagonal
 
 
-@dataclass(frozen=True, kw_only=True)
-class Stability:
-    """Whether a minimal surface is a local minimiser of area.
-
-    Attributes:
-        verdict: "stable", "unstable", or "undecided" where the error of the computation leaves both possible.
-        eigenvalue: the smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary, n the Gauss map; above 1 the second
-            variation of area is positive. None where the total curvature alone decides.
-        index: Morse index, the number of μ below 1; None where the error leaves it open.
-        total_curvature: ∫|K| dA; below 2π every disk is stable.
-
-    Source: Barbosa & do Carmo, "On the size of a stable minimal surface in R³", Amer. J. Math. 98 (1976).
-    """
-
-    verdict: Literal["stable", "unstable", "undecided"]
-    eigenvalue: float | None
-    index: int | None
-    total_curvature: float
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimMatch:
     """A loop and the part of ∂Ω that the surface lays on it.
@@ -125,6 +110,25 @@ class RimMatch:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class RimDisks:
+    """The minimal disks over two rims, which an annulus between them is set against.
+
+    Attributes:
+        solve: finds them, in the order in which the rims were given; None where one was not found.
+        clock: of the stage "disks".
+    """
+
+    solve: Callable[[], tuple[PlateauSolution, PlateauSolution] | None]
+    clock: Clock = field(default_factory=Clock)
+
+    @cached_property
+    def pair(self) -> tuple[PlateauSolution, PlateauSolution] | None:
+        """Both disks."""
+        with one_thread(), self.clock.stage("disks"):
+            return self.solve()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Annulus:
     """What is told of a surface between two rims beyond that of a disk.
 
@@ -134,14 +138,25 @@ class Annulus:
         spin: whether p and q come back to themselves around the hole, or change their sign.
         period: |Re ∮ φ dz| around the hole, in mesh units: the gap by which the surface does not close.
         reversed: whether the second loop that was given runs against the boundary of the surface.
-        disks: the minimal disks over both loops, in the order of the rims; none where one was not found.
+        order: the numbers of the given loops in the order of the rims.
+        rim_disks: the minimal disks over both loops.
     """
 
     modulus: float | None
     spin: Literal["periodic", "antiperiodic"]
     period: float
     reversed: bool
-    disks: tuple[PlateauSolution, PlateauSolution] | None
+    order: tuple[int, int]
+    rim_disks: RimDisks
+
+    @property
+    def disks(self) -> tuple[PlateauSolution, PlateauSolution] | None:
+        """The minimal disks over both loops, in the order of the rims; none where one was not found.
+
+        They are solved when they are first asked for.
+        """
+        pair = self.rim_disks.pair
+        return None if pair is None else (pair[self.order[0]], pair[self.order[1]])
 
     @property
     def disk_area(self) -> float | None:
@@ -169,9 +184,6 @@ class PlateauSolution(Shown):
         domain: Ω.
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
         area: ½∮ r·Im(φ dz), in squared mesh units.
-        area_in_domain: the same by quadrature in Ω, a check of the first: see `area_in_domain`.
-        self_intersections: pairs of triangles that cross in the surface's mesh over Ω's triangulation; 0 where it shows
-            no crossing. Every disk over a knotted loop crosses itself.
         route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "disk",
             "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the unfolded least-area
             triangulation, on a domain that grew with the loop from an average of it, or on a flattened discrete disk; p
@@ -180,11 +192,11 @@ class PlateauSolution(Shown):
             p and q are Laurent series. "annular network": Gauss-Newton for a Cauchy network on a flattened discrete
             annulus.
         history: the steps.
-        timings: wall time of each stage, in seconds.
+        solve_timings: wall time of each stage of the solve, in seconds.
         tolerance: RMS residual per mean edge that was asked for.
         converged: whether the residual is within the tolerance.
         reason: one sentence: why the solver stopped.
-        stability: verdict of the second variation.
+        evidence: checks that are made when they are first read, as the properties below.
         annulus: what is told of annuli alone; none for disks.
     """
 
@@ -193,16 +205,38 @@ class PlateauSolution(Shown):
     domain: PlaneDomain
     boundary_residual: BoundaryResidual
     area: float
-    area_in_domain: float
-    self_intersections: int
     route: Route
     history: tuple[Iteration, ...]
-    timings: dict[str, float]
+    solve_timings: Mapping[str, float]
     tolerance: float
     converged: bool
     reason: str
-    stability: Stability
+    evidence: Evidence
     annulus: Annulus | None = None
+
+    @property
+    def stability(self) -> Stability:
+        """Verdict of the second variation."""
+        return self.evidence.stability
+
+    @property
+    def area_in_domain(self) -> float:
+        """The area by quadrature in Ω, a check of `area`: see `certificates.area_in_domain`."""
+        return self.evidence.area_in_domain
+
+    @property
+    def self_intersections(self) -> int:
+        """Pairs of triangles that cross in the surface's mesh over Ω's triangulation; 0 where it shows no crossing.
+
+        Every disk over a knotted loop crosses itself.
+        """
+        return self.evidence.self_intersections
+
+    @property
+    def timings(self) -> dict[str, float]:
+        """Wall time of each stage of the solve and of the checks that were read so far, in seconds."""
+        disks = {} if self.annulus is None else self.annulus.rim_disks.clock.seconds
+        return {**self.solve_timings, **self.evidence.clock.seconds, **disks}
 
     @property
     def loop(self) -> BoundaryLoop:
@@ -237,7 +271,7 @@ class PlateauSolution(Shown):
             raise SeveralRimsError(rims=len(self.rims))
         return self.rims[0]
 
-    @cached_property
+    @property
     def is_area_minimum(self) -> bool:
         """Whether the area is a local minimum and, for an annulus, below that of the two disks: Douglas's condition.
 
@@ -277,7 +311,7 @@ class PlateauSolution(Shown):
             "reason": self.reason,
             "stability": asdict(self.stability),
             "annulus": None if self.annulus is None else self.annulus.to_dict(),
-            "timings": dict(self.timings),
+            "timings": self.timings,
         }
 
 
@@ -287,17 +321,27 @@ class NoAnnulus:
 
     Attributes:
         loops: both loops.
-        disks: the minimal disks over them; none where one was not found.
+        rim_disks: the minimal disks over them.
         reason: one sentence: how it is known.
         history: the steps.
-        timings: wall time of each stage, in seconds.
+        solve_timings: wall time of each stage of the search, in seconds.
     """
 
     loops: tuple[BoundaryLoop, BoundaryLoop]
-    disks: tuple[PlateauSolution, PlateauSolution] | None
+    rim_disks: RimDisks
     reason: str
     history: tuple[Iteration, ...]
-    timings: dict[str, float]
+    solve_timings: Mapping[str, float]
+
+    @property
+    def disks(self) -> tuple[PlateauSolution, PlateauSolution] | None:
+        """The minimal disks over the loops, solved when they are first asked for; none where one was not found."""
+        return self.rim_disks.pair
+
+    @property
+    def timings(self) -> dict[str, float]:
+        """Wall time of each stage of the search, and of the disks where they were asked for, in seconds."""
+        return {**self.solve_timings, **self.rim_disks.clock.seconds}
 
     @property
     def area(self) -> float | None:
@@ -311,5 +355,5 @@ class NoAnnulus:
             "disk_area": self.area,
             "reason": self.reason,
             "iterations": len(self.history),
-            "timings": dict(self.timings),
+            "timings": self.timings,
         }

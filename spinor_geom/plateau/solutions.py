@@ -7,7 +7,7 @@ minimal disk, saddles of the area included, as Gauss-Newton on the boundary does
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
@@ -148,14 +148,15 @@ def leave_unstable(solution: PlateauSolution, rim: Rim, solve: Solve, *, max_ite
     if solution.stability.verdict != "unstable":
         return solution
     left: list[float] = []
-    tries = _Tries(solve=solve, history=solution.history, timings=dict(solution.timings), limit=max_iterations)
+    tries = _Tries(solve=solve, history=solution.history, timings=dict(solution.solve_timings), limit=max_iterations)
     while solution.stability.verdict == "unstable" and len(left) < MOST_DEPARTURES:
         better = tries.first_better(solution, rim)
         if better is None:
             break
         left.append(solution.area)
+        tries.add(solution.evidence.clock.seconds)
         solution = better
-    solution = with_departures(replace(solution, history=tries.history, timings=tries.timings), left)
+    solution = with_departures(replace(solution, history=tries.history, solve_timings=tries.timings), left)
     if solution.stability.verdict == "unstable":
         reason = f"{solution.reason}; the disk is unstable, and no better one was found along its eigenvectors"
         return replace(solution, reason=reason)
@@ -216,8 +217,13 @@ class _Tries:
         start, before = time.perf_counter(), sum(self.timings.values())
         better = next(self._better(solution, rim), None)
         own = time.perf_counter() - start - (sum(self.timings.values()) - before)
-        self.timings["leaving"] = self.timings.get("leaving", 0.0) + own
+        self.add({"leaving": own})
         return better
+
+    def add(self, timings: Mapping[str, float]) -> None:
+        """Counts the time of more stages."""
+        for stage, seconds in timings.items():
+            self.timings[stage] = self.timings.get(stage, 0.0) + seconds
 
     def _better(self, solution: PlateauSolution, rim: Rim) -> Iterator[PlateauSolution]:
         for direction in _departures(solution, rim):
@@ -229,8 +235,7 @@ class _Tries:
                 except _FAILURES:
                     continue
                 self.history = again.history
-                for stage, seconds in again.timings.items():
-                    self.timings[stage] = self.timings.get(stage, 0.0) + seconds
+                self.add(again.solve_timings)
                 if _is_lower(again, solution):
                     if again.converged or again.boundary_residual.rms <= solution.boundary_residual.rms:
                         yield again

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Literal
+
 import numpy as np
 import scipy.sparse.linalg as spl
 from jaxtyping import Complex, Float, Int
@@ -11,7 +14,6 @@ from scipy.sparse import coo_array, csc_array
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.operators import factor_symmetric
-from spinor_geom.plateau.solution import Stability
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Points on ∂Ω for the total curvature, at least, and how often they are doubled while 2π lies within the error.
@@ -29,6 +31,26 @@ _DENSE = 60
 _EIGENVALUE_TOLERANCE = 1e-7
 # A triangle that following ∂Ω would shrink below this share of its area keeps its straight side.
 _THIN = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stability:
+    """Whether a minimal surface is a local minimiser of area.
+
+    Attributes:
+        verdict: "stable", "unstable", or "undecided" where the error of the computation leaves both possible.
+        eigenvalue: the smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary, n the Gauss map; above 1 the second
+            variation of area is positive. None where the total curvature alone decides.
+        index: Morse index, the number of μ below 1; None where the error leaves it open.
+        total_curvature: ∫|K| dA; below 2π every disk is stable.
+
+    Source: Barbosa & do Carmo, "On the size of a stable minimal surface in R³", Amer. J. Math. 98 (1976).
+    """
+
+    verdict: Literal["stable", "unstable", "undecided"]
+    eigenvalue: float | None
+    index: int | None
+    total_curvature: float
 
 
 def assess_stability(surface: SpinorSurface) -> Stability:

@@ -21,15 +21,14 @@ from spinor_geom.errors import (
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import require_simple
-from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
 from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Budget, Cauchy, NetworkSolver, rim_indices
 from spinor_geom.plateau.plane_route import plane_disk
 from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution, RimMatch
 from spinor_geom.plateau.solutions import MOST_DEPARTURES, Rim, leave_unstable, with_departures
-from spinor_geom.plateau.stability import assess_stability
 from spinor_geom.plateau.trained_route import Optimizer, optimizer_options, trained_disk
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop
 
@@ -339,16 +338,10 @@ class Task:
         return replace(disk, vertices=(disk.vertices - self.loop.centroid) / self.loop.diagonal)
 
     def solution(self, found: Found) -> PlateauSolution:
-        """A disk in the loop's coordinates, with its verdict."""
+        """A disk in the loop's coordinates."""
         loop, clock = self.loop, self.network.clock
         with clock.stage("surface"):
             surface = found.surface.transform(scale=loop.diagonal, translation=loop.centroid)
-        with clock.stage("stability"):
-            stability = assess_stability(surface)
-        with clock.stage("certificates"):
-            # a plane disk is its Ω, whose boundary was found to be simple
-            crossings = 0 if found.route == "plane" else crossing_faces(surface)
-            area = area_in_domain(surface)
         residual = BoundaryResidual(
             rms=found.rms * loop.diagonal,
             max=found.max * loop.diagonal,
@@ -371,15 +364,14 @@ class Task:
             domain=surface.domain,
             boundary_residual=residual,
             area=found.area * loop.diagonal**2,
-            area_in_domain=area,
-            self_intersections=crossings,
             route=found.route,
             history=found.history,
-            timings=clock.seconds,
+            solve_timings=dict(clock.seconds),
             tolerance=tolerance,
             converged=converged,
             reason=reached if converged else f"{reached}, above the tolerance {tolerance:.1e}: {found.limit}",
-            stability=stability,
+            # a plane disk is its Ω, whose boundary was found to be simple
+            evidence=Evidence(surface=surface, is_plane=found.route == "plane"),
         )
 
 

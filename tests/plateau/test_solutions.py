@@ -14,7 +14,7 @@ from spinor_geom.errors import DomainError, FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import PlateauSolution, Stability, solutions, solve, solve_plateau, task
 from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable
-from tests.exact_solutions import ENNEPER, exact_solution
+from tests.exact_solutions import ENNEPER, exact_solution, with_stability
 from tests.loops import noisy_ellipse
 from tests.plateau.solved import distance_to_surface
 
@@ -202,7 +202,7 @@ def test_ennepers_disk_is_left_near_and_far_from_its_threshold(monkeypatch, radi
 
 def unstable_ennepers_disk() -> tuple[PlateauSolution, Rim]:
     exact = exact_solution(((1, 0), (0, 1.2)), 64)
-    return replace(exact, stability=UNSTABLE), Rim(loop=exact.loop, indices=np.arange(64))
+    return with_stability(exact, UNSTABLE), Rim(loop=exact.loop, indices=np.arange(64))
 
 
 def test_stable_disk_comes_back_as_it_is():
@@ -279,7 +279,7 @@ def test_search_in_which_nothing_converged_returns_the_nearest_disk():
 
 def test_number_of_starts_is_bounded():
     """A solver that finds another unstable disk each time must not be followed for ever."""
-    exact = replace(exact_solution(ENNEPER, 32), stability=UNSTABLE)
+    exact = with_stability(exact_solution(ENNEPER, 32), UNSTABLE)
     areas = iter(np.linspace(2, 1, 1000))
     calls = []
 

@@ -228,8 +228,17 @@ def test_tolerance_that_cannot_be_met_is_said():
 def test_stages_of_the_network_are_timed():
     solution = solve_plateau(SMALL, model="cauchy")
     assert solution.route == "network"
-    stages = {"first fill", "flattening", "features", "fit", "surface", "stability", "certificates"}
-    assert set(solution.timings) == stages
+    assert set(solution.solve_timings) == {"first fill", "flattening", "features", "fit", "surface"}
+
+
+@pytest.mark.parametrize("unstable", ["leave", "keep"])
+def test_checks_are_made_when_they_are_read(unstable):
+    solution = solve_plateau(gallery.tennis_seam(0.8).sample(48), unstable=unstable)
+    # whether a disk is to be left is the solver's own question
+    assert ("stability" in solution.timings) == (unstable == "leave")
+    assert "certificates" not in solution.timings
+    assert solution.to_dict()["timings"].keys() == {*solution.solve_timings, "stability", "certificates"}
+    assert solution.timings == solution.to_dict()["timings"]  # made once
 
 
 @pytest.mark.parametrize("model", ["auto", "cauchy"])
