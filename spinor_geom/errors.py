@@ -303,6 +303,13 @@ class FirstFillError(SpinorGeomError):
     """No discrete disk over the loop was found."""
 
 
+class OutOfTimeError(SpinorGeomError):
+    """The time that was allowed was over before there was anything to show."""
+
+    def __init__(self) -> None:
+        super().__init__("no surface was found within the time that was allowed; raise time_limit (--time-limit)")
+
+
 class SurfaceError(SpinorGeomError):
     """A surface has no finite value where one is needed."""
 

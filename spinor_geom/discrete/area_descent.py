@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csc_array
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas, factor_symmetric
 
@@ -67,6 +68,8 @@ def descend_area(
         return Descent(vertices=x, areas=tuple(areas), converged=True)
     newton = False
     for _ in range(max_iterations):
+        if is_out_of_time():
+            break
         step = _newton_step(x, faces, m) if newton else _harmonic_step(x, faces, m)
         length = 1.0
         while length > _SHORTEST_STEP:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from spinor_geom.errors import LoopTooShortError, MeshShapeError, OptionError, RepeatedPointError
+from spinor_geom.errors import LoopTooShortError, MeshError, MeshShapeError, OptionError, RepeatedPointError
 from spinor_geom.mesh.arrays import freeze_flags, freeze_integers, freeze_pairs, freeze_points
 
 MIN_CORNER_TURN = np.radians(35.0)
@@ -49,6 +49,8 @@ class BoundaryLoop:
         slit_fraction: share of the perimeter whose edges coincide with another edge of the same loop run in the other
             direction, 0 to 1; 1 is a slit of zero width.
         seam_edges: (k, 2) int64 vertex ids, from and to, of the edges that coincide with an edge of another loop.
+        obstacle: why no patch can be joined to the mesh along the loop; None where one can.
+        remarks: what does not fit together among the faces that touch the loop, a sentence each.
 
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
@@ -61,6 +63,8 @@ class BoundaryLoop:
     corners: Bool[np.ndarray, " m"]
     slit_fraction: float
     seam_edges: Int[np.ndarray, "k 2"]
+    obstacle: MeshError | None
+    remarks: tuple[str, ...]
 
     def __init__(
         self,
@@ -70,6 +74,8 @@ class BoundaryLoop:
         corners: ArrayLike,
         slit_fraction: float = 0.0,
         seam_edges: ArrayLike | None = None,
+        obstacle: MeshError | None = None,
+        remarks: tuple[str, ...] = (),
     ) -> None:
         coordinates = freeze_points(points, name="points")
         count = len(coordinates)
@@ -82,6 +88,8 @@ class BoundaryLoop:
         object.__setattr__(
             self, "seam_edges", freeze_pairs([] if seam_edges is None else seam_edges, name="seam_edges")
         )
+        object.__setattr__(self, "obstacle", obstacle)
+        object.__setattr__(self, "remarks", remarks)
 
     @classmethod
     def from_points(cls, points: ArrayLike, *, corners: Literal["auto"] | ArrayLike = "auto") -> BoundaryLoop:
@@ -125,6 +133,8 @@ class BoundaryLoop:
             corners=self.corners[back],
             slit_fraction=self.slit_fraction,
             seam_edges=self.seam_edges[:, ::-1],
+            obstacle=self.obstacle,
+            remarks=self.remarks,
         )
 
     @cached_property

@@ -9,9 +9,10 @@ from jaxtyping import Bool, Float, Int
 
 from spinor_geom.errors import DuplicateVertexError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
-from spinor_geom.mesh.topology import HalfEdges, coincident_vertices, next_in_face
+from spinor_geom.mesh.face_defects import FaceDefects
+from spinor_geom.mesh.sheets import Sheets
+from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.mesh.validate import checked_half_edges
 
 SOUP_FRACTION = 0.5
 
@@ -23,36 +24,44 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
     keep their own loops. A loop that passes a vertex twice is split there, so that each visits a vertex once; two loops
     may share a vertex. Loops run the way the boundary of a patch over them runs and start at their lowest vertex.
 
+    Faces that do not fit together matter where they touch a loop, and are told there (`BoundaryLoop.remarks`,
+    `BoundaryLoop.obstacle`). Where the faces beside a loop run against each other, it goes with most of them.
+
     Returns:
         The loops; none for a closed mesh. Edges that lie on one another are told by `BoundaryLoop.slit_fraction` and
         `BoundaryLoop.seam_edges`.
 
     Raises:
-        MeshError: as `spinor_geom.mesh.validate.validate`.
-        DuplicateVertexError: more than half of all boundary edges lie on edges of other loops: the faces do not share
-            their vertices.
+        DuplicateVertexError: more than half of all boundary edges lie on edges of other loops, and some of every loop:
+            the faces do not share their vertices.
     """
-    half_edges = checked_half_edges(mesh.faces)
-    if not len(half_edges.boundary):
+    sheets = Sheets.of(mesh.vertices, mesh.faces)
+    if not len(sheets.half_edges.boundary):
         return []
-    rings = _split_at_repeated_vertices(_follow_boundary(half_edges))
+    rings = _split_at_repeated_vertices(_follow_boundary(sheets))
     points = mesh.vertices[rings.vertices]
     overlaps = _find_overlaps(rings, points)
-    if overlaps.on_other_ring.mean() > SOUP_FRACTION:
-        first = int(np.argmax(overlaps.on_other_ring))
+    on_other = overlaps.on_other_ring
+    if on_other.mean() > SOUP_FRACTION and np.logical_or.reduceat(on_other, rings.starts[:-1]).all():
+        first = int(np.argmax(on_other))
         raise DuplicateVertexError(
             vertices=(int(rings.vertices[first]), int(rings.vertices[rings.successor[first]])),
-            count=int(overlaps.on_other_ring.sum()),
+            count=int(on_other.sum()),
         )
-    loops = [_boundary_loop(rings, points, overlaps, ring) for ring in range(rings.count)]
+    defects = FaceDefects(mesh.faces, sheets)
+    loops = [_boundary_loop(rings, points, overlaps, ring, defects) for ring in range(rings.count)]
     return sorted(loops, key=lambda loop: (-loop.perimeter, int(loop.vertex_ids[0])))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rings:
-    """Closed rings of vertices, one after the other: ring k is vertices[starts[k]:starts[k + 1]]."""
+    """Closed rings of vertices, one after the other: ring k is vertices[starts[k]:starts[k + 1]].
+
+    The edge from each entry to the next runs along a half-edge, as a rule against it.
+    """
 
     vertices: Int[np.ndarray, " n"]
+    half_edges: Int[np.ndarray, " n"]
     starts: Int[np.ndarray, " r"]
 
     @property
@@ -80,28 +89,38 @@ class _Overlaps:
     on_other_ring: Bool[np.ndarray, " n"]
 
 
-def _follow_boundary(half_edges: HalfEdges) -> _Rings:
-    """The boundary as rings of vertices, each against its half-edges and from its lowest vertex; bow-ties not split."""
-    # ascending targets, so that the lowest position in a ring is the lowest vertex of the ring
-    boundary = half_edges.boundary[np.argsort(half_edges.target[half_edges.boundary], kind="stable")]
-    position = np.full(len(half_edges.origin), -1, dtype=np.int64)
+def _follow_boundary(sheets: Sheets) -> _Rings:
+    """The boundary as rings of vertices, each against most of its half-edges and from its lowest vertex.
+
+    Every ring is followed in both directions, each half-edge from its origin and from its target; bow-ties stay. Where
+    sheets end on edges of other faces only, that is no boundary.
+    """
+    boundary = np.flatnonzero(sheets.twin < 0)
+    position = np.empty(len(sheets.twin), dtype=np.int64)
     position[boundary] = np.arange(len(boundary))
+    half_edge, against = np.repeat(boundary, 2), np.tile([False, True], len(boundary))
+    vertex = np.where(against, sheets.half_edges.target[half_edge], sheets.half_edges.origin[half_edge])
+    # a walk leaves each half-edge at its other end
+    reached = sheets.next_ends(half_edge, ~against)
+    following = 2 * position[reached // 2] + reached % 2
+    # by vertex, so that the lowest place in a ring is the lowest vertex of the ring
+    order = np.argsort(vertex, kind="stable")
+    place_of = np.empty(len(order), dtype=np.int64)
+    place_of[order] = np.arange(len(order))
 
-    following = next_in_face(boundary)
-    turning = np.flatnonzero(half_edges.twin[following] >= 0)
-    while len(turning):
-        following[turning] = next_in_face(half_edges.twin[following[turning]])
-        turning = turning[half_edges.twin[following[turning]] >= 0]
-    previous = np.empty(len(boundary), dtype=np.int64)
-    previous[position[following]] = np.arange(len(boundary))
-
-    root, steps_to_root = _order_cycles(previous)
-    lengths = np.bincount(root, minlength=len(boundary))
-    place = (lengths[root] - steps_to_root) % lengths[root]
-    order = np.lexsort((place, root))
+    root, steps_to_root = _order_cycles(place_of[following[order]])
+    lengths = np.bincount(root, minlength=len(order))
+    votes = 2 * np.bincount(root, weights=against[order], minlength=len(order)) - lengths
+    back = root[place_of[order ^ 1]]
+    wanted = (votes[root] > 0) | ((votes[root] == 0) & (root < back))
+    steps = (lengths[root] - steps_to_root) % lengths[root]
+    alone = np.isin(half_edge[order], sheets.half_edges.boundary)
+    chosen = np.flatnonzero(wanted & (np.bincount(root, weights=alone, minlength=len(order))[root] > 0))
+    chosen = chosen[np.lexsort((steps[chosen], root[chosen]))]
     return _Rings(
-        vertices=half_edges.target[boundary[order]],
-        starts=np.append(0, np.cumsum(lengths[lengths > 0])),
+        vertices=vertex[order[chosen]],
+        half_edges=half_edge[order[chosen]],
+        starts=np.append(0, np.cumsum(lengths[np.unique(root[chosen])])),
     )
 
 
@@ -131,13 +150,18 @@ def _split_at_repeated_vertices(rings: _Rings) -> _Rings:
         return rings
     pinched = set(labels[order[1:][repeated]].tolist())
     parts: list[Int[np.ndarray, " _"]] = []
-    for ring, vertices in enumerate(np.split(rings.vertices, rings.starts[1:-1])):
-        parts.extend(_simple_rings(vertices) if ring in pinched else [vertices])
-    return _Rings(vertices=np.concatenate(parts), starts=np.append(0, np.cumsum([len(part) for part in parts])))
+    for ring, entries in enumerate(np.split(np.arange(len(rings.vertices)), rings.starts[1:-1])):
+        parts.extend(_simple_rings(rings.vertices, entries) if ring in pinched else [entries])
+    entries = np.concatenate(parts)
+    return _Rings(
+        vertices=rings.vertices[entries],
+        half_edges=rings.half_edges[entries],
+        starts=np.append(0, np.cumsum([len(part) for part in parts])),
+    )
 
 
-def _simple_rings(vertices: Int[np.ndarray, " n"]) -> list[Int[np.ndarray, " _"]]:
-    """One ring cut at its repeated vertices, each part from its lowest vertex.
+def _simple_rings(vertices: Int[np.ndarray, " n"], entries: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " _"]]:
+    """The entries of one ring cut at its repeated vertices, each part from its lowest vertex.
 
     Each time the walk returns to a vertex, the part since then is cut off. On a plane or spherical piece of mesh the
     repeats are nested, and there is no other way to cut.
@@ -145,18 +169,18 @@ def _simple_rings(vertices: Int[np.ndarray, " n"]) -> list[Int[np.ndarray, " _"]
     walk: list[int] = []
     place: dict[int, int] = {}
     parts = []
-    for vertex in vertices.tolist():
+    for entry, vertex in zip(entries.tolist(), vertices[entries].tolist(), strict=True):
         if vertex in place:
             start = place[vertex]
             parts.append(np.array(walk[start:], dtype=np.int64))
             for passed in walk[start + 1 :]:
-                del place[passed]
-            del walk[start + 1 :]
+                del place[int(vertices[passed])]
+            del walk[start:]
         else:
             place[vertex] = len(walk)
-            walk.append(vertex)
+        walk.append(entry)
     parts.append(np.array(walk, dtype=np.int64))
-    return [np.roll(part, -int(np.argmin(part))) for part in parts]
+    return [np.roll(part, -int(np.argmin(vertices[part]))) for part in parts]
 
 
 def _find_overlaps(rings: _Rings, points: Float[np.ndarray, "n 3"]) -> _Overlaps:
@@ -185,7 +209,9 @@ def _group_sizes(keys: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     return counts[inverse]
 
 
-def _boundary_loop(rings: _Rings, points: Float[np.ndarray, "n 3"], overlaps: _Overlaps, ring: int) -> BoundaryLoop:
+def _boundary_loop(
+    rings: _Rings, points: Float[np.ndarray, "n 3"], overlaps: _Overlaps, ring: int, defects: FaceDefects
+) -> BoundaryLoop:
     part = slice(rings.starts[ring], rings.starts[ring + 1])
     vertices, own = rings.vertices[part], points[part]
     lengths = np.linalg.norm(np.roll(own, -1, axis=0) - own, axis=1)
@@ -197,4 +223,6 @@ def _boundary_loop(rings: _Rings, points: Float[np.ndarray, "n 3"], overlaps: _O
         corners=detect_corners(own),
         slit_fraction=float(lengths[overlaps.on_same_ring_reversed[part]].sum()) / perimeter if perimeter else 0.0,
         seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[seam],
+        obstacle=defects.obstacle(rings.half_edges[part]),
+        remarks=defects.remarks(vertices, rings.half_edges[part]),
     )

@@ -11,12 +11,13 @@ from spinor_geom.errors import (
     InconsistentOrientationError,
     NonManifoldEdgeError,
 )
+from spinor_geom.mesh.sheets import repeated_faces, repeats_a_vertex
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
 def validate(mesh: TriangleMesh) -> None:
-    """Checks everything that `find_boundary_loops` relies on.
+    """Checks that the faces of a mesh fit together, and everywhere: `find_boundary_loops` takes less.
 
     Allowed are vertices that no face uses, faces of area 0 with three different vertices, bow-tie vertices, and edges
     with three or more faces away from the boundary loops.
@@ -28,21 +29,11 @@ def validate(mesh: TriangleMesh) -> None:
         NonManifoldEdgeError: an edge with three or more faces ends at a vertex of a boundary loop, where it is not
             defined how the loop goes on.
     """
-    checked_half_edges(mesh.faces)
-
-
-def checked_half_edges(faces: Int[np.ndarray, "f 3"]) -> HalfEdges:
-    """The half-edges of faces that pass all checks of `validate`.
-
-    Raises:
-        MeshError: as `validate`.
-    """
-    require_proper_faces(faces)
-    half_edges = HalfEdges.of(faces)
-    require_distinct_faces(faces, half_edges)
+    require_proper_faces(mesh.faces)
+    half_edges = HalfEdges.of(mesh.faces)
+    require_distinct_faces(mesh.faces, half_edges)
     require_consistent_orientation(half_edges)
     require_manifold_boundary(half_edges)
-    return half_edges
 
 
 def require_proper_faces(faces: Int[np.ndarray, "f 3"]) -> None:
@@ -51,8 +42,7 @@ def require_proper_faces(faces: Int[np.ndarray, "f 3"]) -> None:
     Raises:
         DegenerateFaceError: a face uses a vertex twice.
     """
-    a, b, c = faces.T
-    degenerate = (a == b) | (b == c) | (c == a)
+    degenerate = repeats_a_vertex(faces)
     if degenerate.any():
         face = int(np.argmax(degenerate))
         raise DegenerateFaceError(face=face, vertices=faces[face].tolist())
@@ -64,22 +54,9 @@ def require_distinct_faces(faces: Int[np.ndarray, "f 3"], half_edges: HalfEdges)
     Raises:
         DuplicateFaceError: two faces do.
     """
-    # two faces are the same exactly if they share an edge and the vertex opposite to it
-    a, b = half_edges.pairs.T
-    same = half_edges.opposite[a] == half_edges.opposite[b]
-    first, second = a[same], b[same]
-    crowded = np.repeat(half_edges.counts > 2, half_edges.counts)
-    if crowded.any():
-        edge = np.repeat(np.arange(len(half_edges.counts)), half_edges.counts)[crowded]
-        members = half_edges.order[crowded]
-        apex = half_edges.opposite[members]
-        by_apex = np.lexsort((apex, edge))
-        same = (np.diff(edge[by_apex]) == 0) & (np.diff(apex[by_apex]) == 0)
-        first = np.append(first, members[by_apex][:-1][same])
-        second = np.append(second, members[by_apex][1:][same])
-    if len(first):
-        pair = sorted((int(first[0]) // 3, int(second[0]) // 3))
-        raise DuplicateFaceError(faces=pair, vertices=faces[pair[0]].tolist())
+    copies = repeated_faces(half_edges)
+    if len(copies):
+        raise DuplicateFaceError(faces=copies[0].tolist(), vertices=faces[copies[0, 0]].tolist())
 
 
 def require_consistent_orientation(half_edges: HalfEdges) -> None:

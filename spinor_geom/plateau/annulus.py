@@ -13,6 +13,7 @@ from scipy.fft import next_fast_len
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from spinor_geom.deadline import require_time
 from spinor_geom.errors import (
     DomainError,
     LoopsMeetError,
@@ -399,6 +400,7 @@ class AnnulusTask:
                     annulus = self._settled(self._problem(reverse, step), annulus, n, near=False)
         while True:
             yield annulus
+            require_time()
             n = _even(_MORE_NODES * annulus.slides.shape[1])
             if n > self._most_nodes:
                 return

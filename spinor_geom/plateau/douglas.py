@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.problem import CurveTensors
 
@@ -143,7 +144,7 @@ def minimise_dirichlet_energies(
         # near a solution the energy has no more digits to tell
         still = (size > _SMALL_GRADIENT) & (lowest[:, 0] - lowest[:, -1] < negligible)
         finished = ~(size > limits) | stays | still | stuck | crowded
-        if steps >= max_steps:
+        if steps >= max_steps or is_out_of_time():
             finished[:] = True
         for i in finished.nonzero()[:, 0].tolist():
             disks[int(number[i])] = HarmonicDisk(

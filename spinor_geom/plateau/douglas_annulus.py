@@ -17,6 +17,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from spinor_geom.deadline import require_time
 from spinor_geom.errors import SurfaceError
 from spinor_geom.plateau.cylinder import CylinderForm, multipliers
 from spinor_geom.plateau.douglas import resampled, slid
@@ -237,6 +238,7 @@ class AnnulusProblem:
         reflection = 0.0 if near else 1.0
         energies = [here.energy]
         for _ in range(max_steps):
+            require_time()
             if self.on_step is not None:
                 self.on_step(here.size)
             fall = energies[max(0, len(energies) - _REMEMBERED)] - energies[-1]

@@ -10,6 +10,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg.blas import dsyrk
 from torch import Tensor
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.solution import Iteration
 
@@ -81,7 +82,7 @@ def gauss_newton(
     damping, history = 1e-2, []
     linear, fresh = _Linear.at(problem, state, root), True
     index = first_index
-    while index < first_index + max_iterations and state.energy > goal**2:
+    while index < first_index + max_iterations and state.energy > goal**2 and not is_out_of_time():
         before, started = state.energy, damping
         state, damping = _damped_step(problem, state, root, linear, damping)
         if state.energy < before:

@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from scipy.fft import next_fast_len
 from torch import Tensor
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.minimal_surface import Disk
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError, SurfaceError
@@ -252,6 +253,8 @@ class HarmonicSolver:
         """The fit for the last of several curves, each on the Ω that the one before left."""
         slide = torch.tensor(shape.density.slide(np.arange(shape.steps) / shape.steps), device=self.device)
         for place, step in enumerate(way):
+            if is_out_of_time():
+                return
             slide = resampled(slide, _even(step.nodes))
             disk = self._solved(CurveTensors.of(step.curve, self.device), form, slide, _COARSE)
             if disk.crowded:
@@ -312,8 +315,8 @@ class HarmonicSolver:
             if n >= most:
                 limit = f"{n} nodes are the most that are tried"
                 break
-            if len(self.history) >= self._last_step:
-                limit = "the limit on steps was reached"
+            if len(self.history) >= self._last_step or is_out_of_time():
+                limit = "the limit on steps or on time was reached"
                 break
             if shape is not None and shape.unevenness(slide) > _UNEVEN:
                 form, slide = self._domains.flattened_anew(disk, form, shape)

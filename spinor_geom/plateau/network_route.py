@@ -15,6 +15,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.minimal_surface import Disk, finer_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.panels import Panels
@@ -115,7 +116,7 @@ class NetworkSolver:
         fitted = self._fitted_from(disk, history)
         poor = fitted.residual.rms > max(self.budget.allowed, _POOR * self.loop.mean_edge_length)
         # another start does not help where the loop's roughness is too much for the network
-        if poor and self._turning <= _RAGGED_TURN and len(fitted.history) < self.budget.max_iterations:
+        if poor and self._turning <= _RAGGED_TURN and not self.budget.is_spent(fitted.history):
             fitted = self._improved(fitted, disk)
         with self.clock.stage("surface"):
             surface, astray = fitted_surface(fitted)
@@ -224,6 +225,10 @@ class Budget:
     max_iterations: int
     on_iteration: Callable[[Iteration], None] | None
 
+    def is_spent(self, history: tuple[Iteration, ...]) -> bool:
+        """Whether steps or time are used up."""
+        return len(history) >= self.max_iterations or is_out_of_time()
+
     def fit(
         self,
         stage: Discretisation,
@@ -257,8 +262,8 @@ def limit_of(fitted: Fitted, budget: Budget, turning: float) -> str:
     """
     stage = fitted.stage
     features = stage.network.mixing.shape[1]
-    if len(fitted.history) >= budget.max_iterations:
-        return "the limit on steps was reached"
+    if budget.is_spent(fitted.history):
+        return "the limit on steps or on time was reached"
     if fitted.folds:
         return (
             "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "
@@ -309,7 +314,7 @@ def fit_and_refine(
             return replace(best, history=history)
         rounds = _MAX_ROUNDS - remaining
         best = Fitted(stage=stage, fit=fit, residual=residual, rounds=rounds, history=history, folds=folds)
-        if residual.rms <= budget.allowed or len(history) >= budget.max_iterations:
+        if residual.rms <= budget.allowed or budget.is_spent(history):
             break
         finer = stage.refined(fit, residual.energy, budget.allowed)
         if finer is None:
@@ -354,7 +359,7 @@ def _with_right_moduli(
             break
         readout, slide = moved.transferred(stage, fit)
         stage = moved  # whatever the fit gained by the move, it is lost without it
-        if fit.residual > last / 2 or len(history) >= budget.max_iterations:
+        if fit.residual > last / 2 or budget.is_spent(history):
             break
         last = fit.residual
     fit = budget.fit(stage, readout, slide, history, stall=_STALL)

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import LinearNDInterpolator
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.area_descent import descend_area, harmonic_extension
 from spinor_geom.discrete.minimal_surface import Disk, first_disk
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
@@ -228,7 +229,7 @@ class _Tries:
     def _better(self, solution: PlateauSolution, rim: Rim) -> Iterator[PlateauSolution]:
         for direction in _departures(solution, rim):
             for disk in direction:
-                if len(self.history) >= self.limit:
+                if len(self.history) >= self.limit or is_out_of_time():
                     return
                 try:
                     again = self.solve(disk, self.history)

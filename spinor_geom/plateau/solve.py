@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Literal, overload
 
 import torch
 
+from spinor_geom import deadline
 from spinor_geom.errors import OptionError, SpinorGeomError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
@@ -184,6 +186,7 @@ def solve_plateau_batch(
     tolerance: float = 1e-3,
     max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
+    time_limit: float = math.inf,
     device: str | torch.device = "cpu",
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     """`solve_plateau` for many loops, which are not held in memory together.
@@ -196,6 +199,8 @@ def solve_plateau_batch(
         tolerance: as for `solve_plateau`.
         max_iterations: limit on the steps of each.
         unstable: as for `solve_plateau`.
+        time_limit: seconds for each loop after which the best surface so far counts, or `OutOfTimeError` without one;
+            a loop may take a step longer.
         device: as for `solve_plateau`.
 
     Yields:
@@ -205,10 +210,12 @@ def solve_plateau_batch(
         OptionError: an unknown model or a value out of range.
     """
     options = Options.checked(model, tolerance, max_iterations, unstable, device)
-    return _side_by_side(iter(loops), options)
+    return _side_by_side(iter(loops), options, time_limit)
 
 
-def _side_by_side(loops: Iterator[BoundaryLoop], options: Options) -> Iterator[PlateauSolution | SpinorGeomError]:
+def _side_by_side(
+    loops: Iterator[BoundaryLoop], options: Options, seconds: float
+) -> Iterator[PlateauSolution | SpinorGeomError]:
     while chunk := list(itertools.islice(loops, _TOGETHER)):
         answers: list[PlateauSolution | SpinorGeomError | None] = []
         tasks: dict[int, Task] = {}
@@ -222,15 +229,16 @@ def _side_by_side(loops: Iterator[BoundaryLoop], options: Options) -> Iterator[P
                 if answers[-1] is None:
                     tasks[place] = task
             harmonic = [place for place, task in tasks.items() if task.is_harmonic]
-            started = HarmonicSolver.side_by_side([tasks[place].harmonic for place in harmonic])
+            with deadline.time_limit(seconds * len(harmonic)):
+                started = HarmonicSolver.side_by_side([tasks[place].harmonic for place in harmonic])
             for place, solver in zip(harmonic, started, strict=True):
                 tasks[place] = replace(tasks[place], harmonic=solver)
         for place, answer in enumerate(answers):
-            yield _curved(tasks[place]) if answer is None else answer
+            yield _curved(tasks[place], seconds) if answer is None else answer
 
 
-def _curved(task: Task) -> PlateauSolution | SpinorGeomError:
-    with one_thread():
+def _curved(task: Task, seconds: float) -> PlateauSolution | SpinorGeomError:
+    with one_thread(), deadline.time_limit(seconds):
         try:
             return task.curved()
         except SpinorGeomError as error:

@@ -10,6 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import torch
 
+from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.minimal_surface import Disk, first_disk
 from spinor_geom.errors import (
     DomainError,
@@ -281,6 +282,8 @@ class Task:
         best: Found | None = None
         error: SpinorGeomError | None = None
         for on_network in (False, True) if self.harmonic.is_promising else (True, False):
+            if is_out_of_time():
+                break
             history = tuple(self.harmonic.history) if best is None else best.history
             try:
                 tries = [self._on_network(history)] if on_network else self._harmonic_tries(history)
@@ -291,6 +294,7 @@ class Task:
             if best is not None and self._is_near(best):
                 break
         if best is None:
+            require_time()
             raise error or FirstFillError(
                 "no minimal disk was found over the loop; check that it does not cross itself"
             )

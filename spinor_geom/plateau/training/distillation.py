@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Complex
 from torch import Tensor
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.plateau.training.steps import (
     DAMPING,
@@ -58,7 +59,7 @@ def distil(
     damping = torch.full_like(scale, DAMPING)
     watch = Patience(float(loss.sum().sqrt()))
     for _ in range(max_steps):
-        if watch.is_over or watch.best <= tolerance:
+        if is_out_of_time() or watch.is_over or watch.best <= tolerance:
             break
         u = damped_solution(kernel, damping * scale, residual.mT)
         before = parameters_of(network)

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.holomorphic.mlp import ComplexMLP, Linearisation
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.training.boundary import BoundaryNodes, Placed, placed
@@ -66,7 +67,7 @@ def polish(
     both = torch.ones(2, dtype=torch.bool, device=slide.device)
     system: _NormalSystem | None = None
     for _ in range(max_steps):
-        if watch.is_over or best.rms <= tolerance:
+        if is_out_of_time() or watch.is_over or best.rms <= tolerance:
             break
         system = system or _NormalSystem.of(linear, nodes, best, curve, held=held)
         before = parameters_of(network)

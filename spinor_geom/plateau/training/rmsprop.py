@@ -17,6 +17,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.errors import OptionError, StorageError
@@ -211,7 +212,7 @@ class _Training:
         begin = time.perf_counter()
         status: Status = "finished"
         for index in itertools.count(len(self.history) + 1):
-            if self._has_patience_run_out():
+            if self._has_patience_run_out() or is_out_of_time():
                 status = "stopped"
                 break
             if index > self.options.epochs:

@@ -1,0 +1,150 @@
+"""How the faces of any mesh hang together in sheets, also where edges are crowded or faces flipped or copied.
+
+On clean meshes a sheet ends where an edge has one face. Elsewhere copies of faces and faces that use a vertex twice are
+passed over, an edge with more than two faces joins them two by two, and the direction of faces does not matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinor_geom.mesh.topology import HalfEdges, next_in_face
+
+# Faces on one edge beyond which none of them are joined: all pairs of them are compared.
+_MOST_FACES = 16
+_OPPOSITE_FIRST = 4.0  # more than any two cosines differ by
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sheets:
+    """The half-edges of the faces that count, with what lies across each.
+
+    Attributes:
+        half_edges: of those faces.
+        face_ids: the faces' numbers in the mesh.
+        twin: for every half-edge the one across its edge, −1 where its sheet ends.
+        copies: (k, 2) numbers of faces with the same vertices: one that counts and one that was passed over.
+        degenerate: (d,) numbers of the faces that use a vertex twice, which were passed over.
+    """
+
+    half_edges: HalfEdges
+    face_ids: Int[np.ndarray, " g"]
+    twin: Int[np.ndarray, " h"]
+    copies: Int[np.ndarray, "k 2"]
+    degenerate: Int[np.ndarray, " d"]
+
+    @classmethod
+    def of(cls, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Sheets:
+        """The sheets of faces over vertices."""
+        flat = repeats_a_vertex(faces)
+        face_ids = np.flatnonzero(~flat)
+        half_edges = HalfEdges.of(faces[face_ids])
+        copies = repeated_faces(half_edges)
+        if len(copies):
+            counts = np.ones(len(face_ids), dtype=bool)
+            counts[copies[:, 1]] = False
+            copies, face_ids = face_ids[copies], face_ids[counts]
+            half_edges = HalfEdges.of(faces[face_ids])
+        return cls(
+            half_edges=half_edges,
+            face_ids=face_ids,
+            twin=_twins(half_edges, vertices),
+            copies=copies,
+            degenerate=np.flatnonzero(flat),
+        )
+
+    def next_ends(self, half_edge: Int[np.ndarray, " n"], at_target: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        """Turns around an end of each given half-edge at which a sheet ends, to the next such half-edge there.
+
+        Args:
+            half_edge: half-edges without a twin.
+            at_target: around which end of each.
+
+        Returns:
+            2h for a half-edge h that was reached at its origin, 2h + 1 for one reached at its target.
+        """
+        origin, target = self.half_edges.origin, self.half_edges.target
+        vertex = np.where(at_target, target[half_edge], origin[half_edge])
+        reached, turning = half_edge.copy(), np.arange(len(half_edge))
+        while len(turning):
+            here = reached[turning]
+            here = np.where(target[here] == vertex[turning], next_in_face(here), _previous_in_face(here))
+            across = self.twin[here]
+            reached[turning] = np.where(across < 0, here, across)
+            turning = turning[across >= 0]
+        return 2 * reached + (target[reached] == vertex)
+
+
+def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
+    """Which faces use one vertex more than once."""
+    a, b, c = faces.T
+    return (a == b) | (b == c) | (c == a)
+
+
+def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
+    """Pairs of faces with the same three vertices, in whatever order; of several the first with or before each other.
+
+    Args:
+        half_edges: of faces with three different vertices.
+
+    Returns:
+        Smaller number first, sorted.
+    """
+    # two faces are the same exactly if they share an edge and the vertex opposite to it
+    a, b = half_edges.pairs.T
+    same = half_edges.opposite[a] == half_edges.opposite[b]
+    found = [np.stack([a[same], b[same]], axis=1)]
+    crowded = np.repeat(half_edges.counts > 2, half_edges.counts)
+    if crowded.any():
+        edge = np.repeat(np.arange(len(half_edges.counts)), half_edges.counts)[crowded]
+        members = half_edges.order[crowded]
+        apex = half_edges.opposite[members]
+        by_apex = np.lexsort((members, apex, edge))
+        same = (np.diff(edge[by_apex]) == 0) & (np.diff(apex[by_apex]) == 0)
+        found.append(np.stack([members[by_apex][:-1][same], members[by_apex][1:][same]], axis=1))
+    return np.unique(np.sort(np.concatenate(found) // 3, axis=1), axis=0)
+
+
+def _previous_in_face(half_edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    return half_edges + np.where(half_edges % 3 == 0, 2, -1)
+
+
+def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " h"]:
+    """What lies across each half-edge; of more than two faces on an edge the flattest pair is joined first.
+
+    Faces that run through the edge in opposite directions come before those that do not.
+    """
+    twin = half_edges.twin.copy()
+    crowded = np.flatnonzero((half_edges.counts > 2) & (half_edges.counts <= _MOST_FACES))
+    if not len(crowded):
+        return twin
+    start, size = half_edges.starts[crowded], half_edges.counts[crowded]
+    edge = np.repeat(np.arange(len(crowded)), size**2)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(size**2) - size**2, size**2)
+    one, other = (half_edges.order[start[edge] + n] for n in (number // size[edge], number % size[edge]))
+    pairs = np.stack([one, other, edge], axis=1)[one < other]
+    first, second = (_away_from_edge(half_edges, vertices, pairs[:, side]) for side in (0, 1))
+    same_way = half_edges.origin[pairs[:, 0]] == half_edges.origin[pairs[:, 1]]
+    fold = np.einsum("pi,pi->p", first, second) + _OPPOSITE_FIRST * same_way
+    pairs = pairs[np.lexsort((fold, pairs[:, 2]))]
+    while len(pairs):
+        flattest = pairs[np.append(True, np.diff(pairs[:, 2]) != 0)]
+        twin[flattest[:, 0]], twin[flattest[:, 1]] = flattest[:, 1], flattest[:, 0]
+        pairs = pairs[(twin[pairs[:, :2]] < 0).all(axis=1)]
+    return twin
+
+
+def _away_from_edge(
+    half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"], which: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 3"]:
+    """Unit vectors in the faces of half-edges, across the edge and away from it; 0 for a face without area."""
+    start = vertices[half_edges.origin[which]]
+    along, aside = vertices[half_edges.target[which]] - start, vertices[half_edges.opposite[which]] - start
+    length2 = np.einsum("ni,ni->n", along, along)
+    share = np.einsum("ni,ni->n", aside, along) / np.where(length2 > 0, length2, 1.0)
+    away = aside - share[:, None] * along
+    size = np.linalg.norm(away, axis=1)
+    return np.asarray(away / np.where(size > 0, size, 1.0)[:, None])

@@ -1,0 +1,144 @@
+"""Faces that do not fit together matter only at the loops that they touch, and are told there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from spinor_geom.errors import NonManifoldEdgeError
+from spinor_geom.mesh import BoundaryLoop, TriangleMesh, find_boundary_loops
+from tests.fill.shapes import tube
+
+SIDES, RINGS = 12, 6
+FAR = 2 * SIDES * 2  # a face between the third ring and the fourth
+Pair = tuple[np.ndarray, np.ndarray]
+
+
+def flipped(face: int) -> Pair:
+    vertices, faces = tube(SIDES, RINGS)
+    faces[face] = faces[face, ::-1]
+    return vertices, faces
+
+
+def copied(face: int) -> Pair:
+    vertices, faces = tube(SIDES, RINGS)
+    return vertices, np.vstack([faces, faces[face, [1, 2, 0]]])
+
+
+def copied_backwards(face: int) -> Pair:
+    vertices, faces = tube(SIDES, RINGS)
+    return vertices, np.vstack([faces, faces[face, ::-1]])
+
+
+def with_a_vertex_twice(face: int) -> Pair:
+    vertices, faces = tube(SIDES, RINGS)
+    return vertices, np.vstack([faces, faces[face, [0, 1, 1]]])
+
+
+def with_a_fin(face: int) -> Pair:
+    vertices, faces = tube(SIDES, RINGS)
+    a, _, c = faces[face]  # a diagonal, which has two faces
+    return np.vstack([vertices, [[5.0, 0, 1]]]), np.vstack([faces, [a, c, len(vertices)]])
+
+
+DEFECTS: list[Callable[[int], Pair]] = [flipped, copied, copied_backwards, with_a_vertex_twice, with_a_fin]
+
+
+def same(loop: BoundaryLoop, other: BoundaryLoop) -> bool:
+    return np.array_equal(loop.vertex_ids, other.vertex_ids)
+
+
+@pytest.mark.parametrize("defect", DEFECTS)
+def test_a_defect_far_away_changes_no_loop_and_is_told_at_none(defect: Callable[[int], Pair]) -> None:
+    loops = find_boundary_loops(TriangleMesh(*defect(FAR)))
+    clean = find_boundary_loops(TriangleMesh(*tube(SIDES, RINGS)))
+    kept = [loop for loop in loops if len(loop) == SIDES]
+    assert all(map(same, kept, clean))
+    assert all(loop.obstacle is None and loop.remarks == () for loop in kept)
+    # the fin has an outline of its own
+    assert len(loops) == (3 if defect is with_a_fin else 2)
+
+
+@pytest.mark.parametrize(
+    ("defect", "words"),
+    [
+        (flipped, "1 of the 12 faces beside the loop run against the others, first face 0"),
+        (copied, r"first faces \(0, 120\) with the same vertices"),
+        (copied_backwards, r"first faces \(0, 120\) with the same vertices"),
+        (with_a_vertex_twice, r"first face 120 \(0, 1, 1\)"),
+        (with_a_fin, r"edge \(13, 0\) has 3 faces"),
+    ],
+)
+def test_a_defect_at_a_loop_changes_it_not_and_is_told_there_alone(defect: Callable[[int], Pair], words: str) -> None:
+    loops = [loop for loop in find_boundary_loops(TriangleMesh(*defect(0))) if len(loop) == SIDES]
+    clean = find_boundary_loops(TriangleMesh(*tube(SIDES, RINGS)))
+    assert all(map(same, loops, clean))
+    assert all(loop.obstacle is None for loop in loops)
+    (remark,) = loops[0].remarks
+    assert re.search(words, remark), remark
+    assert loops[1].remarks == ()
+    assert loops[0].reversed().remarks == loops[0].remarks
+
+
+def test_a_loop_along_an_edge_of_three_faces_names_it_as_its_obstacle() -> None:
+    loops = find_boundary_loops(TriangleMesh(*with_a_fin(FAR)))
+    (fin,) = (loop for loop in loops if len(loop) == 3)
+    assert isinstance(fin.obstacle, NonManifoldEdgeError)
+    assert 120 in fin.obstacle.fields["faces"]
+    assert set(fin.obstacle.fields["edge"]) < set(fin.vertex_ids.tolist())
+
+
+def test_a_loop_goes_with_most_of_the_faces_beside_it() -> None:
+    clean = find_boundary_loops(TriangleMesh(*tube(SIDES, RINGS)))[0]
+    vertices, faces = tube(SIDES, RINGS)
+    beside = np.flatnonzero(np.isin(faces, clean.vertex_ids).sum(axis=1) == 2)
+    for count in (5, 7):
+        turned = faces.copy()
+        turned[beside[:count]] = turned[beside[:count], ::-1]
+        loop = find_boundary_loops(TriangleMesh(vertices, turned))[0]
+        assert same(loop, clean) is (count < 6)
+        assert same(loop.reversed(), clean) is (count > 6)
+
+
+def test_pieces_inside_out_to_each_other_have_the_loops_of_their_own_faces() -> None:
+    vertices, faces = tube(SIDES, RINGS)
+    upper = (faces >= 3 * SIDES).any(axis=1)
+    turned = np.where(upper[:, None], faces[:, ::-1], faces)
+    clean = find_boundary_loops(TriangleMesh(vertices, faces))
+    loops = find_boundary_loops(TriangleMesh(vertices, turned))
+    assert same(loops[0], clean[0])
+    assert same(loops[1], clean[1].reversed())
+    assert all(loop.remarks == () for loop in loops)
+
+
+def test_the_edge_of_a_moebius_strip_is_one_loop() -> None:
+    faces = np.array([[0, 1, 2], [2, 1, 3], [2, 3, 4], [4, 3, 5], [4, 5, 1], [1, 5, 0]])
+    (loop,) = find_boundary_loops(TriangleMesh(np.random.default_rng(0).uniform(size=(6, 3)), faces))
+    assert len(loop) == 6
+    assert "run against the others" in loop.remarks[0]
+
+
+def test_a_soup_elsewhere_does_not_hide_a_loop() -> None:
+    vertices, faces = tube(SIDES, 2)
+    soup, own = tube(24, 9)
+    soup = soup[own.ravel()] + [5.0, 0, 0]
+    mesh = TriangleMesh(
+        np.vstack([vertices, soup]), np.vstack([faces, np.arange(len(soup)).reshape(-1, 3) + len(vertices)])
+    )
+    loops = [loop for loop in find_boundary_loops(mesh) if len(loop) == SIDES]
+    assert len(loops) == 2
+    assert all(len(loop.seam_edges) == 0 for loop in loops)
+
+
+def test_edges_of_very_many_faces_are_not_compared_in_pairs() -> None:
+    # a book of 100 pages: each has its own outline, along the back of the book
+    count = 100
+    angle = 2 * np.pi * np.arange(count) / count
+    pages = np.column_stack([np.cos(angle), np.sin(angle), np.full(count, 0.5)])
+    faces = np.column_stack([np.zeros(count, int), np.ones(count, int), np.arange(count) + 2])
+    loops = find_boundary_loops(TriangleMesh(np.vstack([[[0, 0, 0], [0, 0, 1]], pages]), faces))
+    assert len(loops) == count
+    assert all(isinstance(loop.obstacle, NonManifoldEdgeError) for loop in loops)
