@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.sparse import coo_array
 
 from spinor_geom.domain.flattening import flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
+from spinor_geom.mesh.operators import intrinsic_angles
 
 # The triangulation costs O(n³) time and O(n²) memory: longer loops are thinned to this many points for it.
 _LONGEST = 200
@@ -34,8 +38,8 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     kept = _thinned(points)
     corners = points[kept]
     triangles = minimum_area_triangulation(corners)
-    distance = np.linalg.norm(corners[:, None] - corners, axis=2)
-    angles = _angles(distance, triangles)
+    side = corners[np.roll(triangles, -2, axis=1)] - corners[np.roll(triangles, -1, axis=1)]
+    angles = intrinsic_angles(np.linalg.norm(side, axis=2))
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     try:
@@ -93,6 +97,24 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
     return np.concatenate(triangles)
 
 
+def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
+    """Faces of a disk over a closed curve with no other vertices and about the least area.
+
+    Up to 200 points it is their minimum-area triangulation. Of more points every k-th is taken for it, and the pieces
+    of the curve that these skip are closed likewise.
+    """
+    m = len(points)
+    if m <= _LONGEST:
+        return minimum_area_triangulation(points)
+    kept = np.arange(0, m, math.ceil(m / _LONGEST))
+    parts = [kept[minimum_area_triangulation(points[kept])]]
+    for first, last in itertools.pairwise([*kept.tolist(), m]):
+        piece = np.arange(first, last + 1) % m
+        if len(piece) > 2:
+            parts.append(piece[disk_without_inner_points(points[piece])])
+    return np.concatenate(parts)
+
+
 def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
     m = len(points)
     if m <= _LONGEST:
@@ -100,22 +122,6 @@ def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     total = along[-1] + np.linalg.norm(points[0] - points[-1])
     return np.unique(np.searchsorted(along, np.arange(_LONGEST) * (total / _LONGEST)).clip(0, m - 1))
-
-
-def _angles(distance: Float[np.ndarray, "n n"], triangles: Int[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
-    """Corner angles from edge lengths, right for degenerate triangles too."""
-    i, j, k = triangles.T
-    a, b, c = distance[j, k], distance[k, i], distance[i, j]
-
-    def angle(
-        opposite: Float[np.ndarray, " t"], left: Float[np.ndarray, " t"], right: Float[np.ndarray, " t"]
-    ) -> Float[np.ndarray, " t"]:
-        # half-angle form: no loss of digits at 0 and π
-        top = np.maximum(opposite**2 - (left - right) ** 2, 0.0)
-        bottom = np.maximum((left + right) ** 2 - opposite**2, 0.0)
-        return np.asarray(2 * np.arctan2(np.sqrt(top), np.sqrt(bottom)))
-
-    return np.stack([angle(a, b, c), angle(b, c, a), angle(c, a, b)], axis=1)
 
 
 def _laplacian(angles: Float[np.ndarray, "t 3"], triangles: Int[np.ndarray, "t 3"], n: int) -> Float[np.ndarray, "n n"]:
