@@ -83,11 +83,11 @@ def test_long_loops_keep_every_point():
     flat = unfolded_loop(np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1))
     assert len(flat) == 450
     assert is_simple(flat)
-    # between the 200 points kept the others lie on chords
-    assert abs(np.abs(flat - flat.mean()).max() - 1) < 1e-3
+    # between the 160 points kept, or fewer, the others lie on chords
+    assert abs(np.abs(flat - flat.mean()).max() - 1) < 3e-3
 
 
-@pytest.mark.parametrize("count", [200, 201, 450])
+@pytest.mark.parametrize("count", [160, 161, 450])
 def test_long_loops_are_closed_without_inner_points_by_parts(count):
     angle = 2 * np.pi * np.arange(count) / count
     points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
