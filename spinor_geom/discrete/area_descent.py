@@ -10,12 +10,14 @@ from scipy.sparse import coo_array, csc_array
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import SingularMatrixError
-from spinor_geom.mesh.operators import cotangent_laplacian, face_areas, factor_symmetric
+from spinor_geom.mesh.operators import face_areas, factor_symmetric, mollified_laplacian
 
 # Harmonic steps converge slowly near a loss of stability, Newton steps need a good start: hand over at this change.
 _HAND_OVER = 1e-3
 # Steps shorter than this share are not worth an area evaluation: the area is stationary to round-off.
 _SHORTEST_STEP = 1e-3
+# Faces below this have no normal.
+_NO_AREA = 1e-300
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,21 +46,20 @@ def descend_area(
     relative_change: float,
     max_iterations: int = 100,
 ) -> Descent:
-    """Moves the inner vertices to a stationary area.
+    """Moves the inner vertices until the area is stationary for motions along the vertex normals.
 
     First harmonic maps on the current surface: ∇area = L(x)x with L the positive cotangent Laplacian, so the step
     −L⁻¹∇area descends. Then Newton's method for displacements along the vertex normals. Motions in the surface's own
-    plane change its area by no more than the discretisation error and degenerate the triangles: they are left alone.
+    plane would lower the area of the mesh further, by about the discretisation error, and degenerate the triangles:
+    they are left alone. Faces without area take no part in ∇area; L is mollified there.
 
     Args:
         vertices: the first boundary_size are fixed.
         faces: triangles.
         boundary_size: number of fixed vertices.
-        relative_change: the area counts as stationary when a full Newton step lowers it by less than this share.
+        relative_change: the area counts as stationary when a full Newton step lowers it by less than this share, or
+            would lower it by less by its slope. From 1e-3 on harmonic maps are near enough: no Newton step is taken.
         max_iterations: limit on steps.
-
-    Raises:
-        SingularMatrixError: faces without area.
 
     Source: Pinkall & Polthier, "Computing discrete minimal surfaces and their conjugates", Experim. Math. 2 (1993).
     """
@@ -70,44 +71,55 @@ def descend_area(
     for _ in range(max_iterations):
         if is_out_of_time():
             break
-        step = _newton_step(x, faces, m) if newton else _harmonic_step(x, faces, m)
+        step, slope = (_newton_step if newton else _harmonic_step)(x, faces, m)
+        allowed = (relative_change if newton else max(_HAND_OVER, relative_change)) * areas[-1]
         length = 1.0
         while length > _SHORTEST_STEP:
-            moved = x + length * step
+            moved = x.copy()
+            moved[m:] += length * step
             area = float(face_areas(moved, faces).sum())
-            if area <= areas[-1]:
+            if area < areas[-1]:
                 break
             length /= 2
         change = areas[-1] - area
-        if change >= 0:
+        if change > 0:
             x = moved
             areas.append(area)
         # a small gain by a full step, or no smaller area along a direction of descent: this stage has done its part
-        if length <= _SHORTEST_STEP or (
-            length == 1.0 and change <= (relative_change if newton else _HAND_OVER) * areas[-1]
-        ):
-            if newton:
-                return Descent(vertices=x, areas=tuple(areas), converged=True)
+        small = length == 1.0 and 0 < change <= allowed
+        if small or change <= 0:
+            if newton or (small and relative_change >= _HAND_OVER):
+                # where the area should fall along the step, but does not by any length, a face is about to turn over
+                return Descent(vertices=x, areas=tuple(areas), converged=small or slope <= allowed)
             newton = True
     return Descent(vertices=x, areas=tuple(areas), converged=False)
 
 
-def _harmonic_step(x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int) -> Float[np.ndarray, "n 3"]:
-    return np.asarray(harmonic_extension(cotangent_laplacian(x, faces), x[:m]) - x)
+def _harmonic_step(
+    x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int
+) -> tuple[Float[np.ndarray, "i 3"], float]:
+    """The step −L⁻¹∇area of the inner vertices, and by how much it lowers the area to first order."""
+    corner = x[faces]
+    edge = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
+    cross = np.cross(edge[:, 1], edge[:, 2])
+    normal = cross / np.maximum(np.linalg.norm(cross, axis=1), _NO_AREA)[:, None]
+    gradient = _summed(faces, 0.5 * np.cross(normal[:, None], edge), len(x))[m:]
+    step = -factor_symmetric(mollified_laplacian(x, faces)[m:, m:]).solve(gradient)
+    return np.asarray(step), -float((gradient * step).sum())
 
 
-def _newton_step(x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int) -> Float[np.ndarray, "n 3"]:
-    """Newton step of the total area for displacements of the inner vertices along their normals."""
+def _newton_step(
+    x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int
+) -> tuple[Float[np.ndarray, "i 3"], float]:
+    """Newton step of the area for displacements of the inner vertices along their normals, and as `_harmonic_step`."""
     n = len(x)
     corner = x[faces]
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    vertex_normal = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(cross[:, k], 3), minlength=n) for k in range(3)], axis=1
-    )
-    vertex_normal = vertex_normal / np.maximum(np.linalg.norm(vertex_normal, axis=1), 1e-300)[:, None]
+    vertex_normal = _summed(faces, np.repeat(cross[:, None], 3, axis=1), n)
+    vertex_normal /= np.maximum(np.linalg.norm(vertex_normal, axis=1), _NO_AREA)[:, None]
     # slivers have no area to gain: their second derivative must not drown that of their neighbours
     longest = np.max(np.sum((corner - np.roll(corner, 1, axis=1)) ** 2, axis=2), axis=1)
-    twice_area = np.maximum(np.linalg.norm(cross, axis=1), 1e-4 * longest)
+    twice_area = np.maximum(np.linalg.norm(cross, axis=1), np.maximum(1e-4 * longest, _NO_AREA))
     normal = cross / twice_area[:, None]
     nu = vertex_normal[faces]
     # first derivatives of the face's cross product by the displacements of its corners
@@ -122,15 +134,19 @@ def _newton_step(x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: 
         hessian[:, j, i] += mixed
     rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
     matrix = csc_array(coo_array((hessian.ravel(), (rows, columns)), shape=(n, n)).tocsc()[m:, m:])
-    metric = cotangent_laplacian(x, faces)[m:, m:]
-    if not np.isfinite(metric.data).all():
-        raise SingularMatrixError(size=n - m)
-    shift = 0.0
+    metric, shift = mollified_laplacian(x, faces)[m:, m:], 0.0
     while True:
-        factor = factor_symmetric(matrix + shift * metric)
-        if shift > 1e3 or (factor.U.diagonal() > 0).all():  # an indefinite Hessian's step could climb
-            break
+        try:
+            factor = factor_symmetric(matrix + shift * metric)
+            if (factor.U.diagonal() > 0).all():  # an indefinite Hessian's step could climb
+                break
+        except SingularMatrixError:
+            pass  # as an indefinite one
         shift = max(4 * shift, 1e-2)
-    step = np.zeros((n, 3))
-    step[m:] = -factor.solve(gradient)[:, None] * vertex_normal[m:]
-    return step
+    along_normals = -factor.solve(gradient)
+    return along_normals[:, None] * vertex_normal[m:], -float(gradient @ along_normals)
+
+
+def _summed(faces: Int[np.ndarray, "f 3"], values: Float[np.ndarray, "f 3 3"], n: int) -> Float[np.ndarray, "n 3"]:
+    """Sums at the vertices of vectors given at the corners of faces."""
+    return np.stack([np.bincount(faces.ravel(), values[:, :, k].ravel(), minlength=n) for k in range(3)], axis=1)

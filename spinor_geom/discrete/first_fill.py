@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.sparse import coo_array
 
 from spinor_geom.domain.flattening import flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
+from spinor_geom.mesh.operators import intrinsic_angles
 
 # The triangulation costs O(n³) time and O(n²) memory: longer loops are thinned to this many points for it.
-_LONGEST = 200
+_LONGEST = 160
+# Sine of the angle by which a curve turns at a point that may be left out: sampled straight sides keep their ends.
+_STRAIGHT = 1e-6
 # Share of the squared diagonals in the cost: decides where areas tie (plane loops, straight sides).
 _DIAGONAL_WEIGHT = 1e-4
 # Share of the way to 60° by which angles are drawn: none is below 3° then.
@@ -22,7 +28,8 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
 
     The minimum-area triangulation of the curve alone has no inner vertex, so it unfolds into the plane without
     distortion; slits and folds come out right. Where the unfolding overlaps it is straightened (see `flatten`).
-    Curves of more than 200 points are thinned for this, the points left out are put on the polygon's sides.
+    Curves of more than 160 points are thinned for this, straight sides to their ends; the points left out are put on
+    the polygon's sides.
 
     Args:
         points: of the curve, in order.
@@ -34,8 +41,8 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     kept = _thinned(points)
     corners = points[kept]
     triangles = minimum_area_triangulation(corners)
-    distance = np.linalg.norm(corners[:, None] - corners, axis=2)
-    angles = _angles(distance, triangles)
+    side = corners[np.roll(triangles, -2, axis=1)] - corners[np.roll(triangles, -1, axis=1)]
+    angles = intrinsic_angles(np.linalg.norm(side, axis=2))
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     try:
@@ -47,11 +54,9 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
         ) from error
     if len(kept) == len(points):
         return flat.boundary
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    closed = np.append(flat.boundary, flat.boundary[0])
-    total = along[-1] + np.linalg.norm(points[0] - points[-1])
-    knots = np.append(along[kept], total)
-    return np.asarray(np.interp(along, knots, closed.real) + 1j * np.interp(along, knots, closed.imag))
+    edge = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    along = np.cumsum(edge) - edge
+    return np.asarray(np.interp(along, along[kept], flat.boundary, period=edge.sum()))
 
 
 def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "t 3"]:
@@ -93,29 +98,45 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
     return np.concatenate(triangles)
 
 
-def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
+def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
+    """Faces of a disk over a closed curve with no other vertices and about the least area.
+
+    Up to 160 points it is their minimum-area triangulation. Of more points every k-th is taken for it, and the pieces
+    of the curve that these skip are closed likewise.
+    """
     m = len(points)
     if m <= _LONGEST:
-        return np.arange(m)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    total = along[-1] + np.linalg.norm(points[0] - points[-1])
-    return np.unique(np.searchsorted(along, np.arange(_LONGEST) * (total / _LONGEST)).clip(0, m - 1))
+        return minimum_area_triangulation(points)
+    kept = np.arange(0, m, math.ceil(m / _LONGEST))
+    parts = [kept[minimum_area_triangulation(points[kept])]]
+    for first, last in itertools.pairwise([*kept.tolist(), m]):
+        piece = np.arange(first, last + 1) % m
+        if len(piece) > 2:
+            parts.append(piece[disk_without_inner_points(points[piece])])
+    return np.concatenate(parts)
 
 
-def _angles(distance: Float[np.ndarray, "n n"], triangles: Int[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
-    """Corner angles from edge lengths, right for degenerate triangles too."""
-    i, j, k = triangles.T
-    a, b, c = distance[j, k], distance[k, i], distance[i, j]
+def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
+    """Indices of the points that tell a closed curve's shape: no three on a line, and at most `_LONGEST`.
 
-    def angle(
-        opposite: Float[np.ndarray, " t"], left: Float[np.ndarray, " t"], right: Float[np.ndarray, " t"]
-    ) -> Float[np.ndarray, " t"]:
-        # half-angle form: no loss of digits at 0 and π
-        top = np.maximum(opposite**2 - (left - right) ** 2, 0.0)
-        bottom = np.maximum((left + right) ** 2 - opposite**2, 0.0)
-        return np.asarray(2 * np.arctan2(np.sqrt(top), np.sqrt(bottom)))
+    Those that span least area with their neighbours are left out, about every other one of such neighbours a round.
 
-    return np.stack([angle(a, b, c), angle(b, c, a), angle(c, a, b)], axis=1)
+    Source: Visvalingam & Whyatt, "Line generalisation by repeated elimination of points", Cartographic J. 30 (1993).
+    """
+    kept = np.arange(len(points))
+    while True:
+        p = points[kept]
+        ahead, back = np.roll(p, -1, axis=0) - p, np.roll(p, 1, axis=0) - p
+        area = np.linalg.norm(np.cross(ahead, back), axis=1)
+        cosine = np.einsum("ij,ij->i", ahead, back)
+        least = area < -_STRAIGHT * cosine
+        surplus = len(kept) - _LONGEST
+        if surplus > 0:
+            least |= area <= np.partition(area, surplus)[surplus]
+        drop = least & ((np.arange(len(kept)) % 2 == 0) | ~np.roll(least, 1))
+        if not drop.any() or len(kept) - drop.sum() < 3:
+            return kept
+        kept = kept[~drop]
 
 
 def _laplacian(angles: Float[np.ndarray, "t 3"], triangles: Int[np.ndarray, "t 3"], n: int) -> Float[np.ndarray, "n n"]:

@@ -82,6 +82,7 @@ def meshlab_minimal_surface(
         area=areas[-1] * loop.diagonal**2,
         area_history=tuple(area * loop.diagonal**2 for area in areas),
         converged=converged,
+        reason="" if converged else "the smoothing did not make the area stationary",
         method="pymeshlab",
         seconds=time.perf_counter() - start,
     )

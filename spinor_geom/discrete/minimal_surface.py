@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -12,13 +12,13 @@ from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.discrete.area_descent import descend_area, harmonic_extension
-from spinor_geom.discrete.first_fill import unfolded_loop
+from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.triangulation import SizeFunction, graded_size, triangulate_polygon
-from spinor_geom.errors import OptionError, TooManyRimsError
+from spinor_geom.errors import DomainError, FirstFillError, OptionError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+from spinor_geom.mesh.operators import face_areas, mollified_laplacian
 from spinor_geom.shown import Shown
 
 DiscreteMethod = Literal["libigl", "pymeshlab"]
@@ -39,6 +39,7 @@ class DiscreteMinimalSurface(Shown):
         area: total area of the triangles.
         area_history: total area after each step of the last descent.
         converged: whether the area became stationary to the relative change asked for.
+        reason: one sentence: why it did not, or what could not be done as usual; empty where all went well.
         method: what made it.
         seconds: wall time.
     """
@@ -49,6 +50,7 @@ class DiscreteMinimalSurface(Shown):
     area: float
     area_history: tuple[float, ...]
     converged: bool
+    reason: str
     method: DiscreteMethod
     seconds: float
 
@@ -63,7 +65,7 @@ def discrete_minimal_surface(
     *,
     method: DiscreteMethod = "libigl",
     target_edge_length: float | None = None,
-    relative_change: float = 1e-10,
+    relative_change: float = 1e-8,
 ) -> DiscreteMinimalSurface:
     """A discrete disk of stationary area over any closed loop, or an annulus between two.
 
@@ -72,6 +74,9 @@ def discrete_minimal_surface(
     meshed anew there and brought to a stationary area by Newton's method along the normals. Triangles are as long as
     the loop's edges beside it and grow with the distance from it, so their number grows like the loop's length; for an
     area that converges with the loop's edge length give `target_edge_length`.
+    Loops without a simple plane domain like them, as ragged rims and loops that cross or touch themselves may be, start
+    from a round one; where that leaves more area than triangles without inner vertices do, these are the result. The
+    result's `reason` says so.
     "pymeshlab": its close-holes filter, isotropic remeshing, and cotangent smoothing of the inner vertices.
 
     Two loops start from the strip of least area between them; their triangles always grow inwards, and there is no
@@ -82,14 +87,14 @@ def discrete_minimal_surface(
             `PlateauSolution.rims`.
         method: which library's operators are used.
         target_edge_length: upper bound of the edge length in mesh units; None lets it grow inwards.
-        relative_change: the area counts as stationary when a step lowers it by less than this share.
+        relative_change: the area counts as stationary when a step lowers it by less than this share, or would lower it
+            by less by its slope.
 
     Raises:
         OptionError: unknown method, one that has no annuli, or an edge length that is not positive.
         TooManyRimsError: a sequence of other than one or two loops.
-        FirstFillError: no first fill was found.
-        DomainError: the first fill has no simple flattening.
-        SingularMatrixError: the loop crosses itself or runs along itself, so that faces have no area.
+        FirstFillError: MeshLab did not fill the loop; "libigl" closes every loop.
+        DomainError: the two loops lie so that no annulus can be meshed.
 
     Source: Pinkall & Polthier (1993); the first fill after Barequet & Sharir (1995).
     """
@@ -108,17 +113,19 @@ def discrete_minimal_surface(
     if method != "libigl":
         raise OptionError(f"unknown method {method!r}; choose 'libigl' or 'pymeshlab'")
     start = time.perf_counter()
-    first = first_disk(loop.points)
-    flat = flatten(first.vertices, first.faces, len(loop)).boundary
-    size = None if target_edge_length is None else _capped(flat, first, target_edge_length)
-    second = _fill(flat, loop.points, relative_change=relative_change, size=size)
+    unit = (loop.points - loop.centroid) / loop.diagonal
+    disk = _stationary_disk(
+        unit, relative_change, None if target_edge_length is None else target_edge_length / loop.diagonal
+    )
+    areas = tuple(area * loop.diagonal**2 for area in disk.areas)
     return DiscreteMinimalSurface(
-        vertices=second.vertices,
-        faces=second.faces,
+        vertices=np.concatenate([loop.points, disk.vertices[len(loop) :] * loop.diagonal + loop.centroid]),
+        faces=disk.faces,
         boundary_size=len(loop),
-        area=second.areas[-1],
-        area_history=second.areas,
-        converged=second.converged,
+        area=areas[-1],
+        area_history=areas,
+        converged=disk.converged,
+        reason=disk.reason,
         method="libigl",
         seconds=time.perf_counter() - start,
     )
@@ -136,6 +143,7 @@ def _between(loops: Sequence[BoundaryLoop], relative_change: float) -> DiscreteM
         area=descent.areas[-1],
         area_history=descent.areas,
         converged=descent.converged,
+        reason=_reason(descent.converged),
         method="libigl",
         seconds=time.perf_counter() - start,
     )
@@ -143,12 +151,54 @@ def _between(loops: Sequence[BoundaryLoop], relative_change: float) -> DiscreteM
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Disk:
-    """A triangulated disk over a closed curve, the curve's points first, and how its area fell."""
+    """A triangulated disk over a closed curve, the curve's points first, and how its area fell; why it is no better."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
     areas: tuple[float, ...]
     converged: bool
+    reason: str = ""
+
+
+def _reason(converged: bool) -> str:
+    return "" if converged else "the area did not become stationary"
+
+
+def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, target: float | None) -> Disk:
+    """A disk of stationary area over any closed curve, or the best that was found, with what was wrong as its reason.
+
+    The plane domains are tried in order: the unfolding, and a round one that any curve has; then the flattened first
+    disk, and the first domain again.
+    """
+    domain, failure = np.empty(0), ""
+    try:
+        domain = unfolded_loop(points)
+        first = _fill(domain, points, relative_change=_FIRST_CHANGE)
+    except (DomainError, FirstFillError) as error:
+        domain, failure = _round_domain(points), f"it started from a round domain: {error}"
+        first = _fill(domain, points, relative_change=_FIRST_CHANGE)
+    try:
+        flat = flatten(first.vertices, first.faces, len(points)).boundary
+        disk = _fill(flat, points, relative_change=relative_change, size=_capped(flat, first, target))
+    except DomainError as error:
+        failure = f"it was not meshed anew on its flattening: {error}"
+        disk = _fill(domain, points, relative_change=relative_change, size=_capped(domain, first, target))
+    if disk.converged and not failure:
+        return disk
+    faces = disk_without_inner_points(points)
+    area = float(face_areas(points, faces).sum())
+    if area < disk.areas[-1]:
+        return Disk(
+            vertices=points, faces=faces, areas=(area,), converged=False, reason="no inner vertices lowered its area"
+        )
+    return replace(disk, reason=disk.reason or failure)
+
+
+def _round_domain(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]:
+    """A vertex on the unit circle for each point, by a mean of their numbers and their places along the curve."""
+    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    step = np.pi * (length / length.sum() + 1 / len(points))
+    return np.exp(1j * np.cumsum(step))
 
 
 def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
@@ -185,16 +235,24 @@ def _fill(
     """Meshes a polygon, maps it harmonically to the loop, and descends in area."""
     plane = triangulate_polygon(polygon, size or graded_size(polygon))
     flat = np.column_stack([plane.points.real, plane.points.imag, np.zeros(len(plane.points))])
-    mapped = harmonic_extension(cotangent_laplacian(flat, plane.faces), points)
+    mapped = harmonic_extension(mollified_laplacian(flat, plane.faces), points)
     descent = descend_area(mapped, plane.faces, len(points), relative_change=relative_change)
-    return Disk(vertices=descent.vertices, faces=plane.faces, areas=descent.areas, converged=descent.converged)
+    return Disk(
+        vertices=descent.vertices,
+        faces=plane.faces,
+        areas=descent.areas,
+        converged=descent.converged,
+        reason=_reason(descent.converged),
+    )
 
 
-def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float) -> SizeFunction:
-    """Graded size with an upper bound in space: the bound in the plane is target over the local stretch."""
+def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | None) -> SizeFunction:
+    """Graded size, with an upper bound in space: the bound in the plane is target over the local stretch."""
     graded = graded_size(polygon)
+    if target is None:
+        return graded
     boundary = np.column_stack([polygon.real, polygon.imag])
-    flat = harmonic_extension(cotangent_laplacian(first.vertices, first.faces), boundary) @ np.array([1.0, 1.0j])
+    flat = harmonic_extension(mollified_laplacian(first.vertices, first.faces), boundary) @ np.array([1.0, 1.0j])
     flat = flat[first.faces]
     plane_area = 0.5 * np.abs(np.imag(np.conj(flat[:, 1] - flat[:, 0]) * (flat[:, 2] - flat[:, 0])))
     stretch = np.sqrt(face_areas(first.vertices, first.faces) / np.maximum(plane_area, 1e-300))

@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import Descent, descend_area, harmonic_extension
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
-from spinor_geom.mesh.operators import cotangent_laplacian
+from spinor_geom.mesh.operators import mollified_laplacian
 
 # Longer loops are thinned to so many points for the search of the strip.
 _MOST_POINTS = 128
@@ -98,7 +98,7 @@ def discrete_annulus(
 
 def _descended(plane: PlaneTriangulation, points: Float[np.ndarray, "m 3"], relative_change: float) -> Descent:
     flat = np.column_stack([plane.points.real, plane.points.imag, np.zeros(len(plane.points))])
-    mapped = harmonic_extension(cotangent_laplacian(flat, plane.faces), points)
+    mapped = harmonic_extension(mollified_laplacian(flat, plane.faces), points)
     return descend_area(mapped, plane.faces, len(points), relative_change=relative_change)
 
 
@@ -146,7 +146,7 @@ def _conformal_places(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], m: int, rim: int
 ) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
     """Places of the rims' vertices on the round annulus that a discrete annulus is conformal to."""
-    laplacian = cotangent_laplacian(vertices, faces)
+    laplacian = mollified_laplacian(vertices, faces)
     height = harmonic_extension(laplacian, np.repeat([0.0, 1.0], [m, rim - m])[:, None])
     flux = np.abs((laplacian @ height)[:rim, 0])
     energy = flux.sum() / 2

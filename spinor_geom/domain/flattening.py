@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import itertools
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+import scipy.linalg
+from jaxtyping import Bool, Complex, Float, Int
+from scipy.spatial import cKDTree
 
 from spinor_geom.errors import DomainError
-from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric, internal_angles
+from spinor_geom.mesh.operators import (
+    factor_symmetric,
+    intrinsic_angles,
+    intrinsic_laplacian,
+    mollified_edge_lengths,
+)
 
 # Strengths of straightening, weakest first: weight of the size of u against the evenness of the smoothed curvature.
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
@@ -52,9 +60,10 @@ def dirichlet_to_neumann(
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
     m = boundary_size
-    laplacian = cotangent_laplacian(vertices, faces)
+    lengths = mollified_edge_lengths(vertices, faces)
+    laplacian = intrinsic_laplacian(lengths, faces)
     defect = np.full(len(vertices), 2 * np.pi)
-    defect -= np.bincount(faces.ravel(), internal_angles(vertices, faces).ravel(), minlength=len(vertices))
+    defect -= np.bincount(faces.ravel(), intrinsic_angles(lengths).ravel(), minlength=len(vertices))
     turning = defect[:m] - np.pi
     if len(vertices) == m:
         return np.asarray(laplacian.toarray()), turning
@@ -122,29 +131,37 @@ def flatten_boundary(
     Raises:
         DomainError: no simple domain was found.
     """
-    for draw_in_lobes in (False, True):
-        found: list[Flattening] = []
-        for u in _candidates(edge, turning, neumann, saws=saws):
-            # degenerate triangles can make Λ infinite, never k₀: u = 0 must not touch Λ
-            polygon = lay_out(edge, turning + neumann @ u if u.any() else turning, u)
-            if polygon is not None and draw_in_lobes:
-                polygon = untangled(polygon)
-            if polygon is None or not is_simple(polygon) or (drawn is not None and not is_simple(drawn(polygon))):
-                continue
-            ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
-            log_scale = (ratio + np.roll(ratio, 1)) / 2
-            found.append(Flattening(boundary=polygon, log_scale=log_scale, clearance=outer_clearance(polygon)))
-            if found[-1].clearance >= clearance:
-                break
-        # little straightening comes before a little more room: candidates are in order of their straightening
-        for share in (1.0, 0.5, 0.0):
-            for flat in found:
-                if flat.clearance >= share * clearance:
-                    return flat
+    laid_out = (lay_out(edge, turning + neumann @ u, u) for u in _candidates(edge, turning, neumann, saws=saws))
+    # tee: what was laid out in vain is not laid out again for its lobes
+    plain, lobed = itertools.tee(polygon for polygon in laid_out if polygon is not None)
+    for polygons in (plain, map(untangled, lobed)):
+        flat = _least_straightened(polygons, edge, clearance, drawn)
+        if flat is not None:
+            return flat
     raise DomainError(
         f"no simple plane domain was found for a boundary of {len(edge)} vertices: it stays crossed however it is "
         "straightened; check that the loop does not cross itself"
     )
+
+
+def _least_straightened(
+    polygons: Iterable[Complex[np.ndarray, " m"] | None],
+    edge: Float[np.ndarray, " m"],
+    clearance: float,
+    drawn: Callable[[Complex[np.ndarray, " m"]], Complex[np.ndarray, " k"]] | None,
+) -> Flattening | None:
+    """The first simple polygon with enough clearance; where none has, the first with half of it, or with any."""
+    found: list[Flattening] = []
+    for polygon in polygons:
+        if polygon is None or not is_simple(polygon) or (drawn is not None and not is_simple(drawn(polygon))):
+            continue
+        ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
+        log_scale = (ratio + np.roll(ratio, 1)) / 2
+        found.append(Flattening(boundary=polygon, log_scale=log_scale, clearance=outer_clearance(polygon)))
+        if found[-1].clearance >= clearance:
+            return found[-1]
+    # little straightening comes before a little more room: polygons are in order of their straightening
+    return next((flat for share in (0.5, 0.0) for flat in found if flat.clearance >= share * clearance), None)
 
 
 def _candidates(
@@ -152,8 +169,6 @@ def _candidates(
 ) -> Iterator[Float[np.ndarray, " m"]]:
     """Boundary log scales to try, the nearest to 0 first."""
     yield np.zeros(len(edge))
-    if not np.isfinite(neumann).all():
-        return
     ds = (edge + np.roll(edge, 1)) / 2
     length = ds.sum()
     s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / length
@@ -168,7 +183,7 @@ def _candidates(
         normal = slope.T @ (ds[:, None] * slope)
         load = slope.T @ (ds * (2 * np.pi / length - smooth @ turning))
         for strength in _STRENGTHS:
-            yield np.linalg.solve(normal + strength * size, load)
+            yield scipy.linalg.solve(normal + strength * size, load, assume_a="pos")
 
 
 def lay_out(
@@ -177,12 +192,14 @@ def lay_out(
     """Polygon with given turning at its vertices and edge lengths e^u, closed by the least relative change of lengths.
 
     Returns:
-        The vertices, or None where closing would need an edge of negative length.
+        The vertices, or None where closing would need an edge of negative length or all edges are parallel.
     """
     length = edge * np.exp((log_scale + np.roll(log_scale, -1)) / 2)
     direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j
     rows = np.stack([direction.real, direction.imag])
     gram = (rows * length) @ rows.T
+    if np.linalg.matrix_rank(gram) < 2:
+        return None
     closed = length * (1 - rows.T @ np.linalg.solve(gram, rows @ length))
     if closed.min() <= 0:
         return None
@@ -191,19 +208,30 @@ def lay_out(
 
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
     """Pairs i < j of edges of a closed polygon that cross; neighbours count where one folds back onto the other."""
-    a, m = polygon, len(polygon)
-    e = np.roll(a, -1) - a
-    side = np.imag(np.conj(e)[:, None] * (a[None] - a[:, None]))
-    # points on the line of an edge are on neither side: edges of one straight side do not cross by round-off
-    side[np.abs(side) <= _ON_LINE * np.abs(e)[:, None] * np.abs(a - a[0]).max()] = 0
-    apart = side * np.roll(side, -1, axis=1) < 0
-    hit = apart & apart.T
-    i = np.arange(m)
-    for shift in (-1, 0, 1):
-        hit[i, (i + shift) % m] = False
-    turn = np.conj(e) * np.roll(e, -1)
-    hit[i, (i + 1) % m] = (turn.imag == 0) & (turn.real < 0)
-    return np.argwhere(np.triu(hit | hit.T))
+    m = len(polygon)
+    ends = np.stack([polygon, np.roll(polygon, -1)])
+    edge, middle = ends[1] - ends[0], ends.mean(axis=0)
+    half = 0.5 * np.abs(edge)
+    tree = cKDTree(np.stack([middle.real, middle.imag], axis=1))
+    # the share is for round-off: edges cross only where their middles are within half their lengths
+    i, j = tree.query_pairs(2.001 * half.max(), output_type="ndarray").T
+    near = (np.abs(middle[i] - middle[j]) <= 1.001 * (half[i] + half[j])) & (j - i > 1) & (j - i < m - 1)
+    i, j = i[near], j[near]
+    on_line = _ON_LINE * np.abs(edge) * np.abs(polygon - polygon[0]).max()
+
+    def apart(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+        side = np.imag(np.conj(edge[one]) * (ends[:, other] - polygon[one]))
+        # points on the line of an edge are on neither side: edges of one straight side do not cross by round-off
+        side[np.abs(side) <= on_line[one]] = 0
+        return np.asarray(side[0] * side[1] < 0)
+
+    hit = apart(i, j)
+    hit[hit] = apart(j[hit], i[hit])
+    turn = np.conj(edge) * np.roll(edge, -1)
+    back = np.flatnonzero((turn.imag == 0) & (turn.real < 0))
+    folds = np.sort(np.stack([back, (back + 1) % m], axis=1), axis=1)
+    pairs = np.concatenate([np.stack([i[hit], j[hit]], axis=1), folds])
+    return np.asarray(pairs[np.lexsort(pairs.T[::-1])])
 
 
 def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:

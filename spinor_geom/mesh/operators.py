@@ -13,6 +13,10 @@ from spinor_geom.errors import SingularMatrixError
 
 # igl is imported inside the functions: reading meshes and finding loops does not need it
 
+# The least by which two sides of a mollified triangle exceed the third, as a share of its longest side: cotangents
+# stay below its inverse then.
+_SLACK = 1e-6
+
 
 def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
     """The cotangent Laplacian L, (V, V), symmetric and positive semidefinite.
@@ -25,6 +29,47 @@ def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarra
     import igl
 
     return csc_array(-igl.cotmatrix(*_for_igl(vertices, faces)))
+
+
+def mollified_edge_lengths(
+    vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]
+) -> Float[np.ndarray, "f 3"]:
+    """Lengths of the edges opposite to every face's corners, (F, 3), as of triangles with area.
+
+    Where two sides of a face exceed the third by less than a millionth of the longest, all three are made longer by
+    what is missing; the others are left alone. What is made of the lengths is then finite, and the Laplacian
+    positive, whatever the faces.
+
+    Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes", for mollified lengths.
+    """
+    corner = vertices[faces]
+    edge = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
+    length = np.sqrt(np.einsum("fik,fik->fi", edge, edge))
+    # the fifth root: areas are fourth powers under a root
+    longest = np.maximum(length.max(axis=1), np.finfo(np.float64).tiny ** 0.2)
+    slack = length.sum(axis=1) - 2 * length.max(axis=1)
+    return np.asarray(length + np.maximum(_SLACK * longest - slack, 0.0)[:, None])
+
+
+def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
+    """The cotangent Laplacian, as `cotangent_laplacian`, of faces whose edges opposite to the corners are so long."""
+    import igl
+
+    return csc_array(-igl.cotmatrix_intrinsic(*_for_igl(lengths, faces)))
+
+
+def mollified_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
+    """The cotangent Laplacian, as `cotangent_laplacian`, of the mollified edge lengths: finite whatever the faces."""
+    return intrinsic_laplacian(mollified_edge_lengths(vertices, faces), faces)
+
+
+def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*f 3"]:
+    """Angles of triangles, in radians, at the corners opposite to edges so long; right for faces without area too."""
+    before, after = np.roll(lengths, 1, axis=-1), np.roll(lengths, -1, axis=-1)
+    # half-angle form: no loss of digits at 0 and π
+    top = np.maximum(lengths**2 - (before - after) ** 2, 0.0)
+    bottom = np.maximum((before + after) ** 2 - lengths**2, 0.0)
+    return np.asarray(2 * np.arctan2(np.sqrt(top), np.sqrt(bottom)))
 
 
 def factor_symmetric(matrix: csc_array) -> SuperLU:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.discrete import first_fill
-from spinor_geom.discrete.first_fill import minimum_area_triangulation, unfolded_loop
+from spinor_geom.discrete.first_fill import disk_without_inner_points, minimum_area_triangulation, unfolded_loop
 from spinor_geom.domain.flattening import is_simple
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -83,8 +83,18 @@ def test_long_loops_keep_every_point():
     flat = unfolded_loop(np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1))
     assert len(flat) == 450
     assert is_simple(flat)
-    # between the 200 points kept the others lie on chords
-    assert abs(np.abs(flat - flat.mean()).max() - 1) < 1e-3
+    # between the 160 points kept, or fewer, the others lie on chords
+    assert abs(np.abs(flat - flat.mean()).max() - 1) < 3e-3
+
+
+@pytest.mark.parametrize("count", [160, 161, 450])
+def test_long_loops_are_closed_without_inner_points_by_parts(count):
+    angle = 2 * np.pi * np.arange(count) / count
+    points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    faces = disk_without_inner_points(points)
+    assert is_disk_on(BoundaryLoop.from_points(points), points, faces)
+    # all triangulations of a convex polygon have its area
+    assert abs(area(points, faces) / (count / 2 * np.sin(2 * np.pi / count)) - 1) < 1e-12
 
 
 def test_loop_without_a_simple_unfolding_is_an_error(monkeypatch):

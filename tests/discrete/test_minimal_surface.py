@@ -6,9 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom import gallery
-from spinor_geom.discrete import discrete_minimal_surface
-from spinor_geom.errors import DomainError, FirstFillError, OptionError, SingularMatrixError
+from spinor_geom.discrete import discrete_minimal_surface, minimal_surface
+from spinor_geom.discrete.first_fill import disk_without_inner_points
+from spinor_geom.errors import DomainError, FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import face_areas
 from tests.loops import CONVEX, L_SHAPE, is_disk_on, noisy_ellipse, planar, polygon_area, ramp, ramp_area, slit
 from tests.strategies import SEEDS, rigid_motions, rough_loops
 
@@ -165,17 +167,108 @@ def test_unknown_method_is_refused():
         discrete_minimal_surface(slit(), method="gmsh")
 
 
-@both
-@settings(max_examples=60)
-@given(count=st.integers(3, 30), kind=st.sampled_from(["space", "plane", "line"]), seed=SEEDS)
-def test_tangled_loops_give_a_disk_or_a_typed_error(method, count, kind, seed):
+def tangle(count, kind, seed):
     """Random points in random order: knots, plane loops that cross themselves, ways to and fro on a line."""
     points = np.random.default_rng(seed).normal(size=(count, 3))
     points[:, {"space": 3, "plane": 2, "line": 1}[kind] :] = 0
-    loop = BoundaryLoop.from_points(points)
+    return BoundaryLoop.from_points(points)
+
+
+tangles = given(count=st.integers(3, 30), kind=st.sampled_from(["space", "plane", "line"]), seed=SEEDS)
+
+
+@settings(max_examples=60)
+@tangles
+def test_tangled_loops_are_closed(count, kind, seed):
+    assert_closed(tangle(count, kind, seed))
+
+
+@settings(max_examples=30)
+@tangles
+def test_tangled_loops_give_meshlab_a_disk_or_a_typed_error(count, kind, seed):
+    loop = tangle(count, kind, seed)
     try:
-        surface = filled(loop, method)
-    except (FirstFillError, DomainError, SingularMatrixError):
+        surface = filled(loop, "pymeshlab")
+    except FirstFillError:
         return
     assert is_disk_on(loop, surface.vertices, surface.faces)
     assert np.isfinite(surface.vertices).all()
+
+
+def assert_closed(loop):
+    surface = discrete_minimal_surface(loop)
+    assert is_disk_on(loop, surface.vertices, surface.faces)
+    assert np.isfinite(surface.vertices).all()
+    assert surface.vertices[: len(loop)].tobytes() == loop.points.tobytes()
+    assert surface.converged or surface.reason
+    if surface.reason:  # what is not the usual surface is no worse than one without inner vertices
+        bound = face_areas(loop.points, disk_without_inner_points(loop.points)).sum()
+        assert surface.area <= bound * (1 + 1e-12)
+    return surface
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_zigzag_collars_are_closed(seed):
+    """Saw teeth in space, with turns of up to 170°."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(5, 41))
+    t = 2 * np.pi * np.arange(count) / count
+    tooth = np.where(np.arange(count) % 2, 1, -1)[:, None] * rng.uniform(size=(count, 2)) * (0.8, 1.5)
+    radius = 1 + tooth[:, 0]
+    assert_closed(BoundaryLoop.from_points(np.stack([radius * np.cos(t), radius * np.sin(t), tooth[:, 1]], axis=1)))
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-12, 1e-3])
+def test_curved_slits_are_closed(width):
+    """There and back along an arc, in space: faces of hardly any area, or none, wherever they are."""
+    x = np.linspace(0, 1, 18)
+    there = np.stack([x, x**2, 0.2 * np.sin(5 * x)], axis=1)
+    back = there[-2:0:-1] + np.array([0, width, 0])
+    assert assert_closed(BoundaryLoop.from_points(np.concatenate([there, back]))).area < 2 * width + 1e-6
+
+
+def test_repeated_positions_are_no_obstacle():
+    t = 2 * np.pi * np.arange(24) / 24
+    points = np.stack([np.cos(t), np.sin(t), 0.3 * np.sin(3 * t)], axis=1)
+    points[17] = points[4]
+    assert_closed(BoundaryLoop.from_points(points))
+
+
+def test_rim_of_a_shred_on_a_grid_is_closed():
+    """A long ragged coast rounded to a grid: collinear points, repeated positions, faces without area on the way."""
+    rng = np.random.default_rng(1)
+    t = 2 * np.pi * np.arange(600) / 600
+    coast = 1 + sum(0.15 / np.sqrt(k) * rng.normal() * np.cos(k * t + rng.uniform(0, 6)) for k in range(2, 30))
+    height = 0.3 * np.cos(3 * t) + 0.004 * rng.normal(size=600)
+    points = np.round(np.stack([coast * np.cos(t), coast * np.sin(t), height], axis=1) * 50) / 50
+    assert_closed(BoundaryLoop.from_points(points[(points != np.roll(points, 1, axis=0)).any(axis=1)]))
+
+
+@pytest.mark.parametrize("scale", [1e-60, 1e60])
+def test_loops_of_any_size_are_closed(scale):
+    assert assert_closed(BoundaryLoop.from_points(scale * ENNEPER.rim(24).points)).converged
+
+
+def test_loop_whose_flattening_fails_keeps_its_first_domain(monkeypatch):
+    loop = ENNEPER.rim(48)
+    usual = discrete_minimal_surface(loop)
+    monkeypatch.setattr(minimal_surface, "flatten", crossed)
+    surface = assert_closed(loop)
+    assert surface.converged
+    assert surface.reason == "it was not meshed anew on its flattening: crossed"
+    # other triangles, longer inside than at the rim: each within three in a thousand of the surface
+    assert abs(surface.area / usual.area - 1) < 6e-3
+
+
+def test_loop_that_does_not_unfold_starts_from_a_round_domain(monkeypatch):
+    loop = ENNEPER.rim(48)
+    usual = discrete_minimal_surface(loop)
+    monkeypatch.setattr(minimal_surface, "unfolded_loop", crossed)
+    surface = assert_closed(loop)
+    assert surface.converged
+    assert surface.reason == "it started from a round domain: crossed"
+    assert abs(surface.area / usual.area - 1) < 2e-3
+
+
+def crossed(*arguments, **options):
+    raise DomainError("crossed")

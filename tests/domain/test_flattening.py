@@ -278,11 +278,11 @@ def test_narrow_inside_is_no_lack_of_clearance():
 
 
 def test_boundary_that_stays_crossed_is_refused():
-    """A figure eight turns by nothing; with Λ unknown there is nothing to straighten it by."""
+    """A figure eight turns by nothing; with Λ = 0 there is nothing to straighten it by."""
     sides = np.roll(figure_eight(), -1) - figure_eight()
     turning = np.angle(sides / np.roll(sides, 1))
     with pytest.raises(DomainError, match="80 vertices"):
-        flatten_boundary(np.abs(sides), turning, np.full((80, 80), np.nan), clearance=1.0)
+        flatten_boundary(np.abs(sides), turning, np.zeros((80, 80)), clearance=1.0)
 
 
 @pytest.mark.parametrize("turns", [1.2, 1.3, 2.0])

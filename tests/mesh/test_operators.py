@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 
 from spinor_geom.mesh import cotangent_laplacian, face_areas, internal_angles, mass_matrix
+from spinor_geom.mesh.operators import intrinsic_angles, mollified_edge_lengths, mollified_laplacian
 from tests.strategies import HoledDisk, holed_disks
 
 RIGHT_TRIANGLE = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0]])
@@ -58,3 +59,24 @@ def test_mass_sums_to_the_area(kind: str, disk: HoledDisk) -> None:
 def test_angles_of_a_triangle_sum_to_pi(disk: HoledDisk) -> None:
     angles = internal_angles(disk.mesh.vertices, disk.mesh.faces)
     np.testing.assert_allclose(angles.sum(axis=1), np.pi, rtol=1e-7)
+
+
+@settings(deadline=None, max_examples=10)
+@given(disk=holed_disks())
+def test_mollifying_leaves_faces_with_area_alone(disk: HoledDisk) -> None:
+    vertices, faces = disk.mesh.vertices, disk.mesh.faces
+    difference = mollified_laplacian(vertices, faces) - cotangent_laplacian(vertices, faces)
+    assert np.abs(difference.data).max(initial=0.0) < 1e-10 * np.abs(cotangent_laplacian(vertices, faces).data).max()
+    angles = intrinsic_angles(mollified_edge_lengths(vertices, faces))
+    np.testing.assert_allclose(angles, internal_angles(vertices, faces), atol=1e-9)
+
+
+def test_mollified_laplacian_of_faces_without_area_is_finite_and_positive() -> None:
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 0, 0], [0, 0, 0], [0, 1e-9, 0], [0, 0, 0]])
+    faces = np.array([[0, 1, 2], [0, 3, 1], [3, 0, 5], [0, 4, 1]])
+    eigenvalues = np.linalg.eigvalsh(mollified_laplacian(vertices, faces).toarray())
+    # the faces are connected: only the constants have no energy
+    assert eigenvalues[0] > -1e-12 * eigenvalues[-1]
+    assert eigenvalues[1] > 1e-4  # a needle and a flat face hold by weak cotangents
+    angles = intrinsic_angles(mollified_edge_lengths(vertices, faces))
+    np.testing.assert_allclose(angles.sum(axis=1), np.pi)
