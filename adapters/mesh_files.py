@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import Addition, FileContents, malformed
+from spinor_geom.adapters.contents import Addition, FileContents, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import attribute_rows, check_extension
 from spinor_geom.adapters.glb import encode_glb, read_glb
 from spinor_geom.adapters.obj import encode_obj, read_obj
@@ -66,9 +66,10 @@ class MeshFile(Shown):
         Raises:
             NonFiniteVertexError: a coordinate is NaN or infinite.
         """
-        finite = np.isfinite(contents.vertices).all(axis=1)
-        if not finite.all():
-            raise NonFiniteVertexError(vertex=int(np.argmin(finite)))
+        wrong = nonfinite_rows(contents.vertices)
+        if len(wrong):
+            place = ", ".join(filter(None, (str(path or ""), contents.first_nonfinite)))
+            raise NonFiniteVertexError(vertex=int(wrong[0]), place=place)
         triangles, polygons = contents.polygons.triangulated(contents.vertices)
         faces, kept = close_seams(triangles, contents.representatives)
         mesh = TriangleMesh(contents.vertices, faces, vertex_attributes=contents.attributes)

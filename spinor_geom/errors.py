@@ -43,8 +43,11 @@ class VertexIndexError(MeshError):
 class NonFiniteVertexError(MeshError):
     """A coordinate is NaN or infinite."""
 
-    def __init__(self, *, vertex: int) -> None:
-        super().__init__(f"vertex {vertex} has a NaN or infinite coordinate; remove or correct it", vertex=vertex)
+    def __init__(self, *, vertex: int, place: str = "") -> None:
+        where = f"{place}: " if place else ""
+        super().__init__(
+            f"{where}vertex {vertex} has a NaN or infinite coordinate; remove or correct it", vertex=vertex, place=place
+        )
 
 
 class DegenerateFaceError(MeshError):
