@@ -63,6 +63,7 @@ class FileContents:
         polylines: curves that the file holds beside faces, each (k,) vertex indices; a closed one repeats its first.
         first_nonfinite: where in the file the first vertex stands that is NaN or infinite, as "line 12"; may be empty.
         is_text_stl: whether this was read from a text STL file, and so is written as one again, with all digits.
+        notes: what was changed on the way from the file, a sentence each.
         source: the file as it was read, or None where the contents no longer follow it.
     """
 
@@ -74,6 +75,7 @@ class FileContents:
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
     first_nonfinite: str = ""
     is_text_stl: bool = False
+    notes: tuple[str, ...] = ()
     source: Source | None = None
 
 
@@ -130,7 +132,7 @@ def color_scale_of(values: np.ndarray) -> float:
     return 255.0 if values.max(initial=0.0) > 1.0 else 1.0
 
 
-def first_unreadable(rows: Iterable[list[bytes]], convert: Callable[[bytes], object]) -> tuple[int, str]:
+def first_unreadable(rows: Iterable[Iterable[bytes]], convert: Callable[[bytes], object]) -> tuple[int, str]:
     """The number of the first row with a word that cannot be converted, and that word."""
     number, word = next(
         (number, word) for number, row in enumerate(rows) for word in row if not _is_readable(word, convert)

@@ -114,23 +114,35 @@ class MeshFile(Shown):
         )
         return MeshFile.of_contents(contents, path=self.path, read_sizes=self.read_sizes)
 
-    def merged(self) -> MeshFile:
-        """The file with vertices of exactly equal position made one, as soups (STL) need.
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was changed on the way from the file, a sentence each."""
+        return self.contents.notes
 
-        Of each group the vertex of lowest index stays, with its attributes; polygons and curves stay whole. Such a file
-        no longer follows the one that was read: it is written anew, without materials and other things that are not in
+    def merged(self) -> MeshFile:
+        """The file with vertices of exactly equal position made one, as soups need; `notes` counts them.
+
+        Of each group the vertex of lowest index stays, with its attributes. Polygons lose corners that now repeat the
+        one before, those of fewer than three corners (needles) are left out; curves stay whole. Such a file no longer
+        follows the one that was read: it is written anew, without materials and other things that are not in
         `contents`.
         """
         mesh, new_index = TriangleMesh(
             self.contents.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=self.contents.attributes
         ).merged()
+        polygons = self.contents.polygons.renumbered(new_index).without_repeats()
+        before, after = len(new_index), len(mesh.vertices)
+        needles = len(self.polygons) - len(polygons)
+        notes = [f"vertices of equal position are one: {before} became {after}"] if after < before else []
+        notes += [f"faces left out as two of their corners are one: {needles}"] if needles else []
         contents = replace(
             self.contents,
             vertices=mesh.vertices,
-            polygons=self.contents.polygons.renumbered(new_index),
+            polygons=polygons,
             attributes=mesh.vertex_attributes,
             representatives=np.arange(len(mesh.vertices)),
             polylines=tuple(new_index[curve] for curve in self.contents.polylines),
+            notes=(*self.notes, *notes),
             source=None,
         )
         return MeshFile.of_contents(contents, path=self.path)
@@ -171,8 +183,9 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     """Read a mesh file.
 
     OBJ faces are read by position, so texture seams leave no trace; in PLY, OFF and GLB, vertices that a renderer's
-    format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL is read as the soup it is:
-    `MeshFile.merged` makes a surface of it. No other file that this one names is ever opened.
+    format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL, which cannot share vertices,
+    is read with those of equal position made one, as by `MeshFile.merged`. No other file that this one names is ever
+    opened.
 
     Args:
         path: a file whose suffix is .obj, .ply, .stl, .off or .glb, in any case.
@@ -193,7 +206,8 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     contents = FORMATS[suffix][0](data, source)
     if len(contents.polygons) == 0 and not contents.polylines:
         raise malformed(source, "", "has vertices but no faces and no curves", "give a file with a surface in it")
-    return MeshFile.of_contents(contents, path=source)
+    file = MeshFile.of_contents(contents, path=source)
+    return file.merged() if suffix == ".stl" else file
 
 
 class MeshFileAdapter:

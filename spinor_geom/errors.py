@@ -99,8 +99,8 @@ class DuplicateVertexError(MeshError):
     def __init__(self, *, vertices: Sequence[int], count: int) -> None:
         super().__init__(
             f"{count} boundary edges lie on one another, first at vertices {tuple(vertices)}: the faces do not share "
-            "their vertices; merge vertices of equal position first (TriangleMesh.merged(), or --merge on the command "
-            "line)",
+            "their vertices; merge vertices of equal position first (read_mesh(path).merged(), "
+            "TriangleMesh.merged(), or --merge on the command line)",
             vertices=tuple(vertices),
             count=count,
         )

@@ -169,6 +169,7 @@ def fill_hole(
         original=triangles,
         extension=extension,
         loops=tuple(outcomes),
+        notes=source.notes if isinstance(source, MeshFile) else (),
         watertight=watertight,
         timings=clock.laps(),
     )
