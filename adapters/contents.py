@@ -13,6 +13,9 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.errors import MeshFileError
 
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
+LONGEST_PROBLEM = 240
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Addition:
@@ -58,7 +61,9 @@ class FileContents:
         representatives: (V,) int64, the vertex that stands for the place of each; differs from the vertex itself at
             texture and normal seams only.
         polylines: curves that the file holds beside faces, each (k,) vertex indices; a closed one repeats its first.
+        first_nonfinite: where in the file the first vertex stands that is NaN or infinite, as "line 12"; may be empty.
         is_text_stl: whether this was read from a text STL file, and so is written as one again, with all digits.
+        notes: what was changed on the way from the file, a sentence each.
         source: the file as it was read, or None where the contents no longer follow it.
     """
 
@@ -68,7 +73,9 @@ class FileContents:
     color_scale: float = 1.0
     representatives: Int[np.ndarray, " v"]
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
+    first_nonfinite: str = ""
     is_text_stl: bool = False
+    notes: tuple[str, ...] = ()
     source: Source | None = None
 
 
@@ -78,11 +85,41 @@ def malformed(path: Path | None, place: str, problem: str, advice: str) -> MeshF
     Args:
         path: the file.
         place: where in the file, as "line 12"; may be empty.
-        problem: what is wrong there.
+        problem: what is wrong there; cut where it quotes too much of the file.
         advice: what to do.
     """
     where = ", ".join(part for part in (str(path) if path else "", place) if part)
+    if len(problem) > LONGEST_PROBLEM:
+        problem = f"{problem[:LONGEST_PROBLEM]} ..."
     return MeshFileError(f"{where}: {problem}; {advice}", path=path, place=place)
+
+
+def real(word: bytes) -> float:
+    """A number in a text file.
+
+    Raises:
+        ValueError: it is none, or has underscores in it, which are Python's only.
+    """
+    if b"_" in word:
+        raise ValueError(word)
+    return float(word)
+
+
+def integer(word: bytes) -> int:
+    """An integer of 64 bits in a text file.
+
+    Raises:
+        ValueError: it is none, or has underscores in it, which are Python's only.
+    """
+    value = int(word)
+    if b"_" in word or not -(2**63) <= value < 2**63:
+        raise ValueError(word)
+    return value
+
+
+def nonfinite_rows(vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " n"]:
+    """The numbers of the vertices that are NaN or infinite, ascending."""
+    return np.flatnonzero(~np.isfinite(vertices).all(axis=1))
 
 
 def numbers(row: Float[np.ndarray, " k"] | list[float]) -> str:
@@ -95,7 +132,7 @@ def color_scale_of(values: np.ndarray) -> float:
     return 255.0 if values.max(initial=0.0) > 1.0 else 1.0
 
 
-def first_unreadable(rows: Iterable[list[bytes]], convert: Callable[[bytes], object]) -> tuple[int, str]:
+def first_unreadable(rows: Iterable[Iterable[bytes]], convert: Callable[[bytes], object]) -> tuple[int, str]:
     """The number of the first row with a word that cannot be converted, and that word."""
     number, word = next(
         (number, word) for number, row in enumerate(rows) for word in row if not _is_readable(word, convert)

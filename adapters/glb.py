@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +26,24 @@ def read_glb(data: bytes, path: Path | None) -> FileContents:
     and morph targets are at rest. Edges along which any attribute differs, and those between the primitives of one node
     (which differ in material), are seams and are closed; nodes are not joined.
 
+    A mesh or an array that is shown again and again is read again and again: up to `MOST_ROWS` rows in all, or as many
+    as the file has bytes.
+
     Raises:
-        MeshFileError: malformed, truncated, compressed (Draco, meshopt), with data outside of the file, or without
-            triangles; names the place.
+        MeshFileError: malformed, truncated, compressed (Draco, meshopt), with data outside of the file, of more rows
+            than that, or without triangles; names the place.
     """
     try:
-        pieces = scene_pieces(GlbContainer.read(data, path), path)
+        return _contents(data, path)
     except MeshFileError:
         raise
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
         problem = f"does not follow glTF ({type(error).__name__}: {error})"
         raise malformed(path, "JSON", problem, "check the file") from error
+
+
+def _contents(data: bytes, path: Path | None) -> FileContents:
+    pieces = scene_pieces(GlbContainer.read(data, path), path)
     if not pieces:
         raise malformed(path, "scene", "has no triangles", "give a file with a surface in it")
     vertices = np.concatenate([piece.decoded("POSITION") for piece in pieces])
@@ -93,8 +102,8 @@ def encode_glb(contents: FileContents) -> bytes:
 def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) -> Int[np.ndarray, " v"]:
     """For every vertex the one that stands for its place, found for each node by itself."""
     representatives = np.empty(len(vertices), dtype=np.int64)
-    for node in dict.fromkeys(piece.node for piece in pieces):
-        own = [piece for piece in pieces if piece.node == node]
+    for _, group in groupby(pieces, key=attrgetter("node")):
+        own = list(group)
         start, stop = own[0].start, own[-1].stop
         primitive = np.concatenate([np.full((piece.stop - piece.start, 1), piece.primitive) for piece in own])
         appearance = [np.concatenate([piece.rows[name] for piece in own]) for name in shared_semantics(own)]

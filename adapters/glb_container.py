@@ -10,6 +10,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,10 @@ COMPONENT_CODES = {np.dtype(name): code for code, name in COMPONENTS.items()}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
+DEEPEST_JSON = 100  # levels; Python's JSON fails some hundreds deeper, and by how much depends on who calls
+LISTS = ("accessors", "buffers", "bufferViews", "meshes", "nodes", "scenes")
+# rows of zeros that a file need not hold may be as many times its size, in bytes
+ZEROS_PER_BYTE = 16
 
 Json = dict[str, Any]
 
@@ -33,12 +38,16 @@ class GlbContainer:
     Attributes:
         tree: the JSON.
         views: the bytes of each buffer view; None where they are not in the file.
+        chunks: the chunks after the binary one, whatever they are.
+        size: of the file, in bytes; 0 for a new one.
         path: the file's name, for errors.
     """
 
     tree: Json
     views: list[bytes | None]
     path: Path | None
+    chunks: bytes = b""
+    size: int = 0
 
     @classmethod
     def read(cls, data: bytes, path: Path | None) -> GlbContainer:
@@ -47,8 +56,12 @@ class GlbContainer:
         Raises:
             MeshFileError: not a binary glTF 2 file, shorter than it says, or with JSON that cannot be read.
         """
-        tree, binary = _chunks(data, path)
+        tree, binary, chunks = _chunks(data, path)
         views: list[bytes | None] = []
+        for name in LISTS:
+            items = tree.get(name, [])
+            if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
+                raise malformed(path, "JSON", f"'{name}' is no list of objects", "check the file")
         buffers = tree.get("buffers", [])
         for number, view in enumerate(tree.get("bufferViews", [])):
             # buffer 0 without an address is the one inside the file
@@ -62,7 +75,22 @@ class GlbContainer:
                 problem = f"ends at byte {start + length} of the binary buffer, which has {len(binary)}"
                 raise malformed(path, f"buffer view {number}", problem, "check that the file is complete")
             views.append(binary[start : start + length] if inside else None)
-        return cls(tree=tree, views=views, path=path)
+        container = cls(tree=tree, views=views, path=path, chunks=chunks, size=len(data))
+        for reference in _references(tree):
+            container.item("bufferViews", reference["bufferView"])
+        return container
+
+    def item(self, name: str, number: Any) -> Json:
+        """An entry of one of the JSON's lists.
+
+        Raises:
+            MeshFileError: the list has no entry of that number.
+        """
+        items: list[Json] = self.tree.get(name, [])
+        if type(number) is not int or not 0 <= number < len(items):
+            problem = f"names number {number} of its {len(items)} {name}"
+            raise malformed(self.path, "JSON", problem, "check the file")
+        return items[number]
 
     def encoded(self) -> bytes:
         """The file, without buffer views that nothing refers to any more."""
@@ -84,14 +112,15 @@ class GlbContainer:
         self.tree["bufferViews"] = views
         buffers = self.tree.setdefault("buffers", [{}])
         buffers[0] = {**buffers[0], "byteLength": len(binary)}
-        text = json.dumps(self.tree, separators=(",", ":"), ensure_ascii=False).encode("utf-8")
+        text = json.dumps(self.tree, separators=(",", ":")).encode("ascii")
         text += b" " * (-len(text) % 4)
-        total = 12 + 8 + len(text) + 8 + len(binary)
+        total = 12 + 8 + len(text) + 8 + len(binary) + len(self.chunks)
         return (
             struct.pack("<4sIIII", b"glTF", 2, total, len(text), JSON_CHUNK)
             + text
             + struct.pack("<II", len(binary), BIN_CHUNK)
             + bytes(binary)
+            + self.chunks
         )
 
     def values(self, accessor: int) -> np.ndarray:
@@ -100,15 +129,15 @@ class GlbContainer:
         Raises:
             MeshFileError: the data lies outside of the file, is compressed, or is shorter than announced.
         """
-        item = self.tree["accessors"][accessor]
+        item = self.item("accessors", accessor)
         dtype: np.dtype[Any] = np.dtype(COMPONENTS[item["componentType"]])
         width, count = WIDTHS[item["type"]], item["count"]
         sparse = item.get("sparse")
         rows: np.ndarray
         if "bufferView" in item:
-            stride = self.tree["bufferViews"][item["bufferView"]].get("byteStride", width * dtype.itemsize)
+            stride = self.item("bufferViews", item["bufferView"]).get("byteStride", width * dtype.itemsize)
             rows = self._rows(item["bufferView"], item.get("byteOffset", 0), count, dtype, width, stride, accessor)
-        elif sparse is not None and 0 <= count <= np.iinfo(np.int32).max:
+        elif sparse is not None and 0 <= count * width * dtype.itemsize <= ZEROS_PER_BYTE * self.size:
             rows = np.zeros((count, width), dtype=dtype)
         else:
             raise malformed(
@@ -122,6 +151,8 @@ class GlbContainer:
         places = self._rows(
             where["bufferView"], where.get("byteOffset", 0), number, index_type, 1, index_type.itemsize, accessor
         )
+        if index_type.kind != "u":
+            raise malformed(self.path, f"accessor {accessor}", "its places are no unsigned integers", "check the file")
         size = width * dtype.itemsize
         rows[places[:, 0]] = self._rows(
             what["bufferView"], what.get("byteOffset", 0), number, dtype, width, size, accessor
@@ -182,21 +213,19 @@ class GlbContainer:
         return len(accessors) - 1
 
     def _uses(self) -> Counter[int]:
-        """How often each accessor is referred to."""
+        """How often each accessor is referred to, well-formed or not: by primitives, animations, skins, extensions."""
         uses: Counter[int] = Counter()
-        for mesh in self.tree.get("meshes", []):
-            for primitive in mesh["primitives"]:
-                uses.update(primitive["attributes"].values())
-                uses.update(number for target in primitive.get("targets", []) for number in target.values())
-                uses.update([primitive["indices"]] if "indices" in primitive else [])
-        for animation in self.tree.get("animations", []):
-            uses.update(number for sampler in animation["samplers"] for number in (sampler["input"], sampler["output"]))
-        uses.update(skin["inverseBindMatrices"] for skin in self.tree.get("skins", []) if "inverseBindMatrices" in skin)
+        for item in _objects(self.tree):
+            named = [item.get(key) for key in ("indices", "input", "output", "inverseBindMatrices")]
+            targets = item.get("targets")
+            for group in [item.get("attributes"), *(targets if isinstance(targets, list) else [])]:
+                named += group.values() if isinstance(group, dict) else []
+            uses.update(number for number in named if type(number) is int)
         return uses
 
 
-def _chunks(data: bytes, path: Path | None) -> tuple[Json, bytes]:
-    """The JSON and the binary chunk."""
+def _chunks(data: bytes, path: Path | None) -> tuple[Json, bytes, bytes]:
+    """The JSON, the binary chunk, and all chunks after these."""
     if len(data) < 20 or data[:4] != b"glTF":
         raise malformed(path, "byte 0", "does not begin like a binary glTF file", "check the file's format")
     version, length, json_length, json_type = struct.unpack_from("<IIII", data, 4)
@@ -211,29 +240,47 @@ def _chunks(data: bytes, path: Path | None) -> tuple[Json, bytes]:
         raise malformed(path, "JSON", str(error), "check that the file is complete") from None
     if not isinstance(tree, dict):
         raise malformed(path, "JSON", "is no object", "check the file")
+    if _depth(tree) > DEEPEST_JSON:
+        raise malformed(path, "JSON", f"is nested more than {DEEPEST_JSON} levels deep", "check the file")
     position = 20 + json_length
     if position + 8 > length:
-        return tree, b""
+        return tree, b"", b""
     binary_length, binary_type = struct.unpack_from("<II", data, position)
     if binary_type != BIN_CHUNK:
-        return tree, b""
+        return tree, b"", data[position:length]
     if position + 8 + binary_length > length:
         problem = f"announces {binary_length} bytes of binary data, but the file ends after {length - position - 8}"
         raise malformed(path, f"byte {position}", problem, "check that the file is complete")
-    return tree, data[position + 8 : position + 8 + binary_length]
+    end = position + 8 + binary_length
+    return tree, data[position + 8 : end], data[end + -end % 4 : length]
 
 
-def _references(node: Any) -> Iterator[Json]:
-    """All objects in the JSON that refer to a buffer view; what users store under "extras" is theirs."""
-    stack = [node]
+def _depth(tree: Json) -> int:
+    """How deep objects and lists in the JSON are nested."""
+    depth = 0
+    level: list[Any] = [tree]
+    while level:
+        depth += 1
+        parts = chain.from_iterable(node.values() if isinstance(node, dict) else node for node in level)
+        level = [part for part in parts if isinstance(part, (dict, list))]
+    return depth
+
+
+def _objects(tree: Json) -> Iterator[Json]:
+    """All objects in the JSON but what users store under "extras", which is theirs."""
+    stack: list[Any] = [tree]
     while stack:
         item = stack.pop()
         if isinstance(item, list):
             stack += item
         elif isinstance(item, dict):
-            if isinstance(item.get("bufferView"), int):
-                yield item
+            yield item
             stack += [value for key, value in item.items() if key != "extras"]
+
+
+def _references(tree: Json) -> Iterator[Json]:
+    """All objects in the JSON that refer to a buffer view."""
+    return (item for item in _objects(tree) if "bufferView" in item)
 
 
 def _type_of(width: int) -> str:

@@ -14,6 +14,11 @@ from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.glb_container import GlbContainer, Json
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # a primitive's mode
+WIDTHS = {"POSITION": 3, "NORMAL": 3, "TEXCOORD_0": 2}
+# A mesh that many nodes show, or an array that many primitives name, is read once for each: what a scene may hold in
+# rows of arrays, beyond as many as the file has bytes; 35 bytes of memory or so each.
+MOST_ROWS = 10_000_000
+ROWS_OF_A_PRIMITIVE = 100  # what its Python objects take
 NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 # None of these means anything when averaged: a new vertex takes them from one old vertex beside it.
 COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")
@@ -45,6 +50,11 @@ class Piece:
     def stop(self) -> int:
         """One more than the number of its last vertex in the scene."""
         return self.start + len(self.rows["POSITION"])
+
+    @property
+    def size(self) -> int:
+        """How many rows its arrays have, faces included."""
+        return len(self.faces) + sum(map(len, self.rows.values()))
 
     def decoded(self, semantic: str) -> Float[np.ndarray, "n k"]:
         """An attribute as float64 in the scene's coordinates; colours in the file's own scale."""
@@ -80,21 +90,27 @@ def scene_pieces(container: GlbContainer, path: Path | None) -> list[Piece]:
     """The triangle primitives of the scene, node by node, parents first."""
     tree = container.tree
     nodes = tree.get("nodes", [])
+    for node in nodes:
+        if "mesh" in node:
+            container.item("meshes", node["mesh"])
     if "scenes" in tree:
-        roots = tree["scenes"][tree.get("scene", 0)].get("nodes", [])
+        roots = container.item("scenes", tree.get("scene", 0)).get("nodes", [])
     else:
         children = {child for node in nodes for child in node.get("children", [])}
         roots = [number for number in range(len(nodes)) if number not in children]
     pieces: list[Piece] = []
     seen: set[int] = set()
+    most = max(MOST_ROWS, container.size)
+    rows = 0
     stack = [(root, np.eye(4)) for root in reversed(roots)]
     while stack:
         number, parent = stack.pop()
         if number in seen:
             raise malformed(path, f"node {number}", "has two parents", "check the file")
         seen.add(number)
-        node = nodes[number]
-        transform = parent @ _local_transform(node)
+        node = container.item("nodes", number)
+        with np.errstate(over="ignore", invalid="ignore"):  # a position that is not finite is reported later
+            transform = parent @ _local_transform(node)
         stack += [(child, transform) for child in reversed(node.get("children", []))]
         if "mesh" in node:
             placed = np.eye(4) if "skin" in node else transform
@@ -104,6 +120,10 @@ def scene_pieces(container: GlbContainer, path: Path | None) -> list[Piece]:
                 start = pieces[-1].stop if pieces else 0
                 piece = _piece(container, number, index, start, placed, path)
                 pieces += [piece] if piece is not None else []
+                rows += ROWS_OF_A_PRIMITIVE + (piece.size if piece is not None else 0)
+                if rows > most:
+                    problem = f"with it the scene has more than {most:,} rows of arrays, as it shows meshes repeatedly"
+                    raise malformed(path, f"node {number}", problem, "give each mesh as a file of its own")
     return pieces
 
 
@@ -126,22 +146,33 @@ def _piece(
     if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
         raise malformed(path, place, "is compressed with Draco", "decompress the file first")
     rows = {semantic: container.values(accessor) for semantic, accessor in primitive["attributes"].items()}
-    count, width = rows["POSITION"].shape
-    if width != 3 or any(len(values) != count for values in rows.values()):
-        raise malformed(path, place, "its attributes do not have one row a vertex", "check the file")
+    count = len(rows["POSITION"])
+    if any(
+        len(values) != count or values.shape[1] != WIDTHS.get(name, values.shape[1]) for name, values in rows.items()
+    ):
+        raise malformed(
+            path, place, "its attributes do not have one row a vertex, of their own width", "check the file"
+        )
     indices = np.arange(count)
     if "indices" in primitive:
-        indices = container.values(primitive["indices"])[:, 0].astype(np.int64)
+        stored = container.values(primitive["indices"])
+        if stored.dtype.kind != "u":
+            raise malformed(path, place, "its indices are no unsigned integers", "correct the indices")
+        indices = stored[:, 0].astype(np.int64)
     faces = _triangles(indices, mode)
     if faces is None or (len(faces) and (faces.max() >= count or faces.min() < 0)):
         problem = f"its indices are no triangles over its {count} vertices"
         raise malformed(path, place, problem, "correct the indices")
     if len(faces) == 0:
         return None
+    # only writing needs them, but what is wrong with them is told now
+    moved = [container.values(accessor) for target in primitive.get("targets", []) for accessor in target.values()]
+    if any(len(values) != count for values in moved):
+        raise malformed(path, place, "its morph targets do not have one row a vertex", "check the file")
     normalized = frozenset(
         semantic
         for semantic, accessor in primitive["attributes"].items()
-        if tree["accessors"][accessor].get("normalized", False)
+        if tree["accessors"][accessor].get("normalized", False) and rows[semantic].dtype.kind != "f"
     )
     return Piece(
         node=node, primitive=index, start=start, faces=faces, rows=rows, normalized=normalized, transform=transform

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import Addition, FileContents, malformed
+from spinor_geom.adapters.contents import Addition, FileContents, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import attribute_rows, check_extension
 from spinor_geom.adapters.glb import encode_glb, read_glb
 from spinor_geom.adapters.obj import encode_obj, read_obj
@@ -20,7 +20,7 @@ from spinor_geom.adapters.ply import encode_ply, read_ply
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
-from spinor_geom.errors import MeshFileError, NonFiniteVertexError
+from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -66,9 +66,10 @@ class MeshFile(Shown):
         Raises:
             NonFiniteVertexError: a coordinate is NaN or infinite.
         """
-        finite = np.isfinite(contents.vertices).all(axis=1)
-        if not finite.all():
-            raise NonFiniteVertexError(vertex=int(np.argmin(finite)))
+        wrong = nonfinite_rows(contents.vertices)
+        if len(wrong):
+            place = ", ".join(filter(None, (str(path or ""), contents.first_nonfinite)))
+            raise NonFiniteVertexError(vertex=int(wrong[0]), place=place)
         triangles, polygons = contents.polygons.triangulated(contents.vertices)
         faces, kept = close_seams(triangles, contents.representatives)
         mesh = TriangleMesh(contents.vertices, faces, vertex_attributes=contents.attributes)
@@ -89,6 +90,15 @@ class MeshFile(Shown):
     def polylines(self) -> tuple[Int[np.ndarray, " _"], ...]:
         """The curves in the file, (k,) vertex indices each; a closed one ends with the vertex it begins with."""
         return self.contents.polylines
+
+    def with_own_face_numbers(self, error: MeshError) -> MeshError:
+        """An error about faces of `mesh`, with the numbers that the file's polygons have (from 0)."""
+        own = {}
+        if "face" in error.fields:
+            own["face"] = int(self.face_polygons[error.fields["face"]])
+        if "faces" in error.fields:
+            own["faces"] = self.face_polygons[list(error.fields["faces"])].tolist()
+        return type(error)(**{**error.fields, **own}) if own else error
 
     def extended(self, extension: MeshExtension) -> MeshFile:
         """The file with new vertices and faces after its own; this object stays as it is.
@@ -113,23 +123,35 @@ class MeshFile(Shown):
         )
         return MeshFile.of_contents(contents, path=self.path, read_sizes=self.read_sizes)
 
-    def merged(self) -> MeshFile:
-        """The file with vertices of exactly equal position made one, as soups (STL) need.
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was changed on the way from the file, a sentence each."""
+        return self.contents.notes
 
-        Of each group the vertex of lowest index stays, with its attributes; polygons and curves stay whole. Such a file
-        no longer follows the one that was read: it is written anew, without materials and other things that are not in
+    def merged(self) -> MeshFile:
+        """The file with vertices of exactly equal position made one, as soups need; `notes` counts them.
+
+        Of each group the vertex of lowest index stays, with its attributes. Polygons lose corners that now repeat the
+        one before, those of fewer than three corners (needles) are left out; curves stay whole. Such a file no longer
+        follows the one that was read: it is written anew, without materials and other things that are not in
         `contents`.
         """
         mesh, new_index = TriangleMesh(
             self.contents.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=self.contents.attributes
         ).merged()
+        polygons = self.contents.polygons.renumbered(new_index).without_repeats()
+        before, after = len(new_index), len(mesh.vertices)
+        needles = len(self.polygons) - len(polygons)
+        notes = [f"vertices of equal position are one: {before} became {after}"] if after < before else []
+        notes += [f"faces left out as two of their corners are one: {needles}"] if needles else []
         contents = replace(
             self.contents,
             vertices=mesh.vertices,
-            polygons=self.contents.polygons.renumbered(new_index),
+            polygons=polygons,
             attributes=mesh.vertex_attributes,
             representatives=np.arange(len(mesh.vertices)),
             polylines=tuple(new_index[curve] for curve in self.contents.polylines),
+            notes=(*self.notes, *notes),
             source=None,
         )
         return MeshFile.of_contents(contents, path=self.path)
@@ -170,8 +192,9 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     """Read a mesh file.
 
     OBJ faces are read by position, so texture seams leave no trace; in PLY, OFF and GLB, vertices that a renderer's
-    format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL is read as the soup it is:
-    `MeshFile.merged` makes a surface of it. No other file that this one names is ever opened.
+    format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL, which cannot share vertices,
+    is read with those of equal position made one, as by `MeshFile.merged`. No other file that this one names is ever
+    opened.
 
     Args:
         path: a file whose suffix is .obj, .ply, .stl, .off or .glb, in any case.
@@ -192,7 +215,8 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     contents = FORMATS[suffix][0](data, source)
     if len(contents.polygons) == 0 and not contents.polylines:
         raise malformed(source, "", "has vertices but no faces and no curves", "give a file with a surface in it")
-    return MeshFile.of_contents(contents, path=source)
+    file = MeshFile.of_contents(contents, path=source)
+    return file.merged() if suffix == ".stl" else file
 
 
 class MeshFileAdapter:

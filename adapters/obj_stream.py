@@ -1,7 +1,7 @@
 """Wavefront OBJ read block by block: only the numbers stay in memory, not the text.
 
-`v`, `vt`, `vn`, `f` and `l` are read, and of `o` and `g` the names. Nothing that a file names is opened or run:
-`mtllib`, `call` and the like are lines of text.
+`v`, `vt`, `vn`, `f` and `l` are read, capitals too, and of `o` and `g` the names. Nothing that a file names is opened
+or run: `mtllib`, `call` and the like are lines of text.
 """
 
 from __future__ import annotations
@@ -15,12 +15,21 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinor_geom.adapters.contents import FileContents, color_scale_of, first_unreadable, malformed
+from spinor_geom.adapters.contents import (
+    BYTE_ORDER_MARK,
+    FileContents,
+    color_scale_of,
+    first_unreadable,
+    integer,
+    malformed,
+    nonfinite_rows,
+    real,
+)
 from spinor_geom.adapters.polygons import Polygons, chained
 from spinor_geom.errors import MeshFileError
 
 BLOCK_SIZE = 1 << 22
-LONGEST_LINE = 1 << 28
+LONGEST_LINE = 1 << 25
 LARGEST_INDEX = 2**62  # so that sums of two indices fit 64 bits
 KEYS = (b"v", b"vt", b"vn", b"f", b"l", b"o", b"g")
 COUNTED = (b"v", b"vt", b"vn")
@@ -79,7 +88,8 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
         if b"\0" in block:
             at = f"byte {place + block.index(0)}"
             raise malformed(path, at, "a zero byte, so this is no OBJ text", "check the file's format")
-        collected.add(_Block(block, path, split_at=newline[-1:], first_line=line))
+        text = block.removeprefix(BYTE_ORDER_MARK) if number == 0 else block
+        collected.add(_Block(text, path, split_at=newline[-1:], first_line=line))
         place, line, last = place + len(block), line + block.count(newline[-1:]), block[-2:]
     # a backslash at the very end would continue the last line into what follows
     ending = b"" if last.endswith(newline) else newline
@@ -88,34 +98,36 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
 
 def _blocks(stream: BinaryIO, path: Path | None) -> Iterator[tuple[bytes, bytes]]:
     """The file in blocks that end where a line does, and what ends lines in each."""
-    rest = b""
+    rest = bytearray()
     split_at = b""
+    searched = 0
     while read := stream.read(BLOCK_SIZE):
         rest += read
-        if not split_at and (b"\n" in rest or b"\r" in rest[:-1]):
+        if not split_at and (b"\n" in rest or rest.find(b"\r", 0, -1) >= 0):
             split_at = b"\n" if b"\n" in rest else b"\r"
-        cut = _end_of_last_line(rest, split_at)
+        cut = _end_of_last_line(rest, split_at, searched)
         if cut:
-            yield rest[:cut], _newline(rest)
-            rest = rest[cut:]
+            yield bytes(rest[:cut]), _newline(rest)
+            del rest[:cut]
         elif len(rest) > LONGEST_LINE:
             problem = f"a line of more than {LONGEST_LINE >> 20} MiB"
-            raise malformed(path, "", problem, "check that this is an OBJ file, or break the line with backslashes")
+            raise malformed(path, "", problem, "check that this is an OBJ file, or write it in several pieces")
+        searched = len(rest) if split_at else 0
     if rest:
-        yield rest, _newline(rest)
+        yield bytes(rest), _newline(rest)
 
 
-def _end_of_last_line(text: bytes, split_at: bytes) -> int:
-    """Where the last line ends that a backslash does not continue; 0 where none does."""
+def _end_of_last_line(text: bytearray, split_at: bytes, start: int) -> int:
+    """Where the last line ends that ends beyond `start` and that no backslash continues; 0 where none does."""
     stop = len(text)
-    while split_at and (end := text.rfind(split_at, 0, stop)) >= 0:
+    while split_at and (end := text.rfind(split_at, start, stop)) >= 0:
         if not text[max(end - 2, 0) : end].rstrip(b"\r").endswith(b"\\"):
             return end + 1
         stop = end
     return 0
 
 
-def _newline(data: bytes) -> bytes:
+def _newline(data: bytearray) -> bytes:
     if b"\r\n" in data:
         return b"\r\n"
     return b"\n" if b"\n" in data or b"\r" not in data else b"\r"
@@ -130,6 +142,7 @@ class _Collected:
     vertices: list[Float[np.ndarray, "n 3"]] = field(default_factory=list)
     colors: list[Float[np.ndarray, "n k"]] = field(default_factory=list)
     widths: set[int] = field(default_factory=set)
+    first_nonfinite: str = ""
     values: dict[bytes, list[Float[np.ndarray, "n k"]]] = field(default_factory=lambda: {b"vt": [], b"vn": []})
     lengths: dict[bytes, set[int]] = field(default_factory=lambda: {b"vt": set(), b"vn": set()})
     unreadable: dict[bytes, MeshFileError] = field(default_factory=dict)
@@ -166,6 +179,8 @@ class _Collected:
         if not lengths:
             return
         self.vertices.append(block.floats(b"v", 1, 4))
+        if not self.first_nonfinite and len(wrong := nonfinite_rows(self.vertices[-1])):
+            self.first_nonfinite = f"line {block.line_numbers(b'v')[wrong[0]]}"
         self.widths |= lengths
         if self.widths in ({7}, {8}):
             self.colors.append(block.floats(b"v", 4, min(lengths)))
@@ -238,6 +253,7 @@ class _Collected:
             color_scale=color_scale_of(attributes["color"]) if width else 1.0,
             representatives=np.arange(len(vertices)),
             polylines=tuple(curve for _, curve in chains),
+            first_nonfinite=self.first_nonfinite,
         )
         return ObjText(
             contents=contents,
@@ -277,9 +293,9 @@ class _Block:
         found = bytearray(len(lines))
         for number, line in enumerate(lines):
             row = (line.partition(b"#")[0] if commented else line).split()
-            code = codes.get(row[0]) if row else None
-            if code is not None:
-                self._by_key[row[0]].append(row)
+            code = (codes.get(row[0]) or codes.get(row[0].lower())) if row else None
+            if code:
+                self._by_key[KEYS[code - 1]].append(row)
                 found[number] = code
         self._codes = np.frombuffer(found, dtype=np.uint8)
 
@@ -307,7 +323,7 @@ class _Block:
             for row, words in zip(self.rows_of(key), self.of(key), strict=True)
         )
         for row, words in sorted(rows):
-            yield row, words[0], words[1:]
+            yield row, words[0].lower(), words[1:]
 
     def error(self, key: bytes, number: int, problem: str, advice: str) -> MeshFileError:
         """The error at line `number` of those that begin with a word."""
@@ -325,9 +341,9 @@ class _Block:
         """Words `start` to `stop` of all lines that begin with a word, as numbers."""
         rows = self.of(key)
         try:
-            flat = list(map(float, chain.from_iterable(row[start:stop] for row in rows)))
+            flat = list(map(real, chain.from_iterable(row[start:stop] for row in rows)))
         except ValueError:
-            number, word = first_unreadable((row[start:stop] for row in rows), float)
+            number, word = first_unreadable((row[start:stop] for row in rows), real)
             raise self.error(key, number, f"'{word}' is no number", "correct the line") from None
         return np.array(flat, dtype=np.float64).reshape(len(rows), stop - start)
 
@@ -371,17 +387,15 @@ def _logical_lines(data: bytes, split_at: bytes) -> tuple[list[bytes], Iterable[
         return lines, range(len(lines))
     joined: list[bytes] = []
     line_numbers = []
-    continued = False
+    pieces: list[bytes] = []
     for number, line in enumerate(lines):
         text = line.rstrip(b"\r")
-        if continued:
-            joined[-1] += b" " + text
-        else:
-            joined.append(text)
+        if not pieces:
             line_numbers.append(number)
-        continued = text.endswith(b"\\")
-        if continued:
-            joined[-1] = joined[-1][:-1]
+        pieces.append(text.removesuffix(b"\\"))
+        if not text.endswith(b"\\") or number == len(lines) - 1:
+            joined.append(b" ".join(pieces))
+            pieces = []
     return joined, line_numbers
 
 
@@ -408,7 +422,7 @@ def _corner(word: bytes) -> tuple[int, int, int]:
     parts = [*word.split(b"/"), b"", b""]
     if len(parts) > 5:
         raise ValueError(word)
-    position, texture, normal = int(parts[0]), int(parts[1] or 0), int(parts[2] or 0)
+    position, texture, normal = integer(parts[0]), integer(parts[1] or b"0"), integer(parts[2] or b"0")
     if max(abs(position), abs(texture), abs(normal)) > LARGEST_INDEX:
         raise ValueError(word)
     return position, texture, normal

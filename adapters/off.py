@@ -5,19 +5,31 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import Addition, FileContents, color_scale_of, first_unreadable, malformed
+from spinor_geom.adapters.contents import (
+    BYTE_ORDER_MARK,
+    Addition,
+    FileContents,
+    color_scale_of,
+    first_unreadable,
+    integer,
+    malformed,
+    nonfinite_rows,
+    real,
+)
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import seam_representatives
 
 # Geomview's order: ST, C, N before OFF; 4 (four coordinates) and n (any number) are not surfaces in space
-KEYWORD = re.compile(rb"(ST)?(C)?(N)?OFF$")
+KEYWORD = re.compile(rb"(ST)?(C)?(N)?OFF$", re.IGNORECASE)
+COUNTS = re.compile(rb"^((?:" + BYTE_ORDER_MARK + rb")?\s*(?:[A-Za-z]\w*\s+)?)(\d+)(\s+)(\d+)")
+LONGEST_COUNT = 18  # digits; no file holds more
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,13 +87,14 @@ class OffSource:
             total_vertices, total_faces = int(match[2]) + vertices, int(match[4]) + faces
             return match[1] + str(total_vertices).encode() + match[3] + str(total_faces).encode()
 
-        return re.sub(rb"^(\s*(?:[A-Za-z]\w*\s+)?)(\d+)(\s+)(\d+)", more, self.lines[self.counts_line], count=1)
+        return COUNTS.sub(more, self.lines[self.counts_line], count=1)
 
 
 def read_off(data: bytes, path: Path | None) -> FileContents:
     """The vertices, with colours, normals and texture coordinates, and the faces of an OFF file.
 
-    One vertex and one face a line; colours of faces are kept in the file but not read.
+    One vertex and one face a line; colours of faces are kept in the file but not read. Plain files whose lines
+    are broken elsewhere are read too, and written anew.
 
     Raises:
         MeshFileError: another kind of OFF (binary, four or n coordinates), fewer lines than announced, no vertices or
@@ -90,7 +103,7 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
     if b"\0" in data:
         raise malformed(path, f"byte {data.index(0)}", "a zero byte, so this is no OFF text", "binary OFF is not read")
     lines = data.splitlines(keepends=True)
-    rows = [line.partition(b"#")[0].split() for line in lines]
+    rows = [line.removeprefix(BYTE_ORDER_MARK).partition(b"#")[0].split() for line in lines]
     filled = [index for index, row in enumerate(rows) if row]
     keyword, counts_line, first, counts = _header(rows, filled, path)
     vertex_count, face_count = counts
@@ -98,11 +111,17 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
         problem = f"has {vertex_count} vertices and {face_count} faces"
         raise malformed(path, f"line {counts_line + 1}", problem, "give a file with a surface in it")
     chosen = filled[first : first + vertex_count + face_count]
+    records = [rows[line] for line in chosen]
+    is_one_a_line = len(chosen) == vertex_count + face_count
+    if not is_one_a_line and (keyword is None or not any(keyword.groups())):
+        words = [(word, line) for line in filled[first - 1 :] for word in rows[line]]
+        records, lines_of_records = _records(words[words[0][0].isalpha() + 2 :], counts)
+        chosen = lines_of_records or chosen
     if len(chosen) < vertex_count + face_count:
         problem = f"announces {vertex_count} vertices and {face_count} faces, but only {len(chosen)} lines follow"
         raise malformed(path, f"line {counts_line + 1}", problem, "check that the file is complete")
     vertex_lines, face_lines = chosen[:vertex_count], chosen[vertex_count:]
-    table = _table([rows[line] for line in vertex_lines], vertex_lines, path)
+    table = _table(records[:vertex_count], vertex_lines, path)
     columns = _columns(keyword, table.shape[1], vertex_lines[0], path)
     attributes: dict[str, Float[np.ndarray, "v _"]] = {}
     at = 3
@@ -115,20 +134,22 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
         vertex_stop=vertex_lines[-1] + 1,
         face_stop=face_lines[-1] + 1,
         columns=columns,
-        integer_colors="color" in columns and _all_integers([rows[line] for line in vertex_lines], columns),
+        integer_colors="color" in columns and _all_integers(records[:vertex_count], columns),
     )
     color_scale = 1.0
     if "color" in attributes:
         color_scale = 255.0 if source.integer_colors else color_scale_of(attributes["color"])
-    polygons = _polygons([rows[line] for line in face_lines], face_lines, vertex_count, path)
+    polygons = _polygons(records[vertex_count:], face_lines, vertex_count, path)
     appearance = [attributes[name] for name in ("uv", "normal") if name in attributes]
+    wrong = nonfinite_rows(table[:, :3])
     return FileContents(
         vertices=table[:, :3],
         polygons=polygons,
         attributes=attributes,
         color_scale=color_scale,
         representatives=seam_representatives(table[:, :3], polygons, appearance),
-        source=source,
+        first_nonfinite=f"line {vertex_lines[wrong[0]] + 1}" if len(wrong) else "",
+        source=source if is_one_a_line else None,
     )
 
 
@@ -164,10 +185,29 @@ def _header(
         if not words:
             number = 1
             words = rows[filled[1]] if len(filled) > 1 else []
-    if len(words) < 2 or not (words[0].isdigit() and words[1].isdigit()):
+    if len(words) < 2 or not all(word.isdigit() and len(word) <= LONGEST_COUNT for word in words[:2]):
         line = filled[min(number, len(filled) - 1)] + 1 if filled else 1
-        raise malformed(path, f"line {line}", "the counts of vertices and faces are missing", "check the file's format")
+        problem = "the counts of vertices and faces are missing or no numbers"
+        raise malformed(path, f"line {line}", problem, "check the file's format")
     return keyword, filled[number], number + 1, (int(words[0]), int(words[1]))
+
+
+def _records(words: list[tuple[bytes, int]], counts: tuple[int, int]) -> tuple[list[list[bytes]], list[int]]:
+    """Vertices of three numbers, then faces without colours, however they stand in lines, and each one's first line.
+
+    Nothing unless the words after the count of edges, which some files lack, are just these.
+    """
+    for lacking in (1, 0):
+        rest = words[lacking:]
+        starts = list(range(0, 3 * counts[0], 3)) if 3 * counts[0] <= len(rest) else []
+        stop = 3 * len(starts)
+        while stop < len(rest) and len(starts) < sum(counts) and rest[stop][0].isdigit() and len(rest[stop][0]) < 9:
+            starts.append(stop)
+            stop += 1 + int(rest[stop][0])
+        if stop == len(rest) and len(starts) == sum(counts):
+            bounds = pairwise([*starts, stop])
+            return [[word for word, _ in rest[a:b]] for a, b in bounds], [rest[start][1] for start in starts]
+    return [], []
 
 
 def _table(rows: list[list[bytes]], line_numbers: list[int], path: Path | None) -> Float[np.ndarray, "v c"]:
@@ -178,9 +218,9 @@ def _table(rows: list[list[bytes]], line_numbers: list[int], path: Path | None) 
             problem = f"a vertex with {len(row)} numbers, the first has {width}, at least three are needed"
             raise malformed(path, f"line {line + 1}", problem, "correct the line")
     try:
-        return np.array(list(map(float, chain.from_iterable(rows)))).reshape(len(rows), width)
+        return np.array(list(map(real, chain.from_iterable(rows)))).reshape(len(rows), width)
     except ValueError:
-        number, word = first_unreadable(rows, float)
+        number, word = first_unreadable(rows, real)
         raise malformed(path, f"line {line_numbers[number] + 1}", f"'{word}' is no number", "correct it") from None
 
 
@@ -205,22 +245,14 @@ def _all_integers(rows: list[list[bytes]], columns: Mapping[str, int]) -> bool:
 
 def _polygons(rows: list[list[bytes]], line_numbers: list[int], vertices: int, path: Path | None) -> Polygons:
     """The faces; what follows the corners in a line is a colour."""
-    try:
-        sizes = np.array([int(row[0]) for row in rows], dtype=np.int64)
-        corners = np.array(
-            list(
-                map(int, chain.from_iterable(row[1 : 1 + size] for row, size in zip(rows, sizes.tolist(), strict=True)))
-            ),
-            dtype=np.int64,
-        )
-    except (ValueError, OverflowError):
-        number, word = first_unreadable([row[: 1 + _size(row)] for row in rows], _index)
-        raise malformed(path, f"line {line_numbers[number] + 1}", f"'{word}' is no index", "correct it") from None
+    sizes = _integers([row[:1] for row in rows], line_numbers, path)
     for row, size, line in zip(rows, sizes.tolist(), line_numbers, strict=True):
         if size < 3 or len(row) <= size:
             text = b" ".join(row[:8]).decode("latin-1")
             problem = f"a face needs at least three corners and as many as it announces, got '{text}'"
             raise malformed(path, f"line {line + 1}", problem, "correct the line")
+    named = [row[1 : 1 + size] for row, size in zip(rows, sizes.tolist(), strict=True)]
+    corners = _integers(named, line_numbers, path)
     wrong = np.flatnonzero((corners < 0) | (corners >= vertices))
     if len(wrong):
         face = int(np.searchsorted(np.cumsum(sizes), wrong[0], side="right"))
@@ -229,13 +261,9 @@ def _polygons(rows: list[list[bytes]], line_numbers: list[int], vertices: int, p
     return Polygons.of_sizes(corners, sizes)
 
 
-def _size(row: list[bytes]) -> int:
-    return int(row[0]) if row[0].isdigit() and len(row[0]) < 9 else 0
-
-
-def _index(word: bytes) -> int:
-    """An index that fits 64 bits."""
-    index = int(word)
-    if abs(index) > np.iinfo(np.int64).max:
-        raise ValueError(word)
-    return index
+def _integers(rows: list[list[bytes]], line_numbers: list[int], path: Path | None) -> Int[np.ndarray, " n"]:
+    try:
+        return np.array(list(map(integer, chain.from_iterable(rows))), dtype=np.int64)
+    except ValueError:
+        number, word = first_unreadable(rows, integer)
+        raise malformed(path, f"line {line_numbers[number] + 1}", f"'{word}' is no index", "correct it") from None

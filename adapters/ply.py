@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int, Real
 
-from spinor_geom.adapters.contents import Addition, FileContents, color_scale_of, malformed
+from spinor_geom.adapters.contents import Addition, FileContents, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import cast_values, most_frequent_row
-from spinor_geom.adapters.ply_body import read_ascii, read_binary
+from spinor_geom.adapters.ply_body import line_of_record, read_ascii, read_binary
 from spinor_geom.adapters.ply_header import PlyElement, PlyHeader, read_header
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import seam_representatives
@@ -142,7 +142,10 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
             names a vertex that does not exist; names the place.
     """
     header = read_header(data, path)
-    bodies = _read_bodies(data, header, path)
+    is_text = header.encoding == "ascii"
+    # as many bytes, so places stay
+    text = data.replace(b"\r", b"\n") if is_text and header.newline == b"\r" else data
+    bodies = _read_bodies(text, header, path)
     for name, what in (("vertex", "vertices"), ("face", "faces")):
         if name not in bodies or bodies[name].element.count == 0:
             raise malformed(path, "header", f"has no {what}", "give a file with a surface in it")
@@ -160,12 +163,14 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
     source = PlySource(data=data, header=header, vertices=vertices, faces=faces, groups=groups)
     polygons = _checked_polygons(*faces.lists[source.corner_list], len(points), path)
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
+    wrong = nonfinite_rows(points)
     return FileContents(
         vertices=points,
         polygons=polygons,
         attributes=attributes,
         color_scale=_color_scale(vertices, groups),
         representatives=seam_representatives(points, polygons, appearance),
+        first_nonfinite=f"line {line_of_record(text, vertices.start, wrong[0])}" if is_text and len(wrong) else "",
         source=source,
     )
 
@@ -258,8 +263,6 @@ def _checked_polygons(
 def _read_bodies(data: bytes, header: PlyHeader, path: Path | None) -> dict[str, PlyBody]:
     """The records of all elements, by name."""
     read = read_ascii if header.encoding == "ascii" else read_binary
-    if header.encoding == "ascii" and header.newline == b"\r":
-        data = data.replace(b"\r", b"\n")  # as many bytes, so places stay
     bodies: dict[str, PlyBody] = {}
     position = header.size
     for element in header.elements:

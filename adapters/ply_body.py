@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from itertools import chain
+import io
+from array import array
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import malformed
+from spinor_geom.adapters.contents import integer, malformed, real
 from spinor_geom.adapters.ply_header import PlyElement
 from spinor_geom.errors import MeshFileError
 
+LARGEST_RECORD = 1 << 30  # numpy's records are below 2 GiB
 Scalars = dict[str, np.ndarray]
 Lists = dict[str, tuple[np.ndarray, Int[np.ndarray, " _"]]]
 
@@ -35,7 +38,7 @@ def read_binary(data: bytes, position: int, element: PlyElement, path: Path | No
     if element.count == 0 or not element.properties:
         return *_empty(element), position
     records = _equal_records(data, position, element)
-    if records is not None:
+    if len(records) == element.count:
         scalars, lists = {}, {}
         for item in element.properties:
             values = records[item.name]
@@ -44,46 +47,56 @@ def read_binary(data: bytes, position: int, element: PlyElement, path: Path | No
             else:
                 lists[item.name] = (values.reshape(-1), np.full(len(values), values.shape[1]))
         return scalars, lists, position + records.nbytes
-    return _walk(data, position, element, path)
+    return _walk(data, position, element, records, path)
 
 
-def _equal_records(data: bytes, position: int, element: PlyElement) -> np.ndarray | None:
-    """The records as one structured array, if the lists of all have the lengths that those of the first have."""
+def _equal_records(data: bytes, position: int, element: PlyElement) -> np.ndarray:
+    """As a structured array the records up to the first whose lists are not as long as those of record 0."""
     fields: list[tuple[Any, ...]] = []
     offset = position
     lengths = {}
     for item in element.properties:
         if item.count_dtype is not None:
             if offset + item.count_dtype.itemsize > len(data):
-                return None
+                return np.zeros(0)
             lengths[item.name] = int(np.frombuffer(data, item.count_dtype, 1, offset)[0])
-            if not 0 <= lengths[item.name] <= len(data):
-                return None
+            if not 0 <= lengths[item.name] * item.dtype.itemsize <= min(len(data) - offset, LARGEST_RECORD):
+                return np.zeros(0)
             fields += [(f"length of {item.name}", item.count_dtype), (item.name, item.dtype, (lengths[item.name],))]
             offset += item.count_dtype.itemsize + lengths[item.name] * item.dtype.itemsize
         else:
             fields.append((item.name, item.dtype))
             offset += item.dtype.itemsize
-    size = offset - position
-    if position + size * element.count > len(data):
-        return None
-    records = np.frombuffer(data, np.dtype(fields), element.count, position)
-    if any((records[f"length of {name}"] != length).any() for name, length in lengths.items()):
-        return None
-    return records
+    fitting = min(element.count, max(len(data) - position, 0) // (offset - position))
+    records = np.frombuffer(data, np.dtype(fields), fitting, position)
+    differs = np.zeros(fitting, dtype=bool)
+    for name, length in lengths.items():
+        differs |= records[f"length of {name}"] != length
+    return records[: int(differs.argmax())] if differs.any() else records
 
 
-def _walk(data: bytes, position: int, element: PlyElement, path: Path | None) -> tuple[Scalars, Lists, int]:
-    """Records of differing lengths: where one begins is known only after the one before, so this is a loop."""
-    places: list[list[int]] = [[] for _ in element.properties]
-    sizes: list[list[int]] = [[] for _ in element.properties]
+def _walk(
+    data: bytes, position: int, element: PlyElement, equal: np.ndarray, path: Path | None
+) -> tuple[Scalars, Lists, int]:
+    """Records of differing lengths: where one begins is known only after the one before, so this is a loop.
+
+    The loop begins after the records that are equal in length, as those of a file that is merely cut off are.
+    """
+    places = [array("q") for _ in element.properties]
+    sizes = [array("q") for _ in element.properties]
+    for index, item in enumerate(element.properties if len(equal) else ()):
+        shape = equal.dtype[item.name].shape
+        first = position + equal.dtype.fields[item.name][1]
+        places[index].extend(range(first, first + equal.nbytes, equal.itemsize))
+        sizes[index].extend([shape[0] if shape else 1] * len(equal))
+    position += equal.nbytes
     little = all(item.dtype.byteorder != ">" for item in element.properties)
     layout = [
         (index, item.dtype.itemsize, item.count_dtype.itemsize if item.count_dtype is not None else 0)
         for index, item in enumerate(element.properties)
     ]
     order: Any = "little" if little else "big"
-    for record in range(element.count):
+    for record in range(len(equal), element.count):
         for index, width, count_width in layout:
             length = 1
             if count_width:
@@ -137,21 +150,15 @@ def read_ascii(data: bytes, position: int, element: PlyElement, path: Path | Non
 
 def _lines(data: bytes, position: int, element: PlyElement, path: Path | None) -> tuple[list[list[bytes]], int]:
     """The words of the next lines that are not blank, one for each record, and where they end."""
+    stream = io.BytesIO(data)
+    stream.seek(position)
     rows: list[list[bytes]] = []
-    chunk = data[position:].split(b"\n", element.count)
-    while len(rows) < element.count:
-        if len(chunk) == 1 and not chunk[0].strip():
-            raise _too_short(element, len(rows), path)
-        taken = chunk[: element.count - len(rows)]
-        position += sum(map(len, taken)) + len(taken)
-        rows += [words for words in (line.split() for line in taken) if words]
-        if position > len(data):
-            position = len(data)
-            if len(rows) < element.count:
-                raise _too_short(element, len(rows), path)
-        elif len(rows) < element.count:
-            chunk = data[position:].split(b"\n", element.count - len(rows))
-    return rows, position
+    for line in stream:
+        if words := line.split():
+            rows.append(words)
+            if len(rows) == element.count:
+                return rows, stream.tell()
+    raise _too_short(element, len(rows), path)
 
 
 def _equal_rows(rows: list[list[bytes]], element: PlyElement) -> dict[str, tuple[np.ndarray, np.ndarray]] | None:
@@ -159,13 +166,13 @@ def _equal_rows(rows: list[list[bytes]], element: PlyElement) -> dict[str, tuple
     width = len(rows[0])
     if any(len(row) != width for row in rows):
         return None
-    table = np.array(list(map(float, chain.from_iterable(rows)))).reshape(len(rows), width)
+    table = np.array(list(map(real, chain.from_iterable(rows)))).reshape(len(rows), width)
     columns = {}
     at = 0
     for item in element.properties:
         length = 1
         if item.count_dtype is not None:
-            length = int(rows[0][at])
+            length = integer(rows[0][at])
             if (table[:, at] != length).any():
                 return None
             at += 1
@@ -197,11 +204,11 @@ def _split_row(row: list[bytes], element: PlyElement, values: list[list[float]],
     for index, item in enumerate(element.properties):
         length = 1
         if item.count_dtype is not None:
-            length = int(row[at])
+            length = integer(row[at])
             at += 1
         if length < 0 or at + length > len(row):
             raise ValueError("too few words")
-        values[index] += map(float, row[at : at + length])
+        values[index] += map(real, row[at : at + length])
         lengths[index].append(length)
         at += length
     if at != len(row):
@@ -213,8 +220,8 @@ def _typed(values: np.ndarray, dtype: np.dtype[Any]) -> np.ndarray:
     if dtype.kind == "f":
         return values
     limits = np.iinfo(dtype)
-    if not ((values >= limits.min) & (values <= limits.max)).all():
-        raise ValueError("a number is out of range")
+    if not ((values >= limits.min) & (values <= limits.max) & (values == np.rint(values))).all():
+        raise ValueError("a number is no integer, or out of range")
     return values.astype(dtype)
 
 
@@ -223,10 +230,15 @@ def _unreadable(
 ) -> MeshFileError:
     """The error at the first line that cannot be read."""
     number = next(number for number, row in enumerate(rows) if not _is_readable(row, element))
-    filled = [index for index, line in enumerate(data[position:].split(b"\n"), start=1) if line.split()]
-    line = data.count(b"\n", 0, position) + filled[number]
+    line = line_of_record(data, position, number)
     problem = f"cannot read {element.name} {number} from '{b' '.join(rows[number][:12]).decode('latin-1')}'"
     return malformed(path, f"line {line}", problem, "correct the line")
+
+
+def line_of_record(data: bytes, position: int, record: int) -> int:
+    """The line of a text file, from 1, of a record of the element whose records begin at byte `position`."""
+    filled = (index for index, line in enumerate(data[position:].split(b"\n"), start=1) if line.split())
+    return data.count(b"\n", 0, position) + next(islice(filled, record, None))
 
 
 def _is_readable(row: list[bytes], element: PlyElement) -> bool:

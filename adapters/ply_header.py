@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.adapters.contents import malformed
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, malformed
 
 TYPES = {
     "char": "i1",
@@ -30,6 +30,7 @@ TYPES = {
     "double": "f8",
     "float64": "f8",
 }
+LONGEST_COUNT = 18  # digits; no file holds more
 BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -96,15 +97,16 @@ def read_header(data: bytes, path: Path | None) -> PlyHeader:
     Raises:
         MeshFileError: not a PLY file, or a header line that cannot be understood; names the line.
     """
-    if not re.match(rb"ply\s", data):
+    start = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
+    if not re.match(rb"ply\s", data[start : start + 4]):
         raise malformed(path, "line 1", "does not begin with 'ply'", "check the file's format")
     end = re.search(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)", data)
     if end is None:
         raise malformed(path, "header", "has no line 'end_header'", "check that the file is complete")
     # an end like "\r" before binary data that begins with "\n" is ambiguous; the first line of the file tells
-    newline = b"\r\n" if data[3:5] == b"\r\n" else data[3:4]
+    newline = b"\r\n" if data[start + 3 : start + 5] == b"\r\n" else data[start + 3 : start + 4]
     size = end.start(1) + len(newline) if end[1].startswith(newline) else end.end()
-    lines = [line.split() for line in re.split(r"\r\n|\n|\r", data[:size].decode("latin-1"))]
+    lines = [line.split() for line in re.split(r"\r\n|\n|\r", data[start:size].decode("latin-1"))]
     encoding = next((line[1] for line in lines if line[:1] == ["format"] and line[1:]), None)
     if encoding not in BYTE_ORDERS:
         raise malformed(path, "header", f"the format is {encoding}", f"use one of {', '.join(BYTE_ORDERS)}")
@@ -113,7 +115,7 @@ def read_header(data: bytes, path: Path | None) -> PlyHeader:
         match words:
             case [] | ["ply" | "end_header" | "comment" | "obj_info" | "format", *_]:
                 pass
-            case ["element", name, count] if count.isascii() and count.isdigit():
+            case ["element", name, count] if count.isascii() and count.isdigit() and len(count) <= LONGEST_COUNT:
                 elements.append(PlyElement(name=name, count=int(count), properties=()))
             case ["property", *description] if elements:
                 added = _property(description, BYTE_ORDERS[encoding])

@@ -64,6 +64,16 @@ class Polygons:
         """The same faces with vertex v called new_index[v]."""
         return Polygons(corners=new_index[self.corners], starts=self.starts)
 
+    def without_repeats(self) -> Polygons:
+        """The faces without corners equal to the next one, and without faces that then have fewer than three."""
+        following = np.arange(1, len(self.corners) + 1)
+        following[self.starts[1:] - 1] = self.starts[:-1]
+        kept = self.corners != self.corners[following]
+        face = np.repeat(np.arange(len(self)), self.sizes)
+        sizes = np.bincount(face[kept], minlength=len(self))
+        is_face = sizes >= 3
+        return Polygons.of_sizes(self.corners[kept & is_face[face]], sizes[is_face])
+
     def of_size(self, size: int) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, "k {size}"]]:
         """The numbers of the faces with `size` corners, and those corners, one face a row."""
         chosen = np.flatnonzero(self.sizes == size)

@@ -9,7 +9,17 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import FileContents, malformed, numbers, single_precision, unit_vectors
+from spinor_geom.adapters.contents import (
+    BYTE_ORDER_MARK,
+    FileContents,
+    first_unreadable,
+    malformed,
+    nonfinite_rows,
+    numbers,
+    real,
+    single_precision,
+    unit_vectors,
+)
 from spinor_geom.adapters.polygons import Polygons
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -32,10 +42,12 @@ def read_stl(data: bytes, path: Path | None) -> FileContents:
     if len(corners) == 0:
         raise malformed(path, "", "has no facets", "check that the file is complete")
     vertices = corners.reshape(-1, 3).astype(np.float64)
+    wrong = nonfinite_rows(vertices)
     return FileContents(
         vertices=vertices,
         polygons=Polygons.of_triangles(np.arange(len(vertices)).reshape(-1, 3)),
         representatives=np.arange(len(vertices)),
+        first_nonfinite=f"facet {wrong[0] // 3}" if len(wrong) else "",
         is_text_stl=is_text,
     )
 
@@ -64,17 +76,28 @@ def encode_stl(contents: FileContents) -> bytes:
 
 
 def _binary_corners(data: bytes) -> Float[np.ndarray, "f 3 3"] | None:
-    """The corners in a binary file, or None if this is none: the length must be what the header announces."""
+    """The corners in a binary file, or None if this is none.
+
+    The length must be what the header announces; less than a facet of padding may follow in a file that is no text.
+    """
     if len(data) < HEADER + 4:
         return None
     count = int(np.frombuffer(data, "<u4", 1, HEADER)[0])
-    if len(data) != HEADER + 4 + count * FACET.itemsize:
+    rest = len(data) - (HEADER + 4 + count * FACET.itemsize)
+    if rest and not (0 < rest < FACET.itemsize and not _is_text(data)):
         return None
     return np.frombuffer(data, FACET, count, HEADER + 4)["corners"]
 
 
+def _is_text(data: bytes) -> bool:
+    return data.lstrip()[:5].lower() == b"solid" and b"\0" not in data
+
+
 def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
-    if data.lstrip()[:5].lower() != b"solid" or b"\0" in data:
+    data = data.removeprefix(BYTE_ORDER_MARK)
+    if b"\n" not in data:
+        data = data.replace(b"\r", b"\n")
+    if not _is_text(data):
         announced = int(np.frombuffer(data, "<u4", 1, HEADER)[0]) if len(data) >= HEADER + 4 else None
         problem = f"has {len(data)} bytes and does not begin with 'solid'"
         if announced is not None:
@@ -89,9 +112,10 @@ def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
         problem = f"{begins} facets begin, {ends} end, and {len(words)} vertices can be read, three for each are needed"
         raise malformed(path, f"about facet {min(ends, len(words) // 3)}", problem, "check that the file is complete")
     try:
-        flat = [float(word) for row in words for word in row]
-    except ValueError as error:
-        raise malformed(path, "", f"a coordinate is no number ({error})", "correct it") from None
+        flat = [real(word) for row in words for word in row]
+    except ValueError:
+        number, word = first_unreadable(words, real)
+        raise malformed(path, f"facet {number // 3}", f"'{word}' is no number", "correct it") from None
     return np.array(flat).reshape(-1, 3, 3)
 
 

@@ -13,7 +13,7 @@ from types import CodeType
 import numpy as np
 from figure_tables import Figure, figure_table, note, short_reason
 
-from spinor_geom import FillResult, MeshFile, SpinorGeomError, fill_hole, read_mesh
+from spinor_geom import FillResult, SpinorGeomError, fill_hole, read_mesh
 from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.bench.tables import Table
 
@@ -92,7 +92,7 @@ def filled_file(path: Path) -> MeshRecord | None:
     """Fills all holes of a file; None where it has no faces or no holes."""
     start = time.perf_counter()
     try:
-        file = read_for_filling(path)
+        file = read_mesh(path)
         read = time.perf_counter() - start
         if not len(file.mesh.faces):
             return None
@@ -114,12 +114,6 @@ def filled_file(path: Path) -> MeshRecord | None:
         watertight=result.watertight,
         seconds=step_seconds(result, read, whole),
     )
-
-
-def read_for_filling(path: Path) -> MeshFile:
-    """A mesh file; the triangles of an STL file are merged, because they never share vertices."""
-    file = read_mesh(path)
-    return file.merged() if path.suffix.lower() == ".stl" else file
 
 
 def step_seconds(result: FillResult, read: float, whole: float) -> dict[str, float]:
@@ -204,7 +198,7 @@ def profile(path: Path) -> list[Table]:
     """The functions with the most time of their own while one mesh is filled; the profiler itself slows them down."""
     note(f"profile of {path.name}")
     warm_up()
-    file = read_for_filling(path)
+    file = read_mesh(path)
     profiler = cProfile.Profile()
     profiler.runcall(fill_hole, file)
     entries = sorted(profiler.getstats(), key=lambda entry: -entry.inlinetime)[:PROFILE_ROWS]

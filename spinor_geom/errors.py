@@ -43,8 +43,11 @@ class VertexIndexError(MeshError):
 class NonFiniteVertexError(MeshError):
     """A coordinate is NaN or infinite."""
 
-    def __init__(self, *, vertex: int) -> None:
-        super().__init__(f"vertex {vertex} has a NaN or infinite coordinate; remove or correct it", vertex=vertex)
+    def __init__(self, *, vertex: int, place: str = "") -> None:
+        where = f"{place}: " if place else ""
+        super().__init__(
+            f"{where}vertex {vertex} has a NaN or infinite coordinate; remove or correct it", vertex=vertex, place=place
+        )
 
 
 class DegenerateFaceError(MeshError):
@@ -96,8 +99,8 @@ class DuplicateVertexError(MeshError):
     def __init__(self, *, vertices: Sequence[int], count: int) -> None:
         super().__init__(
             f"{count} boundary edges lie on one another, first at vertices {tuple(vertices)}: the faces do not share "
-            "their vertices; merge vertices of equal position first (TriangleMesh.merged(), or --merge on the command "
-            "line)",
+            "their vertices; merge vertices of equal position first (read_mesh(path).merged(), "
+            "TriangleMesh.merged(), or --merge on the command line)",
             vertices=tuple(vertices),
             count=count,
         )

@@ -203,6 +203,27 @@ def obj_text(pair: Pair) -> str:
     return "\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n"
 
 
+QUAD_AND = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nf 1 2 3 4\nf 1 5 2\n"
+
+
+@pytest.mark.parametrize(
+    ("faces", "error", "words"),
+    [
+        ("f 3 3 5\n", DegenerateFaceError, "face 2 "),
+        ("f 5 2 1\n", DuplicateFaceError, r"\(1, 2\)"),
+        ("f 2 3 5\n", InconsistentOrientationError, r"faces \(0, 2\)"),
+        ("f 3 2 5\nf 5 3 2\n", DuplicateFaceError, r"\(2, 3\)"),
+    ],
+)
+def test_faces_of_a_file_are_named_by_its_own_numbers(
+    tmp_path: Path, faces: str, error: type[SpinorGeomError], words: str
+) -> None:
+    path = write(tmp_path / "mesh.obj", QUAD_AND + faces)
+    for call in (boundary_loops, fill_hole):
+        with pytest.raises(error, match=words):
+            call(path)
+
+
 BAD_FILES: list[tuple[str, str | bytes]] = [
     ("missing.obj", ""),
     ("empty.ply", b""),

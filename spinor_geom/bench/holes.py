@@ -256,8 +256,7 @@ def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:
 
 
 def file_hole(path: Path) -> Hole:
-    """A mesh file whose every boundary loop is to be closed; the triangles of an STL file are merged."""
-    file = read_mesh(path)
-    mesh = (file.merged() if path.suffix.lower() == ".stl" else file).mesh
+    """A mesh file whose every boundary loop is to be closed."""
+    mesh = read_mesh(path).mesh
     rim = np.unique(boundary_edges(mesh.faces))
     return Hole(name=path.name, vertices=mesh.vertices, faces=mesh.faces, rim=rim)

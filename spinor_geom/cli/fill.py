@@ -129,6 +129,8 @@ def show_result(result: FillResult) -> None:
         show_table(columns, [row(outcome)[: len(columns)] for outcome in result.loops], piped=False)
     else:
         show_lines("no boundary loops: the mesh is closed, nothing to fill", piped=False)
+    for note in result.notes:
+        show_lines(note, piped=False)
     filled = sum(outcome.filled for outcome in result.loops)
     show_lines(
         f"{filled} of {len(result.loops)} loops filled, {len(result.extension.faces)} faces added, "

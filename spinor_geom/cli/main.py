@@ -114,7 +114,9 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         default=1e-3,
         help="RMS boundary residual per mean edge of the loop (default: %(default)s)",
     )
-    fill.add_argument("--merge", action="store_true", help="first merge vertices of equal position (STL files need it)")
+    fill.add_argument(
+        "--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)"
+    )
     fill.add_argument("--report", metavar="JSON", type=Path, help="write a report")
     fill.add_argument("--html", metavar="HTML", type=Path, help="write a page that shows the fill, for any browser")
     fill.add_argument("--compare", action="store_true", help="compare each fill with a discrete minimal surface")
@@ -125,7 +127,7 @@ def _add_loops(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     loops = commands.add_parser("loops", help="list the boundary loops of a mesh file")
     loops.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb")
     loops.add_argument(
-        "--merge", action="store_true", help="first merge vertices of equal position (STL files need it)"
+        "--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)"
     )
     loops.add_argument("--json", action="store_true", help="print JSON")
 

@@ -10,13 +10,12 @@ from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import OptionError
 from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
-from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
+from spinor_geom.fill.loops import LoopChoice, chosen_places, loops_of, reasons_to_leave_open
 from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
 from spinor_geom.fill.one_loop import FillOptions, refusal, require_positive
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.stitch import RimEdges, joined, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau.task import Model
 from spinor_geom.plateau.threads import one_thread
@@ -141,7 +140,7 @@ def fill_hole(
     source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh
     triangles = to_mesh(source)
     clock.lap("read")
-    loops = find_boundary_loops(triangles)
+    loops = loops_of(source, triangles)
     places = chosen_places(loop, loops)
     reasons = reasons_to_leave_open(loops, places, keep_largest=keep_largest, max_perimeter=max_perimeter)
     if isinstance(loop, BoundaryLoop):
@@ -169,6 +168,7 @@ def fill_hole(
         original=triangles,
         extension=extension,
         loops=tuple(outcomes),
+        notes=source.notes if isinstance(source, MeshFile) else (),
         watertight=watertight,
         timings=clock.laps(),
     )

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import operator
+import os
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from spinor_geom.adapters import to_mesh
-from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
+from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
+from spinor_geom.errors import ForeignLoopError, LoopIndexError, MeshError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 
@@ -34,7 +36,20 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
         MeshError: the mesh has no unambiguous boundary (see `spinor_geom.mesh.validate`).
         DuplicateVertexError: the faces do not share their vertices.
     """
-    return find_boundary_loops(to_mesh(mesh))
+    source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh
+    return loops_of(source, to_mesh(source))
+
+
+def loops_of(source: Any, triangles: TriangleMesh) -> list[BoundaryLoop]:
+    """The boundary loops of a mesh's triangles; what is wrong with faces of a file is told by its own face numbers.
+
+    Raises:
+        MeshError: as `boundary_loops`.
+    """
+    try:
+        return find_boundary_loops(triangles)
+    except MeshError as error:
+        raise (source.with_own_face_numbers(error) if isinstance(source, MeshFile) else error) from None
 
 
 def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:

@@ -138,6 +138,7 @@ class FillResult(Shown):
         original: the input as triangles.
         extension: the new vertices and faces.
         loops: one outcome for every boundary loop of the input, longest perimeter first.
+        notes: what was changed when a file was read, a sentence each.
         watertight: whether every edge of the filled mesh has exactly two faces that run through it in opposite
             directions; computed from the faces, not concluded from the outcomes.
         timings: seconds by stage ("read", "loops", "fill", "stitch", "total").
@@ -147,6 +148,7 @@ class FillResult(Shown):
     original: TriangleMesh
     extension: MeshExtension
     loops: tuple[LoopOutcome, ...]
+    notes: tuple[str, ...] = ()
     watertight: bool
     timings: Mapping[str, float]
 
@@ -170,6 +172,7 @@ class FillResult(Shown):
             "faces": len(self.original.faces),
             "vertices_added": len(self.extension.vertices),
             "faces_added": len(self.extension.faces),
+            "notes": list(self.notes),
             "loops": [outcome.to_dict() for outcome in self.loops],
             "timings": {name: float(seconds) for name, seconds in self.timings.items()},
         }

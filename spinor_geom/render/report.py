@@ -119,7 +119,7 @@ def _summary(result: FillResult) -> str:
         f"triangles before, {len(result.extension.vertices)} and {len(result.extension.faces)} added. The filled mesh "
         f"is {'watertight' if result.watertight else 'not watertight'}; "
         f"{f'patches cross something in {crossings} pairs of faces' if crossings else 'no patch crosses anything'}. "
-        f"{result.timings['total']:.2g} s."
+        f"{result.timings['total']:.2g} s. {' '.join(f'{note}.' for note in result.notes)}"
     )
 
 

@@ -10,7 +10,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters import MeshFile, glb_pieces, read_mesh
 from spinor_geom.adapters.glb import read_glb
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
@@ -373,6 +373,13 @@ def primitive_of(tree: dict) -> dict:
     return tree["meshes"][0]["primitives"][0]
 
 
+def nested(levels: int) -> list:
+    value: list = []
+    for _ in range(levels - 1):
+        value = [value]
+    return value
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -383,8 +390,8 @@ def primitive_of(tree: dict) -> dict:
         (lambda tree: tree["accessors"][0].pop("bufferView"), "accessor 0: its data is not in the file"),
         (lambda tree: tree["accessors"][0].update(type="VEC2"), "one row a vertex"),
         (lambda tree: tree["accessors"][0].update(componentType=1), "does not follow glTF (KeyError: 1)"),
-        (lambda tree: tree["accessors"].clear(), "does not follow glTF (IndexError"),
-        (lambda tree: tree["accessors"].__setitem__(0, 5), "does not follow glTF (TypeError"),
+        (lambda tree: tree["accessors"].clear(), "names number 0 of its 0 accessors"),
+        (lambda tree: tree["accessors"].__setitem__(0, 5), "'accessors' is no list of objects"),
         (lambda tree: tree["bufferViews"][0].update(byteLength=10**6), "buffer view 0: ends at byte 1000000"),
         (lambda tree: tree["bufferViews"][0].update(byteStride=2), "accessor 0: announces"),
         (lambda tree: tree["buffers"][0].update(uri="../secret.bin"), "its data is not in the file"),
@@ -397,10 +404,17 @@ def primitive_of(tree: dict) -> dict:
         (lambda tree: tree["accessors"][1].update(count=29), "mesh 0, primitive 0: its indices are no triangles"),
         (lambda tree: tree["accessors"][0].update(count=7), "over its 7 vertices"),
         (lambda tree: tree["nodes"][0].update(children=[0]), "node 0: has two parents"),
-        (lambda tree: tree["nodes"].clear(), "does not follow glTF (IndexError"),
+        (lambda tree: tree["nodes"].clear(), "names number 0 of its 0 nodes"),
         (lambda tree: tree["nodes"][0].update(scale=[1, 0, 1]), "node 0: its transform flattens the mesh"),
         (lambda tree: tree["nodes"][0].update(matrix=[1, 2]), "does not follow glTF (ValueError"),
-        (lambda tree: tree.update(nodes={"a": 1}), "does not follow glTF (KeyError"),
+        (lambda tree: tree.update(nodes={"a": 1}), "'nodes' is no list of objects"),
+        (lambda tree: primitive_of(tree)["attributes"].update(POSITION=-1), "names number -1 of its 2 accessors"),
+        (lambda tree: primitive_of(tree)["attributes"].update(NORMAL=1), "one row a vertex"),
+        (lambda tree: primitive_of(tree).update(targets=[{"POSITION": 1}]), "its morph targets do not have one row"),
+        (lambda tree: primitive_of(tree).update(targets=[{"POSITION": 7}]), "names number 7 of its 2 accessors"),
+        (lambda tree: tree.update(images=[{"bufferView": 9}]), "names number 9 of its 2 bufferViews"),
+        (lambda tree: tree["nodes"].append({"mesh": []}), "names number [] of its 1 meshes"),
+        (lambda tree: tree.update(extras=nested(101)), "nested more than 100 levels deep"),
     ],
 )
 def test_malformed_json_names_the_place(change: object, said: str) -> None:
@@ -439,6 +453,52 @@ def test_malformed_containers_name_the_place(data: bytes, said: str) -> None:
     with pytest.raises(MeshFileError) as caught:
         parsed(data)
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        {"animations": [{"channels": 3, "samplers": [{"input": 5}, 7]}]},
+        {"animations": 4, "skins": [{"joints": "all"}, None]},
+        {"images": [{"name": "\ud800", "uri": "a.png"}], "textures": {}, "extras": nested(98)},
+        {"extensions": {"X": {"attributes": 3, "targets": 4, "indices": {}}}},
+    ],
+)
+def test_what_is_malformed_elsewhere_does_not_keep_a_file_from_being_written(tmp_path: Path, extra: dict) -> None:
+    file = parsed(with_tree(GOOD, lambda tree: tree.update(extra)))
+    assert is_closed(again(file.extended(lid()), tmp_path).mesh)
+    written = tree_of((tmp_path / "again.glb").read_bytes())
+    assert {name: written[name] for name in extra} == extra
+
+
+def test_chunks_that_nobody_knows_are_kept(tmp_path: Path) -> None:
+    chunk = struct.pack("<I4s", 8, b"XTRA") + b"whatever"
+    data = GOOD[:8] + struct.pack("<I", len(GOOD) + len(chunk)) + GOOD[12:] + chunk
+    assert is_closed(again(parsed(data).extended(lid()), tmp_path).mesh)
+    assert (tmp_path / "again.glb").read_bytes().endswith(chunk)
+
+
+def test_zeros_that_no_file_holds_are_bounded_by_its_size() -> None:
+    def empty(tree: dict, count: int) -> None:
+        sparse = {"count": 1, "indices": {"bufferView": 1, "componentType": 5123}, "values": {"bufferView": 0}}
+        tree["accessors"].append({"componentType": 5126, "type": "VEC3", "count": count, "sparse": sparse})
+        primitive_of(tree)["targets"] = [{"POSITION": 2}]
+
+    assert len(parsed(with_tree(GOOD, lambda tree: empty(tree, 8))).mesh.vertices) == 8
+    for count in (2**31 - 1, 10**6):
+        with pytest.raises(MeshFileError, match="accessor 2: its data is not in the file"):
+            parsed(with_tree(GOOD, lambda tree, count=count: empty(tree, count)))
+
+
+def test_meshes_that_are_shown_again_and_again_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    def show(tree: dict) -> None:
+        tree["nodes"] = [{"mesh": 0, "translation": [number, 0, 0]} for number in range(30)]
+        tree["scenes"] = [{"nodes": list(range(30))}]
+
+    assert len(parsed(with_tree(GOOD, show)).mesh.vertices) == 240
+    monkeypatch.setattr(glb_pieces, "MOST_ROWS", 2000)
+    with pytest.raises(MeshFileError, match="more than 2,"):
+        parsed(with_tree(GOOD, show))
 
 
 def test_every_truncation_is_refused_with_a_typed_error() -> None:

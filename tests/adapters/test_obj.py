@@ -42,7 +42,7 @@ def again(file: MeshFile, folder: Path) -> MeshFile:
         "f 1 2/2 3/3/3",
         "f 1 \\\n 2 \\\n3",
         "  f\t1  2 3  # a face",
-        "F 9 9 9\nf 1 2 3",
+        "F 1 2 3",
     ],
 )
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])

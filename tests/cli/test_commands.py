@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinor_geom.adapters import read_mesh
 from spinor_geom.cli import console
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.errors import FirstFillError
@@ -159,17 +158,29 @@ def test_bridge_joins_two_rims_and_islands_are_joined_on_request(
 
 def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     vertices, faces = tube()
-    soup = tmp_path / "soup.stl"
-    records = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("pad", "<u2")])
-    records["corners"] = vertices[faces]
-    soup.write_bytes(b"\0" * 80 + np.uint32(len(faces)).tobytes() + records.tobytes())
-    output = tmp_path / "filled.stl"
+    soup = tmp_path / "soup.obj"
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices[faces].reshape(-1, 3).tolist()]
+    lines += [f"f {first} {first + 1} {first + 2}" for first in range(1, 3 * len(faces), 3)]
+    soup.write_text("\n".join(lines) + "\n")
+    output = tmp_path / "filled.obj"
     assert main(["fill", str(soup), "-o", str(output)]) == 2
     assert "--merge" in capsys.readouterr().err
     assert main(["fill", str(soup), "-o", str(output), "--merge"]) == 0
-    assert boundary_loops(read_mesh(output).merged()) == []
+    assert boundary_loops(output) == []
     assert main(["loops", str(soup), "--merge"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 3
+
+
+def test_stl_files_need_no_merge(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vertices, faces = tube()
+    records = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("pad", "<u2")])
+    records["corners"] = vertices[faces]
+    path, output = tmp_path / "a.stl", tmp_path / "b.stl"
+    path.write_bytes(b"\0" * 80 + np.uint32(len(faces)).tobytes() + records.tobytes())
+    assert main(["loops", str(path)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 3
+    assert main(["fill", str(path), "-o", str(output)]) == 0
+    assert boundary_loops(output) == []
 
 
 def test_compare_prints_a_table_and_reports_it(

@@ -104,3 +104,31 @@ def test_quads_of_a_file_stay_quads(tmp_path: Path) -> None:
     text = (tmp_path / "filled.obj").read_text()
     assert text.startswith(path.read_text())
     assert [len(line.split()) for line in text.splitlines() if line.startswith("f ")][:9] == [5] * 8 + [4]
+
+
+@pytest.mark.parametrize("kind", ["text", "binary"])
+def test_an_stl_path_is_merged_filled_and_written_back(tmp_path: Path, kind: str) -> None:
+    vertices, faces = tube()
+    needle = np.array([[3, 3, 4]])
+    corners = vertices[np.vstack([faces, needle])].astype(np.float32)
+    if kind == "text":
+        facets = "".join(
+            "facet normal 0 0 0\nouter loop\n"
+            + "".join(f"vertex {x!r} {y!r} {z!r}\n" for x, y, z in facet)
+            + "endloop\nendfacet\n"
+            for facet in corners.tolist()
+        )
+        (tmp_path / "a.stl").write_text(f"solid a\n{facets}endsolid a\n")
+    else:
+        records = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("pad", "<u2")])
+        records["corners"] = corners
+        (tmp_path / "a.stl").write_bytes(b"\0" * 80 + np.uint32(len(corners)).tobytes() + records.tobytes())
+    filled, report = fill_hole(str(tmp_path / "a.stl"), return_report=True)
+    assert report.watertight
+    assert [note.rpartition(" ")[2] for note in report.notes] == [str(len(vertices)), "1"]
+    assert report.to_dict()["notes"] == list(report.notes)
+    filled.write(tmp_path / "b.stl")
+    assert (tmp_path / "b.stl").read_bytes().startswith(b"solid") == (kind == "text")
+    back = read_mesh(tmp_path / "b.stl")
+    assert np.array_equal(back.mesh.vertices[back.mesh.faces[: len(faces)]], corners[:-1])
+    assert is_watertight(back.mesh.faces)
