@@ -146,7 +146,8 @@ def _add_reproduce(commands: argparse._SubParsersAction[argparse.ArgumentParser]
         "reproduce",
         help="run the experiments of the paper",
         epilog="exit status: 0 what the paper says was seen, 1 in some experiment it was not (the report says why), "
-        "2 the arguments cannot be used",
+        "2 the arguments cannot be used. A run that was stopped goes on where it was when the same command is given "
+        "again; what it has finished is measured anew where its folder is removed.",
     )
     reproduce.add_argument(
         "names", metavar="NAME", nargs="*", help=f"experiments: {', '.join(EXPERIMENTS)} (default: all)"
