@@ -30,26 +30,40 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         The path to write to; the file exists and is empty.
 
     Raises:
-        OSError: the folder does not exist or may not be written to, the disk is full, or `path` is a folder.
+        OSError: the folder does not exist or may not be written to, the disk is full, or `path` is a folder; its
+            `filename` is `path`, not the temporary one, where it names one or none.
     """
     target = Path(os.path.realpath(path))
     if target.is_dir():
         raise IsADirectoryError(f"{os.fspath(path)} is a folder; name a file in it")
     if target.exists() and not target.is_file():
-        yield target
+        with _naming(path, target):
+            yield target
         return
     temporary = target.with_name(f".{target.stem[:32]}.{secrets.token_hex(8)}{target.suffix}")
-    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    with _naming(path, temporary):
+        os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+        try:
+            yield temporary
+            _flush(temporary)
+            if target.exists():
+                temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+            os.replace(temporary, target)
+            if os.name != "nt":  # Windows cannot open folders, and a rename there is durable by itself
+                _flush(target.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _naming(path: str | os.PathLike[str], written: Path) -> Iterator[None]:
+    """An error about the path that is written to, or that names none (a full disk), names the caller's path."""
     try:
-        yield temporary
-        _flush(temporary)
-        if target.exists():
-            temporary.chmod(stat.S_IMODE(target.stat().st_mode))
-        os.replace(temporary, target)
-        if os.name != "nt":  # Windows cannot open folders, and a rename there is durable by itself
-            _flush(target.parent)
-    finally:
-        temporary.unlink(missing_ok=True)
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename in (None, str(written)):
+            error.filename = os.fspath(path)
+        raise
 
 
 @contextmanager

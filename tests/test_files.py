@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from pathlib import Path
@@ -90,9 +91,17 @@ def test_folder_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_missing_folder_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "missing" / "a.obj"):
+def test_errors_name_the_caller_s_file_not_the_temporary_one(tmp_path: Path) -> None:
+    missing, full, other = tmp_path / "missing" / "a.obj", tmp_path / "full", tmp_path / "other"
+    with pytest.raises(FileNotFoundError) as missed, atomic_path(missing):
         pass
+    assert missed.value.filename == str(missing)
+    with pytest.raises(OSError, match="No space") as filled, atomic_path(full):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert filled.value.filename == str(full)
+    with pytest.raises(FileNotFoundError) as read, atomic_path(full):
+        other.read_text()
+    assert read.value.filename == str(other)
 
 
 def test_a_folder_appears_with_all_its_files_or_not_at_all(tmp_path: Path) -> None:

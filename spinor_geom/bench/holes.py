@@ -244,8 +244,6 @@ def odd_hole(name: str) -> Hole:
 
 def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:
     """The mesh files of a folder that have faces and holes, or those of them that are named."""
-    if not folder.is_dir():
-        return []
     found = []
     for path in sorted(folder.iterdir()):
         if path.suffix.lower() in FORMATS and (not names or path.name in names):

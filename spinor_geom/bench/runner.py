@@ -83,7 +83,13 @@ class Settings:
         return tuple(name for name in ODD if name in self.cases) if self.cases else tuple(ODD)
 
     def files(self) -> list[Path]:
-        """The mesh files that are measured."""
+        """The mesh files that are measured.
+
+        Raises:
+            OptionError: there is no such folder.
+        """
+        if self.data is not None and not self.data.is_dir():
+            raise OptionError(f"{self.data}: is not a folder; name one that holds mesh files")
         if self.data is None or (self.quick and not self.cases):
             return []
         return mesh_files(self.data, self.cases)
@@ -110,7 +116,7 @@ def plan(settings: Settings, folder: Path) -> list[list[Task]]:
     """All tasks, those of a list one after the other in one process.
 
     Raises:
-        OptionError: a case or a method does not exist, or nothing is left to measure.
+        OptionError: a case, a method or the folder of mesh files does not exist, or nothing is left to measure.
     """
     files = settings.files()
     _check(settings, files)
@@ -296,7 +302,8 @@ def measure(
         on_record: called after each task, with the numbers of tasks done and of all.
 
     Raises:
-        OptionError: a case or a method does not exist, or the folder holds a run of other versions.
+        OptionError: a case, a method or the folder of mesh files does not exist, or the run's folder holds one of other
+            versions.
     """
     place = Path(folder)
     groups = plan(settings, place)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
 from spinor_geom.optional import require
+
+DATA = Path("data")  # of a clone, in whose root the command is usually given
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
@@ -25,8 +28,9 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         "cases": tuple(arguments.cases or ()),
         "methods": tuple(arguments.methods or ()),
         "variation": variation,
-        "data": arguments.data,
     }
+    if arguments.data is not None or DATA.is_dir():
+        chosen["data"] = arguments.data or DATA
     if arguments.repeat is not None:
         chosen["repeat"] = arguments.repeat
     if arguments.time_limit is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,17 +12,6 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
-
-from spinor_geom.errors import SpinorGeomError
-
-BAD_INPUT = (
-    SpinorGeomError,
-    FileNotFoundError,
-    IsADirectoryError,
-    NotADirectoryError,
-    PermissionError,
-    FileExistsError,
-)
 
 
 class ExitStatus(enum.IntEnum):
@@ -35,7 +25,7 @@ class ExitStatus(enum.IntEnum):
 
 def sentence(error: BaseException) -> str:
     """An error as one line."""
-    if isinstance(error, OSError) and error.filename is not None:
+    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
         return f"{error.filename}: {error.strerror}"
     return " ".join(str(error).split())
 
@@ -60,14 +50,45 @@ def show_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, piped: 
             table.add_row(*row)
         console.print(table)
     elif piped:
-        sys.stdout.write("\t".join(columns) + "\n")
-        sys.stdout.writelines("\t".join(row) + "\n" for row in rows)
+        _write("".join("\t".join(row) + "\n" for row in (columns, *rows)))
 
 
 def show_lines(text: str, *, piped: bool) -> None:
     """Writes text to standard output: always on a terminal, on a pipe if wanted there."""
     if piped or sys.stdout.isatty():
-        sys.stdout.write(text.rstrip("\n") + "\n")
+        _write(text.rstrip("\n") + "\n")
+
+
+def flush() -> None:
+    """Sends what was written to standard output on its way.
+
+    Raises:
+        OSError: it takes nothing more; names it.
+    """
+    with _naming_output():
+        sys.stdout.flush()
+
+
+def close_output() -> None:
+    """Drops what standard output does not take any more: the interpreter would complain once more as it closes it."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _write(text: str) -> None:
+    with _naming_output():
+        sys.stdout.write(text)
+
+
+@contextmanager
+def _naming_output() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        error.filename = "standard output"
+        raise
 
 
 @contextmanager

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import importlib
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from spinor_geom.batching.options import FORMAT, WHAT
+from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 
-EPILOG = """exit status: 0 every requested loop was filled within the tolerance and no patch crosses itself, the mesh or
-another patch, 1 some were not or do (they are named on standard error), 2 the arguments or the input cannot be used"""
+EPILOG = """exit status: 0 all was done as asked, 1 it was done, but some of it deserves a look and is named on standard
+error, 2 the arguments or the input cannot be used, or a file not be written, 130 interrupted; what 0 and 1 mean for a
+command stands in its own help"""
+FILL_EPILOG = """exit status: 0 every requested loop was filled within the tolerance and no patch crosses itself, the
+mesh or another patch, 1 some were not or do (they are named on standard error), 2 the arguments or the input cannot be
+used, or a file not be written"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -26,20 +31,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit status.
     """
     arguments = build_parser().parse_args(argv)
+    # what the modules make stays until the end: looking through it for garbage, as they are imported and once more when
+    # the process ends, takes half a second
+    gc.disable()
     # only now: the commands import torch, scipy and libigl
     command = importlib.import_module(f"spinor_geom.cli.{arguments.command}")
     console = importlib.import_module("spinor_geom.cli.console")
+    gc.freeze()
+    gc.enable()
     try:
         status = int(command.run(arguments))
-        sys.stdout.flush()
+        console.flush()
         return status
-    except console.BAD_INPUT as error:
-        console.complain(console.sentence(error))
-        return int(console.ExitStatus.BAD_INPUT)
     except BrokenPipeError:
-        # the reader of our output has seen enough; without this the interpreter complains once more as it closes it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # the reader of our output has seen enough
+        console.close_output()
         return int(console.ExitStatus.DONE)
+    except (SpinorGeomError, OSError) as error:
+        console.complain(console.sentence(error))
+        console.close_output()
+        return int(console.ExitStatus.BAD_INPUT)
     except KeyboardInterrupt:
         console.complain("interrupted")
         return int(console.ExitStatus.INTERRUPTED)
@@ -74,7 +85,7 @@ class _Version(argparse.Action):
 
 
 def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    fill = commands.add_parser("fill", help="fill the holes of a mesh file", epilog=EPILOG)
+    fill = commands.add_parser("fill", help="fill the holes of a mesh file", epilog=FILL_EPILOG)
     fill.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb")
     fill.add_argument(
         "-o", "--output", metavar="OUT", type=Path, required=True, help="filled mesh, format by its suffix"
@@ -137,7 +148,8 @@ def _add_reproduce(commands: argparse._SubParsersAction[argparse.ArgumentParser]
         "reproduce",
         help="run the experiments of the paper",
         epilog="exit status: 0 what the paper says was seen, 1 in some experiment it was not (the report says why), "
-        "2 the arguments cannot be used",
+        "2 the arguments cannot be used. A run that was stopped goes on where it was when the same command is given "
+        "again; what it has finished is measured anew where its folder is removed.",
     )
     reproduce.add_argument(
         "names", metavar="NAME", nargs="*", help=f"experiments: {', '.join(EXPERIMENTS)} (default: all)"
@@ -171,7 +183,7 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     bench.add_argument(
         "--time-limit", metavar="S", type=_positive, help="seconds for one measurement (default: 180, quick: 60)"
     )
-    bench.add_argument("--data", metavar="DIR", type=Path, default=Path("data"), help="mesh files (default: data)")
+    bench.add_argument("--data", metavar="DIR", type=Path, help="folder of mesh files (default: data, if it is there)")
     bench.add_argument("--turn", metavar="SEED", type=int, help="turn the known cases at random")
     bench.add_argument("--scale", metavar="S", type=_positive, default=1.0, help="scale the known cases")
     bench.add_argument(

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from spinor_geom.cli.console import ExitStatus
+from spinor_geom.cli.fill import require_writable
 from spinor_geom.render.morph import checked_suffix, morph
 
 
@@ -14,8 +15,11 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     from spinor_geom.gallery import named_surface
     from spinor_geom.surface import SpinorSurface
 
-    checked_suffix(arguments.output)  # before a surface is solved
+    # before a surface is solved
+    checked_suffix(arguments.output)
+    require_writable(arguments.output)
     path = Path(arguments.surface)
     surface = SpinorSurface.load(path) if path.suffix or path.exists() else named_surface(arguments.surface)
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
     morph(surface, arguments.output, frames=arguments.frames)
     return ExitStatus.DONE

@@ -27,10 +27,10 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 
         advance(0, len(names))
         done = reproduce(names, arguments.output, quick=arguments.quick, on_done=on_done)
-    rows = [[one.name, "yes" if one.outcome.holds else "no", f"{one.seconds:.1f}"] for one in done]
+    rows = [[one.name, "yes" if one.holds else "no", f"{one.seconds:.1f}"] for one in done]
     show_table(COLUMNS, rows, piped=False)
     show_lines(f"report: {arguments.output / PAGE}", piped=False)
     for one in done:
-        if not one.outcome.holds:
-            complain(f"{one.name}: {one.outcome.verdict}")
-    return ExitStatus.DONE if all(one.outcome.holds for one in done) else ExitStatus.IMPERFECT
+        if not one.holds:
+            complain(f"{one.name}: {one.verdict}")
+    return ExitStatus.DONE if all(one.holds for one in done) else ExitStatus.IMPERFECT

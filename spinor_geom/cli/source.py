@@ -28,7 +28,8 @@ def read_surface(path: Path, *, merge: bool) -> MeshFile:
     mesh = read_mesh(path)
     if not len(mesh.mesh.faces):
         raise MeshFileError(
-            f"{path}: has curves but no faces, so no holes; give a file with a surface in it", path=path
+            f"{path}: has no faces, so nothing to fill or to draw; 'spinor-geom batch' spans the curves of OBJ files",
+            path=path,
         )
     return mesh.merged() if merge else mesh
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import shutil
 import time
@@ -15,9 +16,9 @@ import numpy as np
 
 from spinor_geom.experiments.experiment import Experiment, Outcome, as_json, experiment, keeping
 from spinor_geom.experiments.page import page
-from spinor_geom.files import atomic_path, write_json
+from spinor_geom.files import atomic_path, finite, write_json
 
-REPORT, PAGE = "report.md", "report.html"
+REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
 TITLE = "The paper's experiments, measured anew"
 # pixels per inch of the PNGs
 _RESOLUTION = 160
@@ -25,18 +26,24 @@ _RESOLUTION = 160
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Done:
-    """An experiment that was run.
+    """An experiment that was run, as its folder tells it.
 
     Attributes:
         name: of the experiment, and of the folder with its data and pictures.
         experiment: what was run.
-        outcome: what came out.
+        rows: the figures; None in the place of what is not finite.
+        holds: whether what the paper says was seen.
+        verdict: the same in words.
+        pictures: their names.
         seconds: wall time.
     """
 
     name: str
     experiment: Experiment[Any]
-    outcome: Outcome
+    rows: Sequence[Mapping[str, Any]]
+    holds: bool
+    verdict: str
+    pictures: Sequence[str]
     seconds: float
 
 
@@ -49,17 +56,17 @@ def reproduce(
 ) -> tuple[Done, ...]:
     """Runs experiments one after the other; each leaves its files, and its part of the report, as soon as it is done.
 
-    The paper's trainings keep their states in the folder while they run: a run that was stopped goes on from there.
+    A run that was stopped goes on where it was: what it finished with the same settings is not measured again, and the
+    paper's trainings keep their states in the folder while they run.
 
     In the folder lie `report.md`, the same as `report.html`, which holds its pictures, and, for each experiment, a
-    folder with `data.json`, `data.npz`, and its pictures as PNG and PDF. Files of an earlier run are replaced, each
-    whole or not at all.
+    folder with `data.json`, `data.npz`, and its pictures as PNG and PDF. Files are replaced whole or not at all.
 
     Args:
         names: of `experiments.NAMES`.
         folder: where to write; made if it is not there.
         quick: with the shorter settings; the report says what they shorten.
-        on_done: called after each experiment.
+        on_done: called after each experiment, also one that an earlier run finished.
 
     Raises:
         OptionError: there is no experiment of a name; none is run then.
@@ -67,25 +74,44 @@ def reproduce(
     chosen = {name: experiment(name) for name in names}
     done: list[Done] = []
     for name, one in chosen.items():
-        begin = time.perf_counter()
-        states = Path(folder) / name / "states"
-        states.mkdir(parents=True, exist_ok=True)
-        outcome = one.measure(keeping(one.settings(quick=quick), states))
-        done.append(Done(name=name, experiment=one, outcome=outcome, seconds=time.perf_counter() - begin))
-        _write(done[-1], Path(folder) / name, quick)
+        done.append(_run(name, one, Path(folder) / name, quick))
         text = report(done, quick=quick)
         for file, content in ((REPORT, text), (PAGE, page(text, Path(folder), title=TITLE))):
             with atomic_path(Path(folder) / file) as temporary:
                 temporary.write_text(content, encoding="utf-8")
-        shutil.rmtree(states)
         if on_done is not None:
             on_done(done[-1])
     return tuple(done)
 
 
+def _run(name: str, one: Experiment[Any], folder: Path, quick: bool) -> Done:
+    """Measures and writes, unless it was done: the description, which is written last, tells that."""
+    asked = {"name": name, "quick": quick, "settings": finite(as_json(one.settings(quick=quick)))}
+    path, states = folder / DESCRIPTION, folder / "states"
+    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if any(found.get(key) != value for key, value in asked.items()):
+        begin = time.perf_counter()
+        states.mkdir(parents=True, exist_ok=True)
+        outcome = one.measure(keeping(one.settings(quick=quick), states))
+        found = {
+            **asked,
+            "rows": finite(list(outcome.rows)),
+            "holds": outcome.holds,
+            "verdict": outcome.verdict,
+            "pictures": list(outcome.pictures),
+            "seconds": time.perf_counter() - begin,
+        }
+        _write_data(outcome, folder)
+        write_json(path, found)
+    # also those of a run that was stopped between the description and here
+    shutil.rmtree(states, ignore_errors=True)
+    told = {key: found[key] for key in ("rows", "holds", "verdict", "pictures", "seconds")}
+    return Done(name=name, experiment=one, **told)
+
+
 def report(done: Sequence[Done], *, quick: bool) -> str:
     """The report of a run, in Markdown."""
-    held = sum(one.outcome.holds for one in done)
+    held = sum(one.holds for one in done)
     start = [
         f"# {TITLE}",
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
@@ -95,16 +121,16 @@ def report(done: Sequence[Done], *, quick: bool) -> str:
 
 
 def _section(done: Done, quick: bool) -> str:
-    one, outcome = done.experiment, done.outcome
+    one = done.experiment
     shortened = [f"{name} {short} instead of {long}" for name, (long, short) in one.shortened().items()]
     parts = [
         f"## {done.name}: {one.title}",
         f"**The paper.** {one.paper}",
         f"**Here.** {one.here} {done.seconds:.0f} s.",
         *([f"**Shortened.** {'; '.join(shortened)}."] if quick and shortened else []),
-        _table(outcome.rows),
-        *(f"![{picture}]({done.name}/{picture}.png)" for picture in outcome.pictures),
-        f"**{'Seen' if outcome.holds else 'Not seen'}.** {outcome.verdict}",
+        _table(done.rows),
+        *(f"![{picture}]({done.name}/{picture}.png)" for picture in done.pictures),
+        f"**{'Seen' if done.holds else 'Not seen'}.** {done.verdict}",
     ]
     return "\n\n".join(parts)
 
@@ -125,19 +151,7 @@ def _cell(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value).replace("|", "\\|")
 
 
-def _write(done: Done, folder: Path, quick: bool) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    outcome = done.outcome
-    description = {
-        "name": done.name,
-        "quick": quick,
-        "settings": as_json(done.experiment.settings(quick=quick)),
-        "rows": [dict(row) for row in outcome.rows],
-        "holds": outcome.holds,
-        "verdict": outcome.verdict,
-        "seconds": done.seconds,
-    }
-    write_json(folder / "data.json", description)
+def _write_data(outcome: Outcome, folder: Path) -> None:
     buffer = io.BytesIO()
     arrays: dict[str, Any] = dict(outcome.arrays)
     np.savez_compressed(buffer, **arrays)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -265,13 +267,71 @@ def test_a_report_that_was_there_survives_a_failure(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["filled.obj", "report.json", "tube.obj"]
 
 
-def test_a_reader_that_stops_early_is_no_error(mesh_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def closed_pipe(*_: object, **__: object) -> None:
-        raise BrokenPipeError
+def run_loops(path: Path, stdout: int) -> subprocess.CompletedProcess[str]:
+    """`spinor-geom loops` as a process of its own."""
+    program = f"import sys; from spinor_geom.cli.main import main; sys.exit(main(['loops', {str(path)!r}]))"
+    return subprocess.run(
+        [sys.executable, "-c", program], stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=120, check=False
+    )
 
-    monkeypatch.setattr("spinor_geom.cli.loops.show_table", closed_pipe)
-    monkeypatch.setattr("spinor_geom.cli.main.os.dup2", lambda *_: None)
-    assert main(["loops", str(mesh_path)]) == 0
+
+def test_a_reader_that_stops_early_is_no_error(mesh_path: Path) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = run_loops(mesh_path, writing)
+    os.close(writing)
+    assert (done.stderr, done.returncode) == ("", 0)
+
+
+FULL = Path("/dev/full")
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
+def test_a_full_disk_is_one_sentence_that_names_the_file_and_status_2(
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    full = tmp_path / "report.json"
+    full.symlink_to(FULL)
+    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--report", str(full)]) == 2
+    assert capsys.readouterr().err == f"spinor-geom: {full}: No space left on device\n"
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
+def test_output_that_is_not_taken_is_one_sentence_and_status_2(mesh_path: Path) -> None:
+    with FULL.open("w") as full:
+        done = run_loops(mesh_path, full.fileno())
+    assert (done.stderr, done.returncode) == ("spinor-geom: standard output: No space left on device\n", 2)
+
+
+def test_a_morph_s_folder_is_made_and_one_that_cannot_be_is_refused_before_anything_is_solved(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main(["morph", "catenoid", "-o", str(tmp_path / "new" / "turned.html")]) == 0
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["turned.html"]
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("spinor_geom.gallery.named_surface", lambda _: pytest.fail("solved"))
+    assert main(["morph", "catenoid", "-o", str(tmp_path / "file" / "turned.html")]) == 2
+    assert f"{tmp_path / 'file'} is not a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["fill", "loops", "render"])
+def test_a_file_of_curves_is_refused_by_what_it_lacks(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    curve = tmp_path / "curve.obj"
+    curve.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2 3 1\n")
+    output = {"fill": ["-o", str(tmp_path / "a.obj")], "render": ["-o", str(tmp_path / "a.png")], "loops": []}
+    assert main([command, str(curve), *output[command]]) == 2
+    assert "curve.obj: has no faces, so nothing to fill or to draw" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("quick", [[], ["--quick"]])
+def test_a_folder_of_mesh_files_that_is_not_there_is_an_error(
+    quick: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bench", "--data", str(tmp_path / "nowhere"), "-o", str(tmp_path / "run"), *quick]) == 2
+    assert f"{tmp_path / 'nowhere'}: is not a folder" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interrupt_gives_status_130(

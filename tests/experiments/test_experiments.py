@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import re
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 import torch
+from matplotlib.figure import Figure
 from PIL import Image
 
 from spinor_geom import gallery
@@ -32,8 +34,9 @@ from spinor_geom.experiments import (
     timing,
     twisted_circle,
 )
-from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope, keeping
+from spinor_geom.experiments.experiment import Outcome, as_json, experiment, fitted_slope, keeping
 from spinor_geom.experiments.report import Done, report, reproduce
+from spinor_geom.files import finite
 from spinor_geom.holomorphic import PowerSeries
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
@@ -49,6 +52,9 @@ def test_every_name_is_an_experiment_that_quick_shortens(name):
     assert shortened
     assert all(long != short for long, short in shortened.values())
     assert {name.split(".")[0] for name in shortened} <= {entry.name for entry in fields(one.full)}
+    # by its settings a run knows what an earlier one finished
+    told = finite(as_json(one.full))
+    assert json.loads(json.dumps(told)) == told != finite(as_json(one.quick))
 
 
 def test_slopes_are_fitted_above_the_floor_only():
@@ -305,17 +311,57 @@ def test_a_run_that_was_stopped_goes_on_from_its_trainings(tmp_path, monkeypatch
     monkeypatch.setattr(rmsprop._Training, "_epoch", lambda self: epochs.append(1) or epoch(self))
     (done,) = reproduce(["twisted-circle"], tmp_path, quick=True)
     assert not epochs
-    assert done.outcome.rows[0]["steps"] == 3
+    assert done.rows[0]["steps"] == 3
     assert not states.exists()
 
 
+def test_experiments_that_a_stopped_run_finished_are_not_measured_again(tmp_path, monkeypatch):
+    def measured(settings):
+        figure = Figure()
+        return Outcome(
+            rows=[{"grid": settings.grid[0], "slope": math.nan}],
+            holds=True,
+            verdict="So.",
+            pictures={"catenoid": figure},
+        )
+
+    def stopped(_):
+        raise KeyboardInterrupt
+
+    names = ["catenoid", "tangents"]
+    monkeypatch.setattr(catenoid, "EXPERIMENT", replace(catenoid.EXPERIMENT, measure=measured))
+    monkeypatch.setattr(tangents, "EXPERIMENT", replace(tangents.EXPERIMENT, measure=stopped))
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(names, tmp_path, quick=True)
+    report_so_far = (tmp_path / "report.md").read_bytes()
+    monkeypatch.setattr(catenoid, "EXPERIMENT", replace(catenoid.EXPERIMENT, measure=stopped))
+    seen = Outcome(rows=[], holds=True, verdict="Seen.")
+    monkeypatch.setattr(tangents, "EXPERIMENT", replace(tangents.EXPERIMENT, measure=lambda _: seen))
+    heard = []
+    first, _ = reproduce(names, tmp_path, quick=True, on_done=heard.append)
+    assert [one.name for one in heard] == names
+    assert first.rows == [{"grid": 120, "slope": None}]
+    reproduce(names[:1], tmp_path, quick=True)
+    assert (tmp_path / "report.md").read_bytes() == report_so_far
+    # other settings are another measurement
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(names[:1], tmp_path)
+
+
 def test_what_is_not_seen_is_said_and_gaps_in_the_table_stay_empty():
-    outcome = Outcome(
-        rows=[{"a": 1.23456, "b": "|x|"}, {"a": float("nan"), "c": True}], holds=False, verdict="Slope 0."
+    rows = [{"a": 1.23456, "b": "|x|"}, {"a": None, "c": True}]
+    one = Done(
+        name="catenoid",
+        experiment=catenoid.EXPERIMENT,
+        rows=rows,
+        holds=False,
+        verdict="Slope 0.",
+        pictures=(),
+        seconds=2.0,
     )
-    text = report([Done(name="catenoid", experiment=catenoid.EXPERIMENT, outcome=outcome, seconds=2.0)], quick=False)
+    text = report([one], quick=False)
     assert "| 1.235 | \\|x\\| |  |" in text
-    assert "| nan |  | yes |" in text
+    assert "|  |  | yes |" in text
     assert "**Not seen.** Slope 0." in text
     assert "Shortened" not in text
     assert "1 experiment in 2 s; what the paper says was seen in 0." in text

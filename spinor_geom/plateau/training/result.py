@@ -24,7 +24,7 @@ class TrainingStep:
         loss: the mean of an epoch's losses; RMS error of p and q, or RMS distance from Γ, at the nodes after the step.
         boundary_error: largest distance of the boundary from Γ, measured on many more points than are trained on, in
             units of space; None where it was not measured.
-        seconds: since the start of the training.
+        seconds: of training since its start; measuring an epoch's `boundary_error` and saving its state are left out.
     """
 
     index: int
@@ -49,7 +49,7 @@ class Trained:
         status: "converged": the tolerance was met; "finished": all steps were done; "stopped": steps helped no more;
             "diverged": losses became infinite, NaN or far larger than at the start.
         reason: the same in one sentence, with figures.
-        seconds: wall time in all.
+        seconds: of training in all.
     """
 
     surface: SpinorSurface | WeierstrassSurface

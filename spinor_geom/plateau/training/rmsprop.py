@@ -208,8 +208,7 @@ class _Training:
 
     def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
         """Epochs until the last one, no better loss, or a divergence."""
-        before = self.history[-1].seconds if self.history else 0.0
-        begin = time.perf_counter()
+        seconds = self.history[-1].seconds if self.history else 0.0
         status: Status = "finished"
         for index in itertools.count(len(self.history) + 1):
             if self._has_patience_run_out() or is_out_of_time():
@@ -217,8 +216,11 @@ class _Training:
                 break
             if index > self.options.epochs:
                 break
+            begin = time.perf_counter()
             state = self._parameters()
             loss = self._epoch()
+            # what is only measured or saved is no part of the training
+            seconds += time.perf_counter() - begin
             if self._diverged(loss):
                 self._set_parameters(state)
                 status = "diverged"
@@ -228,14 +230,14 @@ class _Training:
                 method="rmsprop",
                 loss=loss,
                 boundary_error=self._boundary_error()[0],
-                seconds=before + time.perf_counter() - begin,
+                seconds=seconds,
             )
             self.history.append(step)
             if self.path is not None and (index % self.options.checkpoint_every == 0 or index == self.options.epochs):
                 self.save(self.path)
             if on_epoch is not None:
                 on_epoch(step)
-        return self._trained(status, before + time.perf_counter() - begin)
+        return self._trained(status, seconds)
 
     def _epoch(self) -> float:
         """One pass over newly drawn samples; the mean of the surface's losses."""

@@ -9,7 +9,7 @@ import torch
 from spinor_geom.errors import OptionError, StorageError
 from spinor_geom.gallery import curves
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.training import RMSprop, train_by_rmsprop
+from spinor_geom.plateau.training import RMSprop, rmsprop, train_by_rmsprop
 from spinor_geom.plateau.training.rays import FORMS
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
@@ -66,6 +66,26 @@ def test_the_same_seed_gives_the_same_bits(whole):
     assert [step.loss for step in again.history] == [step.loss for step in whole.history[:4]]
     other = train_by_rmsprop(CURVE, options=replace(SMALL, epochs=1, seed=1))
     assert other.history[0].loss != whole.history[0].loss
+
+
+def test_seconds_are_those_of_the_training_alone(tmp_path, monkeypatch):
+    clock = [0.0]
+
+    def takes(seconds, method):
+        def timed(self, *arguments):
+            clock[0] += seconds
+            return method(self, *arguments)
+
+        return timed
+
+    monkeypatch.setattr(rmsprop.time, "perf_counter", lambda: clock[0])
+    for name, seconds in (("_epoch", 1.0), ("_boundary_error", 100.0), ("save", 1000.0)):
+        monkeypatch.setattr(rmsprop._Training, name, takes(seconds, getattr(rmsprop._Training, name)))
+    options = replace(SMALL, epochs=2, checkpoint=tmp_path / "state.safetensors", checkpoint_every=1)
+    first = train_by_rmsprop(CURVE, options=options)
+    result = train_by_rmsprop(CURVE, options=replace(options, epochs=3))
+    assert [step.seconds for step in result.history] == [1.0, 2.0, 3.0]
+    assert (first.seconds, result.seconds) == (2.0, 3.0)
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
