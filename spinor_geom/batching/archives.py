@@ -7,10 +7,12 @@ import gzip
 import lzma
 import os
 import stat
+import struct
 import tarfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -22,7 +24,29 @@ SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", "
 FREE_SIZE, MOST_RATIO = 1 << 24, 200
 # The list of a zip archive's members is held in memory: half a kilobyte each.
 MOST_ZIP_MEMBERS = 200_000
-DAMAGE = (tarfile.TarError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, gzip.BadGzipFile, OSError)
+# In bytes: of a member's name, and of what may stand in a tar archive's header of any length.
+LONGEST_NAME, LONGEST_HEADER = 4096, 1 << 20
+LONG_HEADERS = (
+    tarfile.GNUTYPE_LONGNAME,
+    tarfile.GNUTYPE_LONGLINK,
+    tarfile.XHDTYPE,
+    tarfile.XGLTYPE,
+    tarfile.SOLARIS_XHDTYPE,
+)
+# What the modules raise over bytes that are not as they should be, the first of it with no number of the system.
+DAMAGE = (
+    OSError,
+    EOFError,
+    LookupError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+    lzma.LZMAError,
+    struct.error,
+    tarfile.TarError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 _OPENERS: tuple[tuple[bytes, Callable[[str], Any]], ...] = (
     (b"\x1f\x8b", gzip.GzipFile),
@@ -52,21 +76,28 @@ def is_archive(path: str | os.PathLike[str]) -> bool:
 
 
 def members(path: Path) -> Iterator[Member]:
-    """The files in an archive, in its order; a first pass makes sure that all of it can be trusted.
+    """The files in an archive, in its order; only after the last of them is it known that all can be trusted.
 
     Raises:
         ArchiveError: the archive is damaged or encrypted; or it holds links, devices, absolute names, names with ..,
-            or files that unpack to more than 200 times their size.
+            names or headers of many pages, or files that unpack to more than 200 times their size.
+        OSError: it cannot be read.
     """
-    listing = _zip_members if path.name.lower().endswith(".zip") else _tar_members
+    with _damage_of(path):
+        yield from (_zip_members if path.name.lower().endswith(".zip") else _tar_members)(path)
+
+
+@contextmanager
+def _damage_of(path: str | os.PathLike[str], name: str = "") -> Iterator[None]:
+    """Turns what modules raise over damaged archives into an error that says where; those of the disk stay."""
     try:
-        for _ in listing(path):
-            pass
-        yield from listing(path)
-    except ArchiveError:
-        raise
+        yield
     except DAMAGE as error:
-        raise ArchiveError(f"{path}: cannot be read as an archive ({error}); check that it is complete") from error
+        # an ArchiveError is a ValueError
+        if isinstance(error, ArchiveError) or getattr(error, "errno", None) is not None:
+            raise
+        where = f"{os.fspath(path)}: {name}: " if name else f"{os.fspath(path)}: "
+        raise ArchiveError(f"{where}cannot be read as an archive ({error}); check that it is complete") from error
 
 
 class ArchiveReader:
@@ -81,9 +112,10 @@ class ArchiveReader:
         """A member's bytes as a stream from its start.
 
         Raises:
-            ArchiveError: the archive has changed or is damaged.
+            ArchiveError: the archive has changed or is damaged; so may reads of the stream.
+            OSError: it cannot be read.
         """
-        try:
+        with _damage_of(path, member.name):
             status = os.stat(path)
             key = (path, status.st_size, status.st_mtime_ns)
             if key != self._key:
@@ -91,18 +123,35 @@ class ArchiveReader:
                 self._open = zipfile.ZipFile(path) if path.lower().endswith(".zip") else _unpacked(path)
                 self._key = key
             if isinstance(self._open, zipfile.ZipFile):
-                return cast(BinaryIO, self._open.open(self._open.infolist()[member.place]))
-            assert self._open is not None
-            self._open.seek(member.place)
-            return cast(BinaryIO, _Part(self._open, member))
-        except (*DAMAGE, IndexError, NotImplementedError, RuntimeError) as error:
-            raise ArchiveError(f"{path}: {member.name}: cannot be read ({error}); check the archive") from error
+                part: Any = self._open.open(self._open.infolist()[member.place])
+            else:
+                part = _Part(cast(BinaryIO, self._open), member)
+                part.seek(0)
+            return cast(BinaryIO, _Checked(part, path, member.name))
 
     def close(self) -> None:
         """Closes the archive that is open."""
         if self._open is not None:
             self._open.close()
         self._open = self._key = None
+
+
+class _Checked:
+    """A member as a stream whose damage is told where it is met."""
+
+    def __init__(self, part: Any, path: str, name: str) -> None:
+        self._part, self._path, self._name = part, path, name
+
+    def read(self, size: int = -1) -> bytes:
+        with _damage_of(self._path, self._name):
+            return bytes(self._part.read(size))
+
+    def seek(self, place: int) -> int:
+        with _damage_of(self._path, self._name):
+            return int(self._part.seek(place))
+
+    def close(self) -> None:
+        self._part.close()
 
 
 class _Part:
@@ -156,7 +205,25 @@ def _tar_members(path: Path) -> Iterator[Member]:
 
 
 def _stream(unpacked: BinaryIO, path: Path) -> tarfile.TarFile:
-    return tarfile.open(fileobj=cast(BinaryIO, _Counted(unpacked, path)), mode="r|")
+    stream = cast(BinaryIO, _Counted(unpacked, path))
+    return tarfile.open(os.fspath(path), mode="r|", fileobj=stream, tarinfo=_Header)
+
+
+class _Header(tarfile.TarInfo):
+    """A header of a tar archive: one that is damaged is no end, and none is read that is as long as a mesh."""
+
+    @classmethod
+    def frombuf(cls, *arguments: Any) -> Any:
+        try:
+            return super().frombuf(*arguments)
+        except (tarfile.InvalidHeaderError, tarfile.TruncatedHeaderError) as error:
+            # else tarfile takes it for the archive's end
+            raise tarfile.ReadError(f"a header is damaged: {error}") from error
+
+    def _proc_member(self, archive: tarfile.TarFile) -> Any:
+        if self.type in LONG_HEADERS and self.size > LONGEST_HEADER:
+            raise _refused(Path(os.fsdecode(archive.name or "")), f"a header of {self.size} bytes", "do not use it")
+        return cast(Any, super())._proc_member(archive)
 
 
 def _unpacked(path: str) -> BinaryIO:
@@ -186,6 +253,8 @@ def _require_ratio(path: Path, name: str, size: int, packed: int) -> None:
 
 def _require_plain_name(path: Path, name: str) -> None:
     parts = name.replace("\\", "/").split("/")
+    if len(os.fsencode(name)) > LONGEST_NAME:
+        raise _refused(path, f"'{name[:60]}…', a name of more than {LONGEST_NAME} bytes", "do not use it")
     if not parts[0] or parts[0].endswith(":") or ".." in parts:
         raise _refused(path, f"'{name}', a name that leads out of it", "do not use it, or pack it anew")
 

@@ -11,15 +11,16 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import chain, islice
 from pathlib import Path
-from threading import Event, Thread
+from tempfile import TemporaryFile
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
-from spinor_geom.batching.inputs import SMALL, Inputs, Source
-from spinor_geom.batching.isolate import Limits, run_block
+from spinor_geom.batching.inputs import SMALL, Inputs, Listing, Source
 from spinor_geom.batching.journal import Journal, opened_journal
+from spinor_geom.batching.limits import Limits
 from spinor_geom.batching.options import BatchOptions, Format, What, require_positive
-from spinor_geom.batching.records import failure, summary
+from spinor_geom.batching.records import failure
+from spinor_geom.batching.worker import run_block
 from spinor_geom.errors import BatchError, OptionError
 from spinor_geom.optional import require
 
@@ -43,7 +44,7 @@ class BatchProgress:
     Attributes:
         files: sources that are finished, those that were complete before included.
         files_failed: those of them that are not wholly done: failed, at fault, or imperfect.
-        files_total: how many there are; None until they are counted.
+        files_total: how many there are.
         files_before: those that were complete before a resumed run.
         loops: of the files that are finished.
         loops_failed: those of them without a surface.
@@ -52,7 +53,7 @@ class BatchProgress:
 
     files: int
     files_failed: int
-    files_total: int | None
+    files_total: int
     files_before: int
     loops: int
     loops_failed: int
@@ -115,8 +116,8 @@ def batch(
 
     Args:
         inputs: OBJ files, folders (searched with all below them), patterns, manifests (.csv with a column "path",
-            .jsonl), and archives (.zip, .tar, packed or not), which are read without being unpacked. What is in them is
-            never in memory all at once; what is named here is.
+            .jsonl), and archives (.zip, .tar, packed or not), which are read without being unpacked. They are listed
+            before the first is solved; the list is kept in a temporary file.
         output: the folder to write to: empty or new, but for a resumed run.
         what: "fill" for the triangulation of each loop, and of files with faces the filled mesh; "surface" for the
             triangulation and the spinor surface, to be read by `SpinorSurface.load`; "loops" for the loops alone.
@@ -129,8 +130,9 @@ def batch(
         compare: also compares each surface with a discrete minimal surface.
         device: of the batched linear algebra, such as "cuda"; equal bytes are promised on the CPU only.
         resume: goes on with the run in the output folder: only what is not complete is done.
-        time_limit: for reading a file and for each of its loops, in seconds.
-        memory_limit: of the process that solves, in bytes.
+        time_limit: for reading a file and for each of its loops, in seconds; a file as a whole may take 100 times as
+            long. Also for each member of an archive that is listed.
+        memory_limit: of the process that solves, and of the one that lists archives, in bytes.
         retries: how often a file is tried again after its process or worker died (on a cluster given by its scheduler
             that has a number of its own for workers: `distributed.scheduler.allowed-failures`).
         on_progress: is called now and then.
@@ -160,19 +162,19 @@ def batch(
         raise OptionError("workers are those of the scheduler's cluster; give one of workers and scheduler")
     if workers is not None and workers < 1:
         raise OptionError(f"workers must be at least 1, not {workers}")
-    sources = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output)
-    with opened_journal(output, options, resume=resume) as journal:
-        with _counter(sources, wanted=on_progress is not None) as count:
-            run = _Run(journal, options, limits, count, on_progress)
-            left = run.incomplete(sources)
-            first = next(left, None)
-            if first is not None:
-                with _cluster(workers, scheduler, limits) as client:
-                    run.solve(client, chain([first], left))
+    named = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output, limits=limits)
+    with opened_journal(output, options, resume=resume) as journal, TemporaryFile("w+", encoding="ascii") as file:
+        sources = Listing(named, file)
+        run = _Run(journal, options, limits, len(sources), on_progress)
+        left = run.incomplete(sources)
+        first = next(left, None)
+        if first is not None:
+            with _cluster(workers, scheduler, limits) as client:
+                run.solve(client, chain([first], left))
         # pyarrow and numpy are not needed before
         from spinor_geom.batching.summary import write_summary
 
-        progress = run.progress(final=True)
+        progress = run.progress()
         paths = write_summary(journal, sources, options, asdict(progress))
     return BatchResult(output=Path(journal.store.output), progress=progress, log=journal.log, **paths)
 
@@ -193,11 +195,11 @@ class _Run:
         journal: Journal,
         options: BatchOptions,
         limits: Limits,
-        count: Callable[[], int | None],
+        total: int,
         on_progress: Callable[[BatchProgress], None] | None,
     ) -> None:
         self._journal, self._options, self._limits = journal, options, limits
-        self._count, self._on_progress = count, on_progress
+        self._total, self._on_progress = total, on_progress
         self._files = self._failed = self._before = self._loops = self._loops_failed = 0
         self._start = perf_counter()
 
@@ -269,8 +271,7 @@ class _Run:
                 record = failure(
                     source.key, "every worker that tried it was killed; look at their logs", status="fault"
                 )
-                self._journal.store.commit(source, record, {})
-                self._finish(summary(record))
+                self._finish(self._journal.store.commit(source, record, {}))
             else:
                 tries.append([source])
         return tries
@@ -285,12 +286,12 @@ class _Run:
         if self._on_progress is not None:
             self._on_progress(self.progress())
 
-    def progress(self, *, final: bool = False) -> BatchProgress:
+    def progress(self) -> BatchProgress:
         """How far it is."""
         return BatchProgress(
             files=self._files,
             files_failed=self._failed,
-            files_total=self._files if final else self._count(),
+            files_total=self._total,
             files_before=self._before,
             loops=self._loops,
             loops_failed=self._loops_failed,
@@ -376,25 +377,3 @@ def _deafness() -> Any:
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def _counter(sources: Inputs, *, wanted: bool) -> Iterator[Callable[[], int | None]]:
-    """Counts the sources beside the work; gives what tells their number, or None as long as it is not known."""
-    counted: list[int] = []
-    stop = Event()
-
-    def count() -> None:
-        number = 0
-        for _ in sources:
-            number += 1
-            if stop.is_set():
-                return
-        counted.append(number)
-
-    if wanted:
-        Thread(target=count, daemon=True).start()
-    try:
-        yield lambda: counted[0] if counted else None
-    finally:
-        stop.set()

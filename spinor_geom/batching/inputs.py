@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import csv
 import glob
-import heapq
 import json
 import os
-import re
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
-from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from spinor_geom.batching.archives import Member, is_archive, members
+from spinor_geom.batching.archives import Member, is_archive
+from spinor_geom.batching.limits import Limits, fault_reason
 from spinor_geom.batching.names import safe_name
-from spinor_geom.errors import ArchiveError, BatchError
+from spinor_geom.errors import BatchError
+from spinor_geom.isolate import FaultError, Process
 
+LISTER = "spinor_geom.batching.lister"
 SUFFIX = ".obj"
 MANIFESTS = (".csv", ".jsonl")
-# Names that are sorted in memory; more are sorted in temporary files.
-SORTED_AT_ONCE = 50_000
 # The last part of the key of what is no OBJ file: such a part has no suffix, so that no file's key can be the same.
 PROBLEM = "problem"
 LONGEST_LINE = 1 << 20  # of a manifest
@@ -64,54 +61,162 @@ class Source:
 
 
 class Inputs:
-    """The inputs of a batch, which can be gone through any number of times, always in the same order.
+    """The inputs of a batch, in an order that is always the same.
 
     Raises:
         BatchError: an input does not exist, or a pattern fits nothing.
     """
 
-    def __init__(self, inputs: Iterable[str | os.PathLike[str]], *, output: str | os.PathLike[str]) -> None:
+    def __init__(
+        self, inputs: Iterable[str | os.PathLike[str]], *, output: str | os.PathLike[str], limits: Limits
+    ) -> None:
         """Gives every input a name of its own; reads nothing yet.
 
         Args:
-            inputs: files, patterns, folders, manifests, archives; their names are held in memory, what is in them not.
+            inputs: files, patterns, folders, manifests, archives; their names are held in memory, what is in them not,
+                but for the names in one folder, or that fit one pattern, at a time.
             output: a folder that is not searched: results are no inputs.
+            limits: for the list of an archive.
         """
-        self._output = os.path.realpath(output)
+        self._output, self._limits = os.path.realpath(output), limits
         self._roots: list[tuple[str, str]] = []
-        taken: dict[str, int] = {}
+        taken: set[str] = set()
         for named in inputs:
             given = os.fspath(named)
             pattern = not os.path.lexists(given) and glob.has_magic(given)
-            if not (next(glob.iglob(given, recursive=True), None) if pattern else os.path.exists(given)):
+            if not (next(_fitting(given), None) if pattern else os.path.exists(given)):
                 raise BatchError(f"{given}: {'fits no file' if pattern else 'no such file or folder'}; check the name")
             if os.path.realpath(given) == self._output:
                 raise BatchError(f"{given}: is the output folder; name another for the results")
-            label = os.path.basename(os.path.abspath(_fixed_part(given) if pattern else given)) or "root"
-            count = taken[label] = taken.get(label, 0) + 1
-            self._roots.append((os.path.abspath(given), label if count == 1 else f"{label}~{count}"))
+            wanted = label = os.path.basename(os.path.abspath(_fixed_part(given) if pattern else given)) or "root"
+            count = 1
+            # some file systems see no difference between A and a
+            while label.lower() in taken:
+                count += 1
+                label = f"{wanted}~{count}"
+            taken.add(label.lower())
+            self._roots.append((os.path.abspath(given), label))
         if not self._roots:
             raise BatchError("no inputs; name OBJ files, folders, patterns, manifests or archives")
 
     def __iter__(self) -> Iterator[Source]:
         """One source after the other; what cannot be read is one with a problem."""
-        for path, label in self._roots:
-            yield from _expanded(path, label, self._output)
+        self._lister = Process(LISTER)
+        try:
+            for path, label in self._roots:
+                yield from self._expanded(path, label)
+        finally:
+            self._lister.end()
+
+    def _expanded(self, path: str, label: str) -> Iterator[Source]:
+        if not os.path.lexists(path):
+            start = _fixed_part(path)
+            for found in sorted(name for name in _fitting(path) if _is_wanted(name)):
+                if not Path(os.path.realpath(found)).is_relative_to(self._output):
+                    yield from self._of_file(found, [label, *os.path.relpath(found, start).split(os.sep)])
+        elif os.path.isdir(path):
+            yield from self._of_folder(path, label)
+        elif path.lower().endswith(MANIFESTS):
+            yield from self._of_manifest(Path(path), label)
+        else:
+            yield from self._of_file(path, [label])
+
+    def _of_folder(self, root: str, label: str) -> Iterator[Source]:
+        """All OBJ files and archives in a folder and those below it; links to folders are not followed."""
+        # no links are followed, so there is only one way to it
+        output = os.path.normpath(os.path.join(root, os.path.relpath(self._output, os.path.realpath(root))))
+        waiting = [(root, [label])]
+        while waiting:
+            path, parts = waiting.pop()
+            if path != root and os.path.islink(path):
+                yield _problem(parts, path, "is a link", "name the file itself")
+            elif not os.path.isdir(path):
+                yield from self._of_file(path, parts)
+            elif path != output:
+                try:
+                    names = sorted(_wanted_names(path), reverse=True)
+                except OSError as error:
+                    yield _problem(
+                        [*parts, PROBLEM], path, f"cannot be read ({error.strerror})", "check the access rights"
+                    )
+                    continue
+                waiting += [(os.path.join(path, name), [*parts, name]) for name in names]
+
+    def _of_file(self, path: str, parts: Sequence[str]) -> Iterator[Source]:
+        """An OBJ file, or those in an archive."""
+        try:
+            status = os.stat(path)
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            yield _problem(parts, path, f"cannot be read ({reason})", "check the name and the access rights")
+            return
+        if not stat.S_ISREG(status.st_mode):
+            yield _problem(parts, path, "is no regular file", "name a file")
+        elif is_archive(path):
+            yield from self._of_archive(path, parts, status.st_mtime_ns)
+        elif path.lower().endswith(SUFFIX):
+            yield Source(key=safe_name(parts), path=path, size=status.st_size, modified=status.st_mtime_ns)
+        else:
+            yield _problem(parts, path, "is no OBJ file, manifest or archive", "convert it first")
+
+    def _of_archive(self, path: str, parts: Sequence[str], modified: int) -> Iterator[Source]:
+        """The OBJ files in an archive, if all of it can be trusted."""
+        with tempfile.TemporaryDirectory() as folder:
+            listing = Path(folder, "listing")
+            job = {"archive": path, "suffix": SUFFIX, "parts": parts, "listing": str(listing)}
+            told: dict[str, Any] = {}
+            try:
+                self._lister.run(job, told.update, seconds=self._limits.seconds, memory=self._limits.memory)
+            except FaultError as fault:
+                told["problem"] = f"{path}: {fault_reason(fault)}"
+            if "problem" in told:
+                yield Source(key=safe_name([*parts, PROBLEM]), path=path, problem=told["problem"])
+                return
+            with listing.open(encoding="ascii") as lines:
+                for key, fields in map(json.loads, lines):
+                    member = Member(**fields)
+                    yield Source(key=key, path=path, member=member, size=member.size, modified=modified)
+
+    def _of_manifest(self, path: Path, label: str) -> Iterator[Source]:
+        """The files that a manifest names, relative to its folder: a CSV column or JSON lines with "path"."""
+        try:
+            with path.open(encoding="utf-8-sig", newline="") as file:
+                rows = _csv_rows(file) if path.suffix.lower() == ".csv" else _json_rows(file)
+                for number, entry in rows:
+                    if not entry:
+                        yield _problem(
+                            [label, f"{number}", PROBLEM], str(path), f"row {number} names no path", "complete it"
+                        )
+                        continue
+                    named = os.path.abspath(path.parent / entry)
+                    # a file may be listed twice
+                    yield from self._of_file(
+                        named, [label, f"{number}", *entry.replace("\\", "/").strip("/").split("/")]
+                    )
+        except (OSError, csv.Error, ValueError, RecursionError) as error:
+            yield _problem(
+                [label, PROBLEM], str(path), f"cannot be read as a manifest ({error})", "give a column 'path'"
+            )
 
 
-def _expanded(path: str, label: str, output: str) -> Iterator[Source]:
-    if not os.path.lexists(path):
-        start = _fixed_part(path)
-        for found in _sorted(name for name in glob.iglob(path, recursive=True) if _is_wanted(name)):
-            if Path(os.path.realpath(found)).is_relative_to(output):
-                continue
-            yield from _of_file(found, [label, *os.path.relpath(found, start).split(os.sep)])
-    elif os.path.isdir(path):
-        yield from _of_folder(path, [label], output)
-    elif path.lower().endswith(MANIFESTS):
-        yield from _of_manifest(Path(path), label)
-    else:
-        yield from _of_file(path, [label])
+class Listing:
+    """The sources of a batch, listed once: a line each in a file."""
+
+    def __init__(self, sources: Iterable[Source], file: IO[str]) -> None:
+        """Goes through the sources, and writes them to the file."""
+        self._file, self._count = file, 0
+        for source in sources:
+            self._file.write(json.dumps(source.to_dict()) + "\n")
+            self._count += 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[Source]:
+        """The sources in order; one iteration at a time."""
+        self._file.seek(0)
+        while line := self._file.readline():
+            yield Source.from_dict(json.loads(line))
 
 
 def _fixed_part(pattern: str) -> str:
@@ -121,30 +226,19 @@ def _fixed_part(pattern: str) -> str:
     return os.path.join(*parts[:count]) if count else "."
 
 
+def _fitting(pattern: str) -> Iterator[str]:
+    """What fits a pattern, as a shell sees it; ** follows no links to folders, which may lead back."""
+    start = Path(_fixed_part(pattern))
+    parts = Path(pattern).parts[0 if start == Path() else len(start.parts) :]
+    hidden = any(part.startswith(".") for part in parts)
+    # the last ** alone would fit folders only
+    for found in start.glob(os.path.join(*parts, *(["*"] if parts[-1] == "**" else []))):
+        if hidden or not any(part.startswith(".") for part in found.relative_to(start).parts):
+            yield str(found)
+
+
 def _is_wanted(name: str) -> bool:
     return (name.lower().endswith(SUFFIX) or is_archive(name)) and not os.path.isdir(name)
-
-
-def _of_folder(folder: str, parts: Sequence[str], output: str) -> Iterator[Source]:
-    """All OBJ files and archives in a folder and those below it; links to folders are not followed."""
-    if os.path.realpath(folder) == output:
-        return
-    names = _sorted(_wanted_names(folder))
-    while True:
-        try:
-            name = next(names)
-        except StopIteration:
-            return
-        except OSError as error:
-            yield _problem([*parts, PROBLEM], folder, f"cannot be read ({error.strerror})", "check the access rights")
-            return
-        path, inner = os.path.join(folder, name), [*parts, name]
-        if os.path.isdir(path) and not os.path.islink(path):
-            yield from _of_folder(path, inner, output)
-        elif os.path.islink(path):
-            yield _problem(inner, path, "is a link", "name the file itself")
-        else:
-            yield from _of_file(path, inner)
 
 
 def _wanted_names(folder: str) -> Iterator[str]:
@@ -152,53 +246,6 @@ def _wanted_names(folder: str) -> Iterator[str]:
         for entry in entries:
             if entry.is_dir(follow_symlinks=False) or _is_wanted(entry.path):
                 yield entry.name
-
-
-def _of_file(path: str, parts: Sequence[str]) -> Iterator[Source]:
-    """An OBJ file, or those in an archive."""
-    try:
-        status = os.stat(path)
-    except OSError as error:
-        yield _problem(parts, path, f"cannot be read ({error.strerror})", "check the name and the access rights")
-        return
-    if not stat.S_ISREG(status.st_mode):
-        yield _problem(parts, path, "is no regular file", "name a file")
-    elif is_archive(path):
-        try:
-            for member in members(Path(path)):
-                if member.name.lower().endswith(SUFFIX):
-                    inner = re.split(r"[/\\]", member.name)
-                    yield Source(
-                        key=safe_name([*parts, *(part for part in inner if part not in ("", "."))]),
-                        path=path,
-                        member=member,
-                        size=member.size,
-                        modified=status.st_mtime_ns,
-                    )
-        except ArchiveError as error:
-            yield Source(key=safe_name([*parts, PROBLEM]), path=path, problem=str(error))
-    elif path.lower().endswith(SUFFIX):
-        yield Source(key=safe_name(parts), path=path, size=status.st_size, modified=status.st_mtime_ns)
-    else:
-        yield _problem(parts, path, "is no OBJ file, manifest or archive", "convert it first")
-
-
-def _of_manifest(path: Path, label: str) -> Iterator[Source]:
-    """The files that a manifest names, relative to its folder: a CSV column or JSON lines with "path"."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = _csv_rows(file) if path.suffix.lower() == ".csv" else _json_rows(file)
-            for number, entry in rows:
-                if not entry:
-                    yield _problem(
-                        [label, f"{number}", PROBLEM], str(path), f"row {number} names no path", "complete it"
-                    )
-                    continue
-                named = os.path.abspath(path.parent / entry)
-                # a file may be listed twice
-                yield from _of_file(named, [label, f"{number}", *entry.replace("\\", "/").strip("/").split("/")])
-    except (OSError, csv.Error, ValueError, RecursionError) as error:
-        yield _problem([label, PROBLEM], str(path), f"cannot be read as a manifest ({error})", "give a column 'path'")
 
 
 def _csv_rows(file: Iterable[str]) -> Iterator[tuple[int, str]]:
@@ -226,19 +273,3 @@ def _short_lines(file: Any) -> Iterator[str]:
 
 def _problem(parts: Sequence[str], path: str, problem: str, advice: str) -> Source:
     return Source(key=safe_name(parts), path=path, problem=f"{path}: {problem}; {advice}")
-
-
-def _sorted(names: Iterable[str]) -> Iterator[str]:
-    """Names in order; of a folder with very many of them only a part is in memory at a time."""
-    remaining = iter(names)
-    with ExitStack() as stack:
-        runs: list[Any] = []
-        while part := sorted(islice(remaining, SORTED_AT_ONCE)):
-            if not runs and len(part) < SORTED_AT_ONCE:
-                yield from part
-                return
-            run = stack.enter_context(tempfile.TemporaryFile("w+", encoding="ascii"))
-            runs.append(run)
-            run.writelines(json.dumps(name) + "\n" for name in part)
-            run.seek(0)
-        yield from heapq.merge(*(map(json.loads, run) for run in runs))

@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterable
 
 LONGEST_PART, LONGEST_NAME = 180, 700
+# What no name has by itself: a % stands before two digits, or at an end.
+ADDED = "%~"
 UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
 
 
@@ -15,7 +17,7 @@ def safe_name(parts: Iterable[str]) -> str:
     """A relative path of harmless parts.
 
     What a file system may take amiss is written as % and two hexadecimal digits a byte, so different names stay
-    different; names that are too long end in a checksum instead of their rest.
+    different; names that are too long end in %~ and a checksum instead of their rest.
     """
     *folders, last = map(_safe_part, parts)
     # folders of results are named after files: one inside the other would be removed with it
@@ -30,4 +32,4 @@ def _safe_part(part: str) -> str:
 
 def _shortened(name: str, length: int) -> str:
     digest = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
-    return f"{os.fsencode(name)[:length].decode('utf-8', 'ignore')}~{digest}"
+    return f"{os.fsencode(name)[:length].decode('utf-8', 'ignore')}{ADDED}{digest}"

@@ -1,59 +1,48 @@
-"""The process that reads, solves and writes: told what to do by lines of JSON, and answering by lines of JSON.
-
-It ends when its input does, so it does not outlive the process that started it, however that ended.
-"""
+"""The process that reads, solves and writes; see `isolate` for how it is told what to do."""
 
 from __future__ import annotations
 
 import io
-import json
-import os
-import queue
-import signal
-import sys
-import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, TypeAlias
+from typing import Any, BinaryIO
 
 import torch
 
 from spinor_geom.batching.archives import ArchiveReader
 from spinor_geom.batching.inputs import SMALL, Source
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.records import failure, summary
+from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store
 from spinor_geom.batching.task import OpenedFile, fill_options, open_file, results_of, wanted
 from spinor_geom.errors import ArchiveError, BatchError, SpinorGeomError
 from spinor_geom.fill.many_loops import minimal_surfaces
+from spinor_geom.isolate import Tell, serve
 
-Tell: TypeAlias = Callable[[dict[str, Any]], None]
 
-
-def work(job: dict[str, Any], archives: ArchiveReader, tell: Tell) -> None:
+def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
     """Does a job: some sources, whose loops are solved side by side.
 
     Args:
         job: "sources", "options" and "store", as `to_dict` gives them.
-        archives: keeps the last archive open.
         tell: is called with "reading" before each source is read, and with "finished" after its results are written;
-            with "stop" where nothing can be written, with "alone" where the sources have to be tried one by one.
+            with "stop" where nothing can be written.
+        archives: keeps the last archive open.
     """
     options, store = BatchOptions(**job["options"]), Store(**job["store"])
     sources = [Source.from_dict(entry) for entry in job["sources"]]
     try:
         with ExitStack() as stack:
             _work(sources, options, store, partial(_stream, archives=archives, stack=stack), tell)
-    except (BatchError, _CannotWriteError) as error:
+    except BatchError as error:
         tell({"stop": str(error)})
     except Exception as error:  # a mistake of ours, which must not cost the other files
         if len(sources) > 1:
-            tell({"alone": True})
-            return
+            return  # they are tried one by one
         where = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"unexpected {type(error).__name__} in {Path(where.filename).name}, line {where.lineno}: {error}"
         _commit(store, sources[0], failure(sources[0].key, reason, status="fault"), {}, tell)
@@ -74,7 +63,8 @@ def _work(
             _commit(store, source, failure(source.key, str(error)), {}, tell)
         except OSError as error:
             reason = f"{source.path}: cannot be read ({error.strerror or error}); check the access rights"
-            _commit(store, source, failure(source.key, reason), {}, tell)
+            # of the disk or the rights, which may be others when the batch is resumed
+            _commit(store, source, failure(source.key, reason, status="fault"), {}, tell)
     loops = [loop for _, file in opened for loop in wanted(file)]
     answers = minimal_surfaces(loops, [None] * len(loops), fill_options(options), device=options.device)
     for source, file in opened:
@@ -109,46 +99,11 @@ def _stream(source: Source, *, archives: ArchiveReader, stack: ExitStack) -> Bin
         return io.BytesIO(stream.read())
 
 
-class _CannotWriteError(Exception):
-    """The output folder takes no more."""
-
-
 def _commit(store: Store, source: Source, record: dict[str, Any], files: Any, tell: Tell) -> None:
-    try:
-        store.commit(source, record, files)
-    except OSError as error:
-        raise _CannotWriteError(
-            f"{store.output}: cannot be written to ({error.strerror or error}); make room and resume"
-        ) from error
-    tell({"finished": summary(record)})
-
-
-def main() -> None:
-    """Does the jobs that come in, until no more can come."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the driver decides what an interrupt means
-    # nobody reads this process's standard error; what matters of a loop stands in its record
-    warnings.simplefilter("ignore")
-    # what libraries print goes to standard error
-    channel = os.fdopen(os.dup(1), "w", encoding="ascii")
-    os.dup2(2, 1)
-    jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
-
-    def listen() -> None:
-        for line in sys.stdin:
-            jobs.put(line)
-        os._exit(0)
-
-    def tell(event: dict[str, Any]) -> None:
-        channel.write(json.dumps(event) + "\n")
-        channel.flush()
-
-    threading.Thread(target=listen, daemon=True).start()
-    archives = ArchiveReader()
-    tell({"ready": os.getpid()})
-    while True:
-        work(json.loads(jobs.get()), archives, tell)
-        tell({"idle": True})
+    tell({"finished": store.commit(source, record, files)})
 
 
 if __name__ == "__main__":
-    main()
+    # nobody reads this process's standard error; what matters of a loop stands in its record
+    warnings.simplefilter("ignore")
+    serve(partial(work, archives=ArchiveReader()))

@@ -14,7 +14,7 @@ from spinor_geom.batching.records import failure, program_version, summary
 from spinor_geom.batching.tables import write_tables
 from spinor_geom.files import atomic_path
 
-NO_RESULTS = "has no results: it came while the batch ran, or they were removed; resume the batch"
+NO_RESULTS = "has no results: they could not be written, or were removed; resume the batch"
 TABLE, TABLE_CSV, PAGE = "loops.parquet", "loops.csv", "summary.html"
 
 

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.bench.isolate import Record, Task, forget_peak_memory, peak_memory, serve
+from spinor_geom.bench.isolate import Record, Task, forget_peak_memory, peak_memory
+from spinor_geom.isolate import serve
 
 # repeats end when they have taken this long together
 _ENOUGH_SECONDS = 5.0
@@ -147,4 +148,4 @@ def _sentence(error: BaseException) -> str:
 
 
 if __name__ == "__main__":
-    serve(run)
+    serve(lambda task, tell: tell(run(task)))

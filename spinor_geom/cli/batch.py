@@ -14,7 +14,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 
         def on_progress(now: BatchProgress) -> None:
             rate = (now.files - now.files_before) / now.seconds if now.seconds else 0.0
-            left = None if now.files_total is None or not rate else (now.files_total - now.files) / rate
+            left = (now.files_total - now.files) / rate if rate else None
             show(now.files, now.files_total, _said(now), left)
 
         result = batch(
@@ -46,7 +46,7 @@ def _said(now: BatchProgress) -> str:
     rate = now.loops / now.seconds if now.seconds and not now.files_before else 0.0
     parts = [
         f"files: {now.files} done, {now.files_failed} with failures",
-        *([f"{now.files_total - now.files} left"] if now.files_total is not None else []),
+        f"{now.files_total - now.files} left",
         f"loops: {now.loops} done, {now.loops_failed} failed",
         *([f"{rate:.1f} loops/s"] if rate else []),
     ]

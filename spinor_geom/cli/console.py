@@ -92,8 +92,8 @@ def _naming_output() -> Iterator[None]:
 
 
 @contextmanager
-def batch_progress() -> Iterator[Callable[[int, int | None, str, float | None], None]]:
-    """A progress bar as `progress` has it, for work whose amount may not be known yet.
+def batch_progress() -> Iterator[Callable[[int, int, str, float | None], None]]:
+    """A progress bar as `progress` has it, for work whose amount is not known at first.
 
     Yields:
         What to call with the number of things done and of all, a line of figures, and the seconds left.
@@ -101,9 +101,9 @@ def batch_progress() -> Iterator[Callable[[int, int | None, str, float | None], 
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task("", total=None)
+        task = bar.add_task("listing the inputs", total=None)
 
-        def show(done: int, total: int | None, figures: str, left: float | None) -> None:
+        def show(done: int, total: int, figures: str, left: float | None) -> None:
             eta = "" if left is None else f", ready in {left / 60:.0f} min" if left > 90 else f", ready in {left:.0f} s"
             bar.update(task, completed=done, total=total, description=figures + eta)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,13 @@ def write_curves(folder: Path, count: int, *, points: int = 12) -> list[Path]:
     for number, path in enumerate(paths):
         path.write_text(curve_text(circle(points, number)))
     return paths
+
+
+def packed_zip(path: Path, entries: list[tuple[str | zipfile.ZipInfo, bytes]]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in entries:
+            archive.writestr(name, data)
+    return path
 
 
 def without_seconds(value: Any) -> Any:

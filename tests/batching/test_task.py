@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +16,22 @@ import pyarrow.parquet as pq
 import pytest
 
 from spinor_geom import SpinorSurface, boundary_loops, read_mesh, solve_plateau
-from spinor_geom.batching import isolate, solver
+from spinor_geom.batching import archives, limits, solver, worker
 from spinor_geom.batching.archives import ArchiveReader
-from spinor_geom.batching.inputs import Inputs
+from spinor_geom.batching.inputs import Inputs, Source
 from spinor_geom.batching.journal import opened_journal
+from spinor_geom.batching.limits import Limits
 from spinor_geom.batching.options import BatchOptions
+from spinor_geom.batching.records import failure
+from spinor_geom.batching.store import STAGING
 from spinor_geom.batching.summary import write_summary
 from spinor_geom.errors import BatchError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from tests.batching.files import circle, curve_text, holed_text, record, results, vertex_lines, write_curves
+from tests.batching.files import circle, curve_text, holed_text, packed_zip, record, results, vertex_lines, write_curves
 
 Told = list[dict[str, Any]]
 ROOT = Path(__file__).parents[2]
+LIMITS = Limits(seconds=30.0, memory=1 << 30, retries=2)
 
 
 def solved(given: list[Path], output: Path, *, together: int = 16, **options: Any) -> Told:
@@ -33,11 +39,11 @@ def solved(given: list[Path], output: Path, *, together: int = 16, **options: An
     chosen = BatchOptions(**options)
     told: Told = []
     with opened_journal(output, chosen, resume=False) as journal:
-        sources = [source.to_dict() for source in Inputs(given, output=output)]
+        sources = [source.to_dict() for source in Inputs(given, output=output, limits=LIMITS)]
         for start in range(0, len(sources), together):
             job = {"sources": sources[start : start + together], "options": chosen.to_dict()}
             store = {"output": journal.store.output, "token": journal.store.token}
-            solver.work({**job, "store": store}, ArchiveReader(), told.append)
+            solver.work({**job, "store": store}, told.append, archives=ArchiveReader())
     return told
 
 
@@ -162,7 +168,8 @@ def test_a_mistake_of_ours_costs_one_file(mixed: Path, tmp_path: Path, monkeypat
 
     monkeypatch.setattr(solver, "open_file", mistaken)
     told = solved([mixed], tmp_path / "together")
-    assert {"alone": True} in told
+    # those that were not are tried one by one
+    assert not [event for event in told if event.get("finished", {}).get("key", "") >= "in/curve003.obj"]
     solved([mixed], tmp_path / "alone", together=1)
     found = record(tmp_path / "alone", "in/curve003.obj")
     assert found["status"] == "fault"
@@ -220,7 +227,6 @@ def test_broken_files_fail_for_a_reason_and_alone(tmp_path: Path, what: str) -> 
     assert len(done) == len(list(folder.iterdir()))
     assert not [one for one in done if one["status"] == "fault"]
     assert all(one["reason"] or one["first"] for one in done if one["status"] != "done")
-    assert {"alone": True} not in told
     # nothing but the results of each
     assert {path.name for path in tmp_path.iterdir()} == {"in", "out"}
     assert {path.parent.name for path in (tmp_path / "out" / "files").rglob("record.json")} == {
@@ -250,7 +256,7 @@ def test_nothing_is_written_where_a_link_leads_out(tmp_path: Path) -> None:
     with opened_journal(tmp_path / "out", options, resume=False) as journal:
         (tmp_path / "out" / "files").mkdir()
         (tmp_path / "out" / "files" / "in").symlink_to(outside)
-        (source,) = Inputs([path.parent], output=tmp_path / "out")
+        (source,) = Inputs([path.parent], output=tmp_path / "out", limits=LIMITS)
         with pytest.raises(BatchError, match="leads out of the output folder"):
             journal.store.commit(source, {}, {})
     assert list(outside.iterdir()) == []
@@ -262,7 +268,7 @@ def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
     with opened_journal(tmp_path / "out", options, resume=False) as old:
         pass
     with opened_journal(tmp_path / "out", options, resume=False):
-        (source,) = Inputs([path], output=tmp_path / "out")
+        (source,) = Inputs([path], output=tmp_path / "out", limits=LIMITS)
         with pytest.raises(BatchError, match="another run"):
             old.store.commit(source, {}, {})
     assert not (tmp_path / "out" / "files" / "curve000.obj").exists()
@@ -290,18 +296,18 @@ def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
     """Runs a block in a process of its own, as a worker does."""
     monkeypatch.setenv("PYTHONPATH", harmful_site)
 
-    def run(given: list[Path], output: Path, *, token: str | None = None, **limits: Any) -> dict[str, Any]:
+    def run(given: list[Path], output: Path, *, token: str | None = None, **changed: Any) -> dict[str, Any]:
         options = BatchOptions()
         with opened_journal(output, options, resume=output.exists()) as journal:
             job = {
-                "sources": [source.to_dict() for source in Inputs(given, output=output)],
+                "sources": [source.to_dict() for source in Inputs(given, output=output, limits=LIMITS)],
                 "options": options.to_dict(),
                 "store": {"output": journal.store.output, "token": token or journal.store.token},
             }
-            return isolate.run_block(job, {"seconds": 30.0, "memory": 1 << 30, "retries": 2, **limits})
+            return worker.run_block(job, {**asdict(LIMITS), **changed})
 
     yield run
-    isolate._solver().end()
+    worker.solver().end()
 
 
 def test_harm_costs_only_the_file_that_does_it(process: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
@@ -316,8 +322,8 @@ def test_harm_costs_only_the_file_that_does_it(process: Callable[..., dict[str, 
         "crash.obj": ("fault", "its process died by SIGSEGV"),
         "curve000.obj": ("done", ""),
         "curve001.obj": ("done", ""),
-        "hang.obj": ("fault", "took longer than 5 s; raise the limit"),
-        "hog.obj": ("fault", "took more than 1024 MiB of memory; raise the limit, or split the file"),
+        "hang.obj": ("fault", "its process took longer than 5 s; raise the limit"),
+        "hog.obj": ("fault", "its process took more than 1024 MiB of memory; raise the limit, or split the file"),
     }
     assert record(tmp_path / "out", "in/crash.obj")["reason"] == "its process died by SIGSEGV"
 
@@ -325,6 +331,77 @@ def test_harm_costs_only_the_file_that_does_it(process: Callable[..., dict[str, 
     stopped = process(paths, tmp_path / "other", token="that of another run")
     assert "another run" in stopped["stop"]
     assert len(process(paths, tmp_path / "other")["finished"]) == 2
+
+
+def test_a_file_as_a_whole_has_a_limit_too(
+    process: Callable[..., dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(limits, "HARDEST_LOOPS", 0.01)
+    folder = tmp_path / "in"
+    (path,) = write_curves(folder, 1)
+    (folder / "hang.obj").write_text(path.read_text())
+    done = process([folder], tmp_path / "out", seconds=500.0)
+    assert {one["key"]: (one["status"], one["reason"]) for one in done["finished"]} == {
+        "in/curve000.obj": ("done", ""),
+        "in/hang.obj": ("fault", "its process took longer than 5 s as a whole; raise the limit"),
+    }
+
+
+def test_a_file_that_cannot_be_read_now_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (path,) = write_curves(tmp_path / "in", 1)
+    packed = packed_zip(tmp_path / "a.zip", [("b.obj", path.read_bytes())])
+
+    def failing(*_: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(solver, "open", failing, raising=False)
+        patch.setattr(archives.zipfile, "ZipFile", failing)
+        solved([path, packed], tmp_path / "out")
+    for key in ("curve000.obj", "a.zip/b.obj"):
+        found = record(tmp_path / "out", key)
+        assert (found["status"], "Input/output error" in found["reason"]) == ("fault", True)
+    with opened_journal(tmp_path / "out", BatchOptions(), resume=True) as journal:
+        for source in Inputs([path, packed], output=tmp_path / "out", limits=LIMITS):
+            assert journal.completed(source) is None
+
+
+def test_a_problem_is_told_anew_when_it_is_another(tmp_path: Path) -> None:
+    with opened_journal(tmp_path / "out", BatchOptions(), resume=False) as journal:
+        old, new = (Source(key="a.zip/problem", path="a.zip", problem=problem) for problem in ("too large", "damaged"))
+        journal.store.commit(old, failure(old.key, old.problem), {})
+        assert journal.completed(old) is not None
+        assert journal.completed(new) is None
+
+
+def test_results_that_cannot_be_placed_cost_one_file(tmp_path: Path) -> None:
+    paths = write_curves(tmp_path / "in", 3)
+    with opened_journal(tmp_path / "out", BatchOptions(), resume=False) as journal:
+        sources = list(Inputs(paths, output=tmp_path / "out", limits=LIMITS))
+        # a file stands where a folder is to be made
+        Path(journal.store.output, "files").mkdir()
+        journal.store.folder("curve001.obj").write_text("")
+        told: Told = []
+        job = {"sources": [source.to_dict() for source in sources], "options": BatchOptions().to_dict()}
+        solver.work({**job, "store": asdict(journal.store)}, told.append, archives=ArchiveReader())
+    found = {one["key"]: one["status"] for one in (event["finished"] for event in told if "finished" in event)}
+    assert found == {"curve000.obj": "done", "curve001.obj": "fault", "curve002.obj": "done"}
+    assert not [event for event in told if "stop" in event]
+
+
+def test_results_that_nobody_can_write_stop_the_batch(tmp_path: Path) -> None:
+    source = Source(key="a.obj", path="a.obj")
+    with opened_journal(tmp_path / "out", BatchOptions(), resume=False) as journal:
+        (tmp_path / "out" / STAGING).write_text("")  # no folder
+        with pytest.raises(BatchError, match="cannot be written to"):
+            journal.store.commit(source, failure("a.obj", ""), {})
+        (tmp_path / "out" / STAGING).unlink()
+
+        def full(_: Path) -> None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        with pytest.raises(BatchError, match="No space left on device"):
+            journal.store.commit(source, failure("a.obj", ""), {"a.obj": full})
 
 
 def test_a_process_that_cannot_start_stops_the_batch(
@@ -344,7 +421,7 @@ def test_names_that_are_no_text_reach_tables_log_and_page(tmp_path: Path) -> Non
     (folder / os.fsdecode(b"\xfe=1.obj")).write_text("g =1+1\n" + curve_text(circle(9)))
     solved([folder], output)
     with opened_journal(output, BatchOptions(), resume=True) as journal:
-        paths = write_summary(journal, Inputs([folder], output=output), BatchOptions(), {"seconds": 1.0})
+        paths = write_summary(journal, Inputs([folder], output=output, limits=LIMITS), BatchOptions(), {"seconds": 1.0})
         log = journal.log.read_text(encoding="utf-8")
     assert log.startswith("failed\tin/%FF.obj\t")
     assert [row["source"] for row in pq.read_table(paths["table"]).to_pylist()] == ["in/%FE=1.obj", "in/%FF.obj"]

@@ -3,7 +3,7 @@
 import os
 import time
 
-from spinor_geom.bench.isolate import serve
+from spinor_geom.isolate import serve
 
 
 def run(task):
@@ -19,4 +19,4 @@ def run(task):
 
 
 if __name__ == "__main__":
-    serve(run)
+    serve(lambda task, tell: tell(run(task)))

@@ -20,13 +20,13 @@ def test_a_crash_is_one_task_s_and_the_next_has_a_new_process():
     first, crashed, killed, last = answers({}, {"exit": 3}, {"signal": 11}, {})
     assert first["status"] == last["status"] == "done"
     assert first["process"] != last["process"]
-    assert (crashed["status"], crashed["reason"]) == ("crashed", "exit status 3")
-    assert (killed["status"], killed["reason"]) == ("crashed", "signal 11")
+    assert (crashed["status"], crashed["reason"]) == ("crashed", "its process died with status 3")
+    assert (killed["status"], killed["reason"]) == ("crashed", "its process died by SIGSEGV")
 
 
 def test_a_hang_ends_at_the_time_limit():
     hung, after = answers({"sleep": 60}, {}, time_limit=8.0)
-    assert (hung["status"], hung["reason"]) == ("timed out", "more than 8 s")
+    assert (hung["status"], hung["reason"]) == ("timed out", "its process took longer than 8 s")
     assert after["status"] == "done"
 
 

@@ -1,0 +1,105 @@
+"""What runs in a Dask worker: it keeps a process that solves, watches it, and ends it where a file asks too much."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from collections.abc import Mapping
+from typing import Any
+
+from spinor_geom.batching.inputs import Source
+from spinor_geom.batching.limits import Limits, fault_reason
+from spinor_geom.batching.records import failure
+from spinor_geom.batching.store import Store
+from spinor_geom.errors import BatchError
+from spinor_geom.isolate import Event, FaultError, Process
+
+SOLVER = "spinor_geom.batching.solver"
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
+_own = threading.local()
+
+
+def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
+    """Does a job for the driver; whatever its sources do to the process that solves, each gets a record.
+
+    Args:
+        job: as for `solver.work`.
+        limits: the fields of `Limits`.
+
+    Returns:
+        "finished": a summary for each source; "stop": why nothing can be written, or "".
+    """
+    allowed = Limits(**limits)
+    done: list[dict[str, Any]] = []
+    deaths: Counter[str] = Counter()
+    blocks = deque([list(job["sources"])])
+    try:
+        while blocks:
+            block = blocks.popleft()
+            fault = _attempt({**job, "sources": block}, allowed, done)
+            finished = {one["key"] for one in done}
+            waiting = {entry["key"]: entry for entry in block if entry["key"] not in finished}
+            if fault is None:
+                # none where all went well; else one of several made it give up
+                blocks.extend([entry] for entry in waiting.values())
+                continue
+            # the file that was being read did it, or the only one
+            guilty = fault.last.get("reading", "") if len(waiting) > 1 else next(iter(waiting), "")
+            if guilty not in waiting:
+                # any of them may have done it
+                blocks.extend([entry] for entry in waiting.values())
+                continue
+            entry = waiting.pop(guilty)
+            deaths[guilty] += 1
+            # what a limit ended would only cost as much once more
+            if fault.kind != "death" or deaths[guilty] > allowed.retries:
+                done.append(_write_fault(job, entry, fault))
+            else:
+                blocks.append([entry])
+            if waiting:
+                blocks.appendleft(list(waiting.values()))
+    except BatchError as error:
+        return {"finished": done, "stop": str(error)}
+    return {"finished": done, "stop": ""}
+
+
+def _attempt(job: dict[str, Any], allowed: Limits, done: list[dict[str, Any]]) -> FaultError | None:
+    """Has the process that solves do a job; the summaries of what it finishes join those that are done.
+
+    Returns:
+        What ended the process, if so.
+
+    Raises:
+        BatchError: nothing can be written, or the process cannot start.
+    """
+    stop = ""
+
+    def heard(event: Event) -> None:
+        nonlocal stop
+        stop = event.get("stop", stop)
+        if "finished" in event:
+            done.append(event["finished"])
+
+    limits = {"seconds": allowed.seconds, "whole_seconds": allowed.whole_seconds, "memory": allowed.memory}
+    try:
+        solver().run(job, heard, **limits)
+    except FaultError as fault:
+        if fault.kind == "start":
+            raise BatchError(f"the process that solves cannot start: {fault}; see what is installed") from fault
+        return fault
+    if stop:
+        raise BatchError(stop)
+    return None
+
+
+def _write_fault(job: Mapping[str, Any], entry: dict[str, Any], fault: FaultError) -> dict[str, Any]:
+    record = failure(entry["key"], fault_reason(fault), status="fault")
+    return Store(**job["store"]).commit(Source.from_dict(entry), record, {})
+
+
+def solver() -> Process:
+    """The process that solves for this thread of the worker."""
+    if not hasattr(_own, "solver"):
+        _own.solver = Process(SOLVER, ONE_THREAD)
+    process: Process = _own.solver
+    return process

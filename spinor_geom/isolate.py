@@ -1,0 +1,229 @@
+"""Processes that do jobs for this one and are watched: what a crash, a hang or a hunger for memory costs is one job.
+
+Both sides write lines of JSON: a process is told its jobs on its standard input, and says on its standard output how
+far it is. It ends when its input does, so it does not outlive the process that started it, however that ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Mapping
+from time import monotonic
+from typing import IO, Any, Literal, TypeAlias
+
+Event: TypeAlias = dict[str, Any]
+Tell: TypeAlias = Callable[[Event], None]
+
+# Seconds for the imports of a process, which are not the first job's fault.
+START_LIMIT = 600.0
+# Seconds between looks at its memory and the clock.
+LOOK = 0.05
+# Bytes that are kept of what libraries wrote.
+SAID = 4000
+START = (
+    "import json, runpy, sys; sys.path[:] = json.loads(sys.argv[1]); runpy.run_module(sys.argv[2], run_name='__main__')"
+)
+
+
+class FaultError(Exception):
+    """A process died or was ended before its job was done.
+
+    Attributes:
+        kind: "start": it ended by itself before it could take a job; "death": it died; "time" and "memory": it was
+            ended at that limit.
+        last: what it told last; empty where it had told nothing.
+        said: the end of what was written to standard output and error during the job.
+    """
+
+    def __init__(
+        self, reason: str, *, kind: Literal["start", "death", "time", "memory"], last: Event, said: str
+    ) -> None:
+        super().__init__(reason)
+        self.kind, self.last, self.said = kind, last, said
+
+
+class Process:
+    """A process that runs a module whose main program calls `serve`; started when needed, and again after it ended."""
+
+    def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
+        """Starts nothing yet.
+
+        Args:
+            module: its name; packages are looked for where this process looks.
+            environment: variables that it has beside those of this process.
+        """
+        self._module, self._environment = module, {**(environment or {})}
+        self._process: subprocess.Popen[str] | None = None
+
+    def run(
+        self,
+        job: Mapping[str, Any],
+        heard: Tell,
+        *,
+        seconds: float,
+        whole_seconds: float = math.inf,
+        memory: float = math.inf,
+    ) -> str:
+        """Has a job done.
+
+        Args:
+            job: JSON-ready.
+            heard: is called with all that the process tells.
+            seconds: that may pass between two things that it tells.
+            whole_seconds: that the job may take.
+            memory: resident bytes that the process may have (looked at by psutil, where there is a limit).
+
+        Returns:
+            The end of what was written to standard output and error meanwhile.
+
+        Raises:
+            FaultError: the process died, or was ended at a limit.
+        """
+        self._last: Event = {}
+        try:
+            process = self._started()
+            self._begin = self._log.seek(0, os.SEEK_END)
+            end = monotonic() + whole_seconds
+            assert process.stdin is not None
+            try:
+                process.stdin.write(json.dumps(job) + "\n")
+                process.stdin.flush()
+            except OSError:
+                raise self._death() from None
+            while "idle" not in (event := self._next(seconds, end, whole_seconds, memory)):
+                self._last = event
+                heard(event)
+            return self._said()
+        except BaseException:
+            # only an idle process can be given another job
+            self.end()
+            raise
+
+    def end(self) -> None:
+        """Ends the process, if there is one."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            for stream in (self._process.stdin, self._process.stdout, self._log):
+                with contextlib.suppress(OSError):
+                    if stream is not None:
+                        stream.close()
+        self._process = None
+
+    def _started(self) -> subprocess.Popen[str]:
+        if self._process is not None and self._process.poll() is None:
+            return self._process
+        self.end()
+        # a file, not a pipe: nobody has to empty it; it lives as long as the process
+        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
+        self._begin, self._look = 0, 0.0
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", START, json.dumps(sys.path), self._module],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            text=True,
+            env={**os.environ, **self._environment},
+        )
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        threading.Thread(target=_listen, args=(self._process, self._events), daemon=True).start()
+        try:
+            self._next(START_LIMIT, math.inf, math.inf, math.inf)
+        except FaultError as fault:
+            if self._process.returncode > 0:  # nobody killed it
+                fault.kind = "start"
+            raise
+        return self._process
+
+    def _next(self, seconds: float, end: float, whole_seconds: float, memory: float) -> Event:
+        """The next thing that the process tells, within the limits."""
+        deadline = monotonic() + seconds
+        while True:
+            now = monotonic()
+            # however much it tells
+            if now >= self._look:
+                self._look = now + LOOK
+                if memory < math.inf and self._memory() > memory:
+                    raise self._fault(f"took more than {memory / 2**20:.0f} MiB of memory", "memory")
+                if now > deadline:
+                    raise self._fault(f"took longer than {seconds:g} s", "time")
+                if now > end:
+                    raise self._fault(f"took longer than {whole_seconds:g} s as a whole", "time")
+            with contextlib.suppress(queue.Empty):
+                event = self._events.get(timeout=LOOK)
+                if event is None:
+                    raise self._death()
+                return event
+
+    def _memory(self) -> int:
+        import psutil
+
+        assert self._process is not None
+        try:
+            return int(psutil.Process(self._process.pid).memory_info().rss)
+        except psutil.Error:  # it has just died
+            return 0
+
+    def _death(self) -> FaultError:
+        assert self._process is not None
+        status = self._process.wait()
+        how = f"with status {status}"
+        if status < 0:
+            with contextlib.suppress(ValueError):
+                how = f"by {signal.Signals(-status).name}"
+        line = next((line.strip() for line in reversed(self._said().split("\n")) if line.strip()), "")
+        return self._fault(f"died {how}{f': {line[:300]}' if line else ''}", "death")
+
+    def _fault(self, what: str, kind: Literal["death", "time", "memory"]) -> FaultError:
+        return FaultError(f"its process {what}", kind=kind, last=self._last, said=self._said())
+
+    def _said(self) -> str:
+        self._log.seek(max(self._begin, self._log.seek(0, os.SEEK_END) - SAID))
+        return self._log.read().decode("utf-8", "replace").strip()
+
+
+def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | None]) -> None:
+    """Passes on what a process tells; None when it tells no more."""
+    assert process.stdout is not None
+    with contextlib.suppress(ValueError, OSError):
+        for line in process.stdout:
+            events.put(json.loads(line))
+    events.put(None)
+
+
+def serve(work: Callable[[Any, Tell], None]) -> None:
+    """What the main program of a process does: the jobs that come in, until no more can come.
+
+    Args:
+        work: does a job; what it tells reaches `Process.run` as it stands in JSON.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides what an interrupt means
+    # what libraries print goes to standard error
+    channel = os.fdopen(os.dup(1), "w", encoding="ascii")
+    os.dup2(2, 1)
+    jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def listen() -> None:
+        for line in sys.stdin:
+            jobs.put(line)
+        os._exit(0)
+
+    def tell(event: Event) -> None:
+        channel.write(json.dumps(event) + "\n")
+        channel.flush()
+
+    threading.Thread(target=listen, daemon=True).start()
+    tell({"ready": os.getpid()})
+    while True:
+        work(json.loads(jobs.get()), tell)
+        sys.stdout.flush()
+        tell({"idle": True})

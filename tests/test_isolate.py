@@ -1,0 +1,106 @@
+"""Processes that are watched: what ends them, and what they leave of it."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from spinor_geom.isolate import Event, FaultError, Process
+
+BUSY = """
+import os, sys, time
+from spinor_geom.isolate import serve
+
+def work(job, tell):
+    taken = []
+    tell({"begun": os.getpid()})
+    print("a word", flush=True)
+    os.write(2, b"and another\\n")
+    if "signal" in job:
+        os.kill(os.getpid(), job["signal"])
+    if "status" in job:
+        os._exit(job["status"])
+    # never as long silent as a look at the limits is away
+    while "take" in job or "talk" in job:
+        tell({"still": True})
+        if "take" in job:
+            taken.append(bytearray(b"x") * job["take"])
+        time.sleep(0.005)
+    time.sleep(job.get("sleep", 0))
+
+if __name__ == "__main__":
+    serve(work)
+"""
+
+
+@pytest.fixture
+def process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Process]:
+    (tmp_path / "busy_process.py").write_text(BUSY)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    process = Process("busy_process")
+    yield process
+    process.end()
+
+
+def fault_of(process: Process, job: Event, **limits: float) -> FaultError:
+    with pytest.raises(FaultError) as raised:
+        process.run(job, lambda _: None, **{"seconds": 30.0, **limits})
+    return raised.value
+
+
+def test_one_process_does_one_job_after_the_other(process: Process) -> None:
+    told: list[Event] = []
+    for _ in range(2):
+        assert process.run({}, told.append, seconds=30.0) == "a word\nand another"
+    assert told[0] == told[1]
+
+
+@pytest.mark.parametrize(
+    ("job", "reason"),
+    [
+        ({"signal": int(signal.SIGSEGV)}, "its process died by SIGSEGV: and another"),
+        ({"status": 3}, "its process died with status 3: and another"),
+    ],
+)
+def test_a_death_is_told_with_the_last_words(process: Process, job: Event, reason: str) -> None:
+    fault = fault_of(process, job)
+    assert (str(fault), fault.kind, fault.said) == (reason, "death", "a word\nand another")
+    assert fault.last.keys() == {"begun"}
+    # another process does the next
+    process.run({}, lambda _: None, seconds=30.0)
+
+
+@pytest.mark.parametrize(
+    ("job", "limits", "kind", "reason"),
+    [
+        ({"sleep": 100}, {"seconds": 0.5}, "time", "its process took longer than 0.5 s"),
+        ({"talk": 1}, {"whole_seconds": 0.5}, "time", "its process took longer than 0.5 s as a whole"),
+        ({"take": 1 << 20}, {"memory": 100 << 20}, "memory", "its process took more than 100 MiB of memory"),
+    ],
+)
+def test_limits_hold_however_much_a_process_tells(
+    process: Process, job: Event, limits: dict[str, float], kind: str, reason: str
+) -> None:
+    fault = fault_of(process, job, **limits)
+    assert (fault.kind, str(fault)) == (kind, reason)
+
+
+def test_a_module_that_cannot_be_imported_is_told_as_such(process: Process) -> None:
+    fault = fault_of(Process("no_such_module"), {})
+    assert (fault.kind, "No module named no_such_module" in str(fault)) == ("start", True)
+
+
+def test_a_caller_that_stops_listening_ends_the_process(process: Process) -> None:
+    told: list[Event] = []
+
+    def interrupted(event: Event) -> None:
+        told.append(event)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        process.run({"talk": 1}, interrupted, seconds=30.0)
+    process.run({}, told.append, seconds=30.0)
+    assert told[0] != told[1]
