@@ -53,10 +53,16 @@ def rule(name: RuleName, n: int) -> Rule:
 
 
 @lru_cache(maxsize=32)
-def cumulative_matrix(order: int) -> Float[np.ndarray, "g g"]:
-    """Matrix S: (S f)_i is the integral from 0 to Gauss node i of the polynomial through the values f at the nodes."""
-    x, _ = np.polynomial.legendre.leggauss(order)
-    values = np.polynomial.legendre.legvander(x, order - 1)
+def cumulative_matrix(order: int, ends: tuple[float, ...] | None = None) -> Float[np.ndarray, "h g"]:
+    """Matrix S: (S f)_i is the integral from 0 to end i of the polynomial through the values f at the Gauss nodes.
+
+    Args:
+        order: number of nodes.
+        ends: in [0, 1]; the nodes themselves by default.
+    """
+    nodes, _ = np.polynomial.legendre.leggauss(order)
+    x = nodes if ends is None else 2 * np.asarray(ends) - 1
+    values = np.polynomial.legendre.legvander(nodes, order - 1)
     integrals = np.stack(
         [np.polynomial.legendre.legval(x, np.polynomial.legendre.legint(unit, lbnd=-1)) for unit in np.eye(order)],
         axis=1,

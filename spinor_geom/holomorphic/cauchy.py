@@ -95,7 +95,7 @@ class CauchyNetwork(torch.nn.Module):
         """
         weight = weight / weight.sum()
         hessenberg = arnoldi_hessenberg(z, weight, degree)
-        raw = _raw_features(z, hessenberg, poles, scales)
+        raw = raw_features(z, hessenberg, poles, scales)
         at = z.new_tensor([] if branch is None else [branch])
         root = weight.sqrt()[:, None] * _sign_changing(z, at)[:, None]
         # QR first: the SVD then works on a small square matrix
@@ -103,10 +103,39 @@ class CauchyNetwork(torch.nn.Module):
         _, s, vh = torch.linalg.svd(r, full_matrices=False)
         keep = s > cutoff * s[0]
         mixing = vh.mH[:, keep] / s[keep]
-        leja = leja_points(z, degree + 1)
-        newton = newton_matrix(leja, arnoldi_polynomials(leja, hessenberg))
+        leja, newton = _newton_form(z, hessenberg)
         return cls(
             hessenberg=hessenberg, poles=poles, scales=scales, mixing=mixing, leja=leja, newton=newton, branch=at
+        )
+
+    @classmethod
+    def of_raw_features(
+        cls,
+        z: Complex[Tensor, " n"],
+        *,
+        hessenberg: Complex[Tensor, "d1 d"],
+        poles: Complex[Tensor, " k"],
+        scales: Float[Tensor, " k"],
+        readout: Complex[Tensor, "r 2"],
+    ) -> CauchyNetwork:
+        """A network whose features are the polynomials and the units themselves.
+
+        Args:
+            z: points all along ∂Ω.
+            hessenberg: of the polynomials.
+            poles: ζ_k.
+            scales: d_k.
+            readout: of the polynomials, then of the units.
+        """
+        leja, newton = _newton_form(z, hessenberg)
+        return cls(
+            hessenberg=hessenberg,
+            poles=poles,
+            scales=scales,
+            mixing=torch.eye(len(readout), dtype=readout.dtype, device=readout.device),
+            leja=leja,
+            newton=newton,
+            readout=readout,
         )
 
     @property
@@ -120,7 +149,7 @@ class CauchyNetwork(torch.nn.Module):
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
         """The shared hidden layer at z, orthonormal on the nodes it was made for."""
-        raw = _raw_features(z, self.hessenberg, self.poles, self.scales)
+        raw = raw_features(z, self.hessenberg, self.poles, self.scales)
         return (self.sign_changing(z)[..., None] * raw) @ self.mixing
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
@@ -183,15 +212,23 @@ class CauchyNetwork(torch.nn.Module):
         )
 
 
+def _newton_form(
+    z: Complex[Tensor, " n"], hessenberg: Complex[Tensor, "d1 d"]
+) -> tuple[Complex[Tensor, " d1"], Complex[Tensor, "d1 d1"]]:
+    leja = leja_points(z, len(hessenberg))
+    return leja, newton_matrix(leja, arnoldi_polynomials(leja, hessenberg))
+
+
 def _sign_changing(z: Complex[Tensor, "*pts"], branch: Complex[Tensor, " b"]) -> Complex[Tensor, "*pts"]:
     return torch.sqrt(z - branch[0]) if len(branch) else torch.ones_like(z)
 
 
-def _raw_features(
+def raw_features(
     z: Complex[Tensor, "*pts"],
     hessenberg: Complex[Tensor, "d1 d"],
     poles: Complex[Tensor, " k"],
     scales: Float[Tensor, " k"],
 ) -> Complex[Tensor, "*pts r"]:
+    """The polynomials Q_0 … Q_d and the units d_k/(z − ζ_k), before they are mixed."""
     units = scales / (z[..., None] - poles)
     return torch.cat([arnoldi_polynomials(z, hessenberg), units], dim=-1)

@@ -12,6 +12,11 @@ from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 # A pole in a narrow gap outside Ω moves back until no part of ∂Ω is nearer than this share of its offset.
 _FREE_SHARE = 0.6
 _HALVINGS = 5
+# Distances, in edges, at which a pole beside a rim's polygon is tried, and that which every edge keeps from it, in its
+# own lengths: nearer poles take more quadrature nodes, farther ones miss sharp teeth.
+_RIM_OFFSETS, _RIM_CLEARANCE = (0.5, 0.7, 1.0, 1.4), 0.35
+# Rows of a table of distances made at once.
+_ROWS = 512
 # Poles at a corner for a distance from Γ, in edges: the fewest are enough for the looser, the most for the tighter one.
 _CORNER_POLES = (9, 16)
 _CORNER_TOLERANCE = (1e-3, 1e-4)
@@ -70,6 +75,57 @@ def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
     outward = np.concatenate([_outward(w) for w in polygons])
     position, distance = _cleared(domain, domain.vertices[plain], outward[plain], offset * local[plain])
     return Poles(positions=position, scales=distance)
+
+
+def polygon_poles(vertices: Complex[np.ndarray, " n"], *, most: int) -> Poles:
+    """Poles for p and q that are smooth on the edges of a polygon: one beside each edge's middle, one at vertices.
+
+    Each is at the first of some distances along the outer normal or bisector, in edges, where every edge is at least
+    0.35 of its own length away; in notches too narrow for that there is none. Its unit's scale is its distance from the
+    polygon.
+
+    Args:
+        vertices: of a simple polygon, counter-clockwise.
+        most: number of poles beyond which the less bent vertices get none.
+    """
+    step = np.roll(vertices, -1) - vertices
+    edge = np.abs(step)
+    turn = np.abs(np.angle(step / np.roll(step, 1)))
+    bent = np.sort(np.argsort(-turn)[: max(0, most - len(vertices))])
+    foot = np.concatenate([vertices + step / 2, vertices[bent]])
+    direction = np.concatenate([-1j * step / edge, _outward(vertices)[bent]])
+    local = np.concatenate([edge, ((edge + np.roll(edge, 1)) / 2)[bent]])
+    positions, scales = [], []
+    for offset in _RIM_OFFSETS:
+        position = foot + offset * local * direction
+        distance, in_edges = _distance_outside(vertices, position)
+        free = in_edges >= _RIM_CLEARANCE
+        positions.append(position[free])
+        scales.append(distance[free])
+        foot, direction, local = foot[~free], direction[~free], local[~free]
+    return Poles(positions=np.concatenate(positions), scales=np.concatenate(scales))
+
+
+def _distance_outside(
+    vertices: Complex[np.ndarray, " n"], z: Complex[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Distance of points from a polygon, and that from the edge that is nearest by its own length; negative inside."""
+    step = np.roll(vertices, -1) - vertices
+    edge = np.abs(step)
+    nearest, in_edges = np.empty(len(z)), np.empty(len(z))
+    for start in range(0, len(z), _ROWS):
+        rows = slice(start, start + _ROWS)
+        from_start = z[rows, None] - vertices
+        share = np.clip((from_start * np.conj(step)).real / edge**2, 0, 1)
+        distance = np.abs(from_start - share * step)
+        from_end = from_start - step
+        # a ray to the right crosses an odd number of edges from inside
+        crosses = (from_start.imag > 0) != (from_end.imag > 0)
+        left = (np.conj(step) * from_start).imag > 0
+        inside = np.count_nonzero(crosses & (left == (step.imag > 0)), axis=1) % 2
+        nearest[rows] = np.where(inside, -1, 1) * distance.min(axis=1)
+        in_edges[rows] = np.where(inside, -1, 1) * (distance / edge).min(axis=1)
+    return nearest, in_edges
 
 
 def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Poles:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.solution import Iteration, Route
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -18,6 +19,7 @@ class Found:
 
     Attributes:
         surface: the surface.
+        curve: Γ.
         matching: (n, 2), increasing pairs (t, s): parameters of ∂Ω and of Γ.
         rms: root of the mean squared distance of its boundary from Γ.
         max: largest distance.
@@ -28,6 +30,7 @@ class Found:
     """
 
     surface: SpinorSurface
+    curve: BoundaryCurve
     matching: Float[np.ndarray, "n 2"]
     rms: float
     max: float

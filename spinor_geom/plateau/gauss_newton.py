@@ -190,7 +190,7 @@ class _Linear:
         if gaps:
             axes = torch.eye(3, dtype=rows.dtype, device=rows.device)
             rows[-gaps:, :n] = _PERIOD * (_by_spinors(axes) @ around[:, None]).flatten(2).flatten(0, 1)
-        return cls(rows=rows, normal_matrix=_gram(rows), held=held)
+        return cls(rows=rows, normal_matrix=gram(rows), held=held)
 
     def gradient(self, state: _State, root: Float[Tensor, "nodes 1"]) -> Float[Tensor, " k"]:
         residual = [
@@ -243,7 +243,7 @@ def normals_of(tangent: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n 3"], Flo
     return first, torch.linalg.cross(unit, first)
 
 
-def _gram(rows: Float[Tensor, "m k"]) -> Float[Tensor, "k k"]:
+def gram(rows: Float[Tensor, "m k"]) -> Float[Tensor, "k k"]:
     """Lower triangle of rowsᵀ·rows, the costliest product of a fit."""
     if rows.is_cuda:
         return rows.T @ rows

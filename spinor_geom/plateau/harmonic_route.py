@@ -328,6 +328,7 @@ class HarmonicSolver:
             surface = surface_of(lift, form.boundary, order=_PATH_ORDER)
         n = len(disk.slide)
         return Found(
+            curve=self.curve,
             surface=surface,
             matching=np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),
             rms=lift.rms,

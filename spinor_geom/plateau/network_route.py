@@ -122,6 +122,7 @@ class NetworkSolver:
             surface, astray = fitted_surface(fitted)
             area = surface.area()
         return Found(
+            curve=self.curve,
             surface=surface,
             matching=fitted.stage.matchings(fitted.fit)[0],
             rms=float(np.hypot(fitted.residual.rms, astray)),

@@ -52,6 +52,7 @@ def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, c
         surface = frame.surface(PlaneDomain.inside(boundary))
         distance = _distances(surface, boundary, curve)
         return Found(
+            curve=curve,
             surface=surface.to(device),
             matching=_identity(curve),
             rms=float(np.sqrt(np.mean(distance**2))),

@@ -23,7 +23,17 @@ from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 Route = Literal[
-    "plane", "disk", "annulus", "annular network", "unfolded", "deformed", "flattened", "network", "trained"
+    "plane",
+    "disk",
+    "vertices",
+    "annulus",
+    "annular network",
+    "unfolded",
+    "deformed",
+    "flattened",
+    "network",
+    "trained",
+
 ]
 
 
@@ -34,14 +44,14 @@ class Iteration:
     Attributes:
         index: from 1.
         method: of the step.
-        residual: what the steps bring towards 0: Gauss-Newton's RMS distance from Γ at the nodes after it, in units of
+        residual: what the steps bring towards 0: Newton's RMS distance from the loop's points, in diagonals; Gauss-Newton's RMS distance from Γ at the nodes after it, in units of
             the loop's diagonal; Douglas-Newton's RMS gradient of the energy before it, relative to its two factors. In
             the training of a network: the RMS error of p and q ("distillation"), the RMS distance from Γ in diagonals
             ("polishing"), an epoch's mean loss ("RMSprop").
     """
 
     index: int
-    method: Literal["Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
+    method: Literal["Newton", "Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
     residual: float
 
 

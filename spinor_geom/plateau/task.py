@@ -360,7 +360,7 @@ class Task:
             rims=(
                 RimMatch(
                     loop=loop,
-                    curve=self.network.curve.placed(loop.points, loop.diagonal),
+                    curve=found.curve.placed(loop.points, loop.diagonal),
                     boundary=surface.domain.boundary,
                     matching=found.matching,
                 ),

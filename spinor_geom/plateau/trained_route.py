@@ -93,6 +93,7 @@ def trained_disk(
     assert isinstance(surface, SpinorSurface)  # the other representation was refused with the options
     surface = surface.transform(scale=size)
     return Found(
+        curve=curve,
         surface=surface,
         matching=trained.matching,
         rms=trained.rms * size,
