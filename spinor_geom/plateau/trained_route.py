@@ -95,8 +95,7 @@ def trained_disk(
     return Found(
         surface=surface,
         matching=trained.matching,
-        rms=trained.rms * size,
-        max=trained.max * size,
+        misfit=trained.misfit.enlarged(size),
         area=float(surface.area()),
         route="trained",
         history=tuple(history),
