@@ -47,7 +47,9 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
             ),
         ),
         domain=domain,
-        boundary_residual=BoundaryResidual(rms=0.0, max=0.0, mean_edge=loop.mean_edge_length, diagonal=loop.diagonal),
+        boundary_residual=BoundaryResidual(
+            rms=0.0, max=0.0, max_per_local_edge=0.0, mean_edge=loop.mean_edge_length, diagonal=loop.diagonal
+        ),
         area=surface.area(),
         route="disk",
         history=(),

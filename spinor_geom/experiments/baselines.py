@@ -96,8 +96,8 @@ def compare(curve: KnownCurve, trainings: Trainings, *, name: str) -> Comparison
     areas = {method: surface.area() for method, surface in found.items() if isinstance(surface, SpinorSurface)}
     branched = {method: branch_points(surface) for method, surface in found.items()}
     told = {
-        **{method: (t.max / diagonal, t.seconds, len(t.history), t.status) for method, t in paper.items()},
-        NETWORK: (network.max / diagonal, network_seconds, len(network.history), network.status),
+        **{method: (t.misfit.max / diagonal, t.seconds, len(t.history), t.status) for method, t in paper.items()},
+        NETWORK: (network.misfit.max / diagonal, network_seconds, len(network.history), network.status),
         SERIES: (boundary_distance(exact.surface, gamma) / diagonal, seconds, len(exact.history), "converged"),
     }
     rows = [

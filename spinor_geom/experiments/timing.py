@@ -15,7 +15,7 @@ from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.residual import passed_over
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 from spinor_geom.plateau.training.curve import CurveAsTensors
 from spinor_geom.render.plots import log_log
@@ -106,10 +106,7 @@ def boundary_distance(surface: SpinorSurface, curve: BoundaryCurve) -> float:
     """Largest distance of the boundary from the nearest points of Γ, and of what of Γ it passes over from it."""
     r = surface.position(surface.domain.boundary.point(np.arange(_POINTS) / _POINTS))
     slide = np.unwrap(curve.nearest(r), period=1.0)
-    error = r - curve.point(slide % 1.0)
-    points, parameters, away = (torch.from_numpy(array) for array in (r, slide, error))
-    passed = passed_over(points, parameters, away, CurveAsTensors.of(curve))
-    return max(float(np.linalg.norm(error, axis=1).max()), passed.max)
+    return Misfit.of(torch.from_numpy(r), torch.from_numpy(slide), CurveAsTensors.of(curve)).max
 
 
 def _compared(name: str, lines: dict[str, tuple[list[float], list[float]]]) -> tuple[bool, str]:

@@ -114,7 +114,8 @@ def fill_hole(
         target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length.
         model: the holomorphic model, as `solve_plateau` takes it.
         tolerance: root mean square distance between a patch's boundary and the curve through its loop, per mean edge
-            of the loop; a fill that misses it is kept and reported as not converged.
+            of the loop; a fill that misses it is kept and reported as not converged, and so is one that misses a part
+            of the loop by more than a hundred times as many of the edges there.
         return_report: also returns a `FillResult`.
         on_loop: is called after each requested loop with its outcome and the number of requested loops.
 

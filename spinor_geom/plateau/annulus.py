@@ -33,6 +33,7 @@ from spinor_geom.plateau.douglas_annulus import AnnulusProblem, HarmonicAnnulus
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import FoundAnnulus
 from spinor_geom.plateau.lift_annulus import AnnularLift, annular_surface, lifted_annulus
+from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.network_route import Budget
 from spinor_geom.plateau.plane_route import beside_in_plane, plane_annulus
 from spinor_geom.plateau.problem import CurveTensors
@@ -212,6 +213,7 @@ class AnnulusTask:
             options=self.options.cauchy,
             budget=Budget(
                 allowed=self.options.tolerance * self._mean_edge / self.scale,
+                tolerance=self.options.tolerance,
                 max_iterations=self.options.max_iterations,
                 on_iteration=self._heard_of,
             ),
@@ -360,10 +362,12 @@ class AnnulusTask:
                 except SurfaceError as failure:  # more nodes may tell the sheets apart
                     error = failure
                     continue
-            vain = 0 if best is None or lift.rms < _WORTHWHILE * best[0].rms else vain + 1
-            if best is None or lift.rms < best[0].rms:
+            vain = 0 if best is None or lift.misfit.rms < _WORTHWHILE * best[0].misfit.rms else vain + 1
+            if best is None or lift.misfit.rms < best[0].misfit.rms:
                 best = lift, finer
-            if best[0].rms <= goal or vain == _PATIENCE:
+            told = best[0].misfit
+            met = told.rms <= goal and told.max_per_local_edge <= LOCAL_TOLERANCES * self.options.tolerance
+            if met or vain == _PATIENCE:
                 break
         else:
             limit = f"{self._most_nodes} nodes on each rim are the most that are tried"
@@ -437,8 +441,7 @@ class AnnulusTask:
             order=(0, 1),
             reverse=reverse,
             matchings=(np.column_stack([t, first]), np.column_stack([t, second])),
-            rms=lift.rms,
-            max=lift.max,
+            misfit=lift.misfit,
             area=lift.area,
             modulus=annulus.modulus,
             spin="antiperiodic" if lift.model.antiperiodic else "periodic",
@@ -452,12 +455,9 @@ class AnnulusTask:
         scale, clock = self.scale, self.clock
         with clock.stage("surface"):
             surface = found.surface.transform(scale=scale, translation=self.centre)
-        residual = BoundaryResidual(
-            rms=found.rms * scale, max=found.max * scale, mean_edge=self._mean_edge, diagonal=scale
-        )
-        converged = residual.rms_per_edge <= self.options.tolerance
-        reached = f"residual {residual.rms_per_edge:.1e} of the mean edge after {len(self.history)} steps"
-        missed = f"{reached}, above the tolerance {self.options.tolerance:.1e}: {found.limit}"
+        residual = BoundaryResidual.of(found.misfit.enlarged(scale), mean_edge=self._mean_edge, diagonal=scale)
+        tolerance = self.options.tolerance
+        converged, reason = residual.verdict(tolerance, steps=len(self.history), limit=found.limit)
         return PlateauSolution(
             surface=surface,
             rims=self._rims(found, surface),
@@ -467,9 +467,9 @@ class AnnulusTask:
             route=found.route,
             history=tuple(self.history),
             solve_timings=dict(clock.seconds),
-            tolerance=self.options.tolerance,
+            tolerance=tolerance,
             converged=converged,
-            reason=reached if converged else missed,
+            reason=reason,
             evidence=Evidence(surface=surface),
             annulus=Annulus(
                 modulus=found.modulus,

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.solution import Iteration, Route
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -21,8 +22,7 @@ class Found:
         surface: the surface.
         curve: Γ.
         matching: (n, 2), increasing pairs (t, s): parameters of ∂Ω and of Γ.
-        rms: root of the mean squared distance of its boundary from Γ.
-        max: largest distance.
+        misfit: distance between its boundary and Γ.
         area: ½∮ r·Im(φ dz).
         route: how it was found.
         history: all steps so far, those of tries before it included.
@@ -32,8 +32,7 @@ class Found:
     surface: SpinorSurface
     curve: BoundaryCurve
     matching: Float[np.ndarray, "n 2"]
-    rms: float
-    max: float
+    misfit: Misfit
     area: float
     route: Route
     history: tuple[Iteration, ...]
@@ -49,8 +48,7 @@ class FoundAnnulus:
         order: the numbers of the loops, that of the outer boundary of Ω first.
         reverse: whether the second loop runs against the boundary of the surface.
         matchings: of both boundaries of Ω, as in `Found`.
-        rms: root of the mean squared distance of both from their curves.
-        max: largest distance.
+        misfit: distance of both from their curves.
         area: ½∮ r·Im(φ dz).
         modulus: logarithm of the ratio of the radii; none where Ω is no round annulus.
         spin: whether p and q come back to themselves around the hole.
@@ -63,8 +61,7 @@ class FoundAnnulus:
     order: tuple[int, int]
     reverse: bool
     matchings: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "o 2"]]
-    rms: float
-    max: float
+    misfit: Misfit
     area: float
     modulus: float | None
     spin: Literal["periodic", "antiperiodic"]

@@ -304,13 +304,13 @@ class HarmonicSolver:
                     lift = lifted(disk, form, self._exact, allowed=self.allowed)
             except SurfaceError:  # more nodes may tell the sheets apart
                 lift = None
-            if lift is not None and (best is None or lift.rms < best[0].rms):
-                if best is None or lift.rms < best[0].rms / 2:
+            if lift is not None and (best is None or lift.misfit.rms < best[0].misfit.rms):
+                if best is None or lift.misfit.rms < best[0].misfit.rms / 2:
                     last_gain = attempt
                 best = lift, disk, form
-            short = 1.0 if lift is None else lift.rms / self.allowed
+            short = 1.0 if lift is None else self._excess(lift, self.allowed)
             nodes = min(most, int(np.clip(short, _MORE_NODES, _MOST_MORE if self._rough else _MORE_NODES) * n))
-            if (best is not None and best[0].rms <= self._enough) or attempt - last_gain >= _PATIENCE:
+            if (best is not None and self._excess(best[0], self._enough) <= 1) or attempt - last_gain >= _PATIENCE:
                 break
             if n >= most:
                 limit = f"{n} nodes are the most that are tried"
@@ -323,6 +323,9 @@ class HarmonicSolver:
         if best is not None:
             yield self._found(*best, route=route, limit=limit)
 
+    def _excess(self, lift: Lift, allowed: float) -> float:
+        return lift.misfit.excess(allowed=allowed, tolerance=allowed / self.loop.mean_edge_length)
+
     def _found(self, lift: Lift, disk: HarmonicDisk, form: DirichletForm, *, route: Route, limit: str) -> Found:
         with self.clock.stage("surface"):
             surface = surface_of(lift, form.boundary, order=_PATH_ORDER)
@@ -331,8 +334,7 @@ class HarmonicSolver:
             curve=self.curve,
             surface=surface,
             matching=np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),
-            rms=lift.rms,
-            max=lift.max,
+            misfit=lift.misfit,
             area=lift.area,
             route=route,
             history=tuple(self.history),

@@ -18,8 +18,9 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, resampled
 from spinor_geom.plateau.gauss_newton import normals_of
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.residual import passed_over, projected
+from spinor_geom.plateau.residual import projected
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -52,17 +53,14 @@ class Lift:
         model: p and q.
         null_curve: (4n, 3), ∫ φ dz along ∂Ω at t = j/(4n); its real part is the boundary, where it should be on Γ.
         slide: (4n,), the parameter of the point of Γ near each.
-        rms: root of the mean squared distance between the boundary and Γ by arc length of Γ, with those parts of Γ that
-            the boundary passes over.
-        max: largest distance.
+        misfit: distance between the boundary and Γ.
         area: ½∮ r·Im(φ dz).
     """
 
     model: PowerSeries | CauchyInterpolant
     null_curve: Complex[Tensor, "m 3"]
     slide: Float[Tensor, " m"]
-    rms: float
-    max: float
+    misfit: Misfit
     area: float
 
 
@@ -115,13 +113,11 @@ def lifted(
         told = sampled.placed(best.values, resampled(best.slide, len(sampled.slide)), rounds=1)
     else:
         told = best
-    passed = passed_over(told.null_curve.real, told.slide, told.error, curve)
     return Lift(
         model=sampled.model(told.values),
         null_curve=told.null_curve,
         slide=told.slide,
-        rms=(told.rms**2 + passed.mean_square) ** 0.5,
-        max=max(float(told.error.norm(dim=-1).max()), passed.max),
+        misfit=Misfit.of(told.null_curve.real, told.slide, curve),
         area=0.5 * float((told.null_curve.real * told.velocity.imag).sum()) / len(told.slide),
     )
 

@@ -15,8 +15,9 @@ from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.plateau.douglas import resampled
 from spinor_geom.plateau.douglas_annulus import HarmonicAnnulus
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.residual import passed_over, projected
+from spinor_geom.plateau.residual import projected
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -43,16 +44,12 @@ class RimLift:
     Attributes:
         r: (4n, 3), positions.
         slide: (4n,), the parameter of the point of the curve near each.
-        weights: (4n,), arc length of the curve around each.
-        rms: root of the mean squared distance from the curve by its arc length, parts that it passes over included.
-        max: largest distance.
+        misfit: its distance from the curve.
     """
 
     r: Float[Tensor, "m 3"]
     slide: Float[Tensor, " m"]
-    weights: Float[Tensor, " m"]
-    rms: float
-    max: float
+    misfit: Misfit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,16 +71,9 @@ class AnnularLift:
     period: float
 
     @property
-    def rms(self) -> float:
-        """Root of the mean squared distance of both rims by arc length."""
-        lengths = [float(rim.weights.sum()) for rim in self.rims]
-        squares = [length * rim.rms**2 for length, rim in zip(lengths, self.rims, strict=True)]
-        return float((sum(squares) / sum(lengths)) ** 0.5)
-
-    @property
-    def max(self) -> float:
-        """Largest distance."""
-        return max(rim.max for rim in self.rims)
+    def misfit(self) -> Misfit:
+        """Distance of both rims from their curves."""
+        return Misfit.together([rim.misfit for rim in self.rims])
 
 
 def lifted_annulus(
@@ -115,10 +105,10 @@ def lifted_annulus(
                 raise
             break
         lift, errors = _placed(model, slides, curves, allowed)
-        if best is not None and not lift.rms < _WORTHWHILE * best.rms:
+        if best is not None and not lift.misfit.rms < _WORTHWHILE * best.misfit.rms:
             break
         best, slides = lift, torch.stack([rim.slide[::_EACH] for rim in lift.rims])
-        if best.rms <= allowed:
+        if best.misfit.rms <= allowed:
             break
         points = points - errors[:, ::_EACH]
     assert best is not None
@@ -234,13 +224,10 @@ def _placed(
         if mean <= allowed or float(move.norm()) < _STILL * mean:
             break
     period = float((2 * np.pi * null_vector(*model.residues().detach()).imag).norm())
-    rims = []
-    for rim, slide, off, weight, curve in zip(r + shift, fine, error, weights, curves, strict=True):
-        passed = passed_over(rim, slide, off, curve)
-        square = off.square().sum(-1)
-        mean_square = float((weight * square).sum() / weight.sum()) + passed.mean_square
-        largest = max(float(square.max().sqrt()), passed.max)
-        rims.append(RimLift(r=rim, slide=slide, weights=weight, rms=mean_square**0.5, max=largest))
+    rims = [
+        RimLift(r=rim, slide=slide, misfit=Misfit.of(rim, slide, curve))
+        for rim, slide, curve in zip(r + shift, fine, curves, strict=True)
+    ]
     area = 0.5 * float(((r + shift) * velocity.imag).sum()) / m
     return AnnularLift(model=model, shift=shift, rims=(rims[0], rims[1]), area=area, period=period), error
 

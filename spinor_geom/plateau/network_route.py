@@ -114,7 +114,7 @@ class NetworkSolver:
             SingularMatrixError: the discrete disk or the fit is degenerate.
         """
         fitted = self._fitted_from(disk, history)
-        poor = fitted.residual.rms > max(self.budget.allowed, _POOR * self.loop.mean_edge_length)
+        poor = fitted.residual.misfit.rms > max(self.budget.allowed, _POOR * self.loop.mean_edge_length)
         # another start does not help where the loop's roughness is too much for the network
         if poor and self._turning <= _RAGGED_TURN and not self.budget.is_spent(fitted.history):
             fitted = self._improved(fitted, disk)
@@ -125,8 +125,7 @@ class NetworkSolver:
             curve=self.curve,
             surface=surface,
             matching=fitted.stage.matchings(fitted.fit)[0],
-            rms=float(np.hypot(fitted.residual.rms, astray)),
-            max=max(fitted.residual.max, astray),
+            misfit=fitted.residual.misfit.and_astray(astray),
             area=area,
             route="network",
             history=fitted.history,
@@ -145,7 +144,7 @@ class NetworkSolver:
             again = self._fitted_from(finer, fitted.history)
         except (DomainError, SingularMatrixError):  # what a second try fails at must not cost the first one's result
             return fitted
-        best = again if again.residual.rms < fitted.residual.rms else fitted
+        best = again if again.residual.misfit.rms < fitted.residual.misfit.rms else fitted
         return replace(best, history=again.history)
 
     def _fitted_from(self, disk: Disk, history: tuple[Iteration, ...]) -> Fitted:
@@ -220,9 +219,10 @@ class Fitted:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Budget:
-    """What a fit may cost: residual that is allowed at unit size, steps, and who hears of them."""
+    """What a fit may cost: RMS distance allowed at unit size and in mean edges, steps, and who hears of them."""
 
     allowed: float
+    tolerance: float
     max_iterations: int
     on_iteration: Callable[[Iteration], None] | None
 
@@ -305,19 +305,20 @@ def fit_and_refine(
         history += fit.history
         residual = independent_residual(stage, fit, points=points)
         # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
-        if best is None and residual.rms > budget.allowed and stage.has_moduli and not stage.domain.holes:
+        if best is None and residual.misfit.rms > budget.allowed and stage.has_moduli and not stage.domain.holes:
             corrected = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
             history, folds = corrected.history, corrected.folds
             moved = independent_residual(corrected.stage, corrected.fit, points=points)
-            if moved.rms < residual.rms:
+            if moved.misfit.rms < residual.misfit.rms:
                 stage, fit, residual = corrected.stage, corrected.fit, moved
-        if best is not None and residual.rms >= best.residual.rms:
+        if best is not None and residual.misfit.rms >= best.residual.misfit.rms:
             return replace(best, history=history)
         rounds = _MAX_ROUNDS - remaining
         best = Fitted(stage=stage, fit=fit, residual=residual, rounds=rounds, history=history, folds=folds)
-        if residual.rms <= budget.allowed or budget.is_spent(history):
+        excess = residual.misfit.excess(allowed=budget.allowed, tolerance=budget.tolerance)
+        if excess <= 1 or budget.is_spent(history):
             break
-        finer = stage.refined(fit, residual.energy, budget.allowed)
+        finer = stage.refined(fit, residual.energy, residual.misfit.rms / excess)
         if finer is None:
             break
         readout, slide = finer.transferred(stage, fit)

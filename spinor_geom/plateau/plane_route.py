@@ -17,6 +17,8 @@ from spinor_geom.mesh.intersections import crossings_between, loop_crossings
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found, FoundAnnulus
 from spinor_geom.plateau.gauss_newton import normals_of
+from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface.frames import spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -50,13 +52,11 @@ def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, c
         frame = _PlaneFrame.across(plane.normal, plane.centroid)
         boundary = frame.boundary(curve)
         surface = frame.surface(PlaneDomain.inside(boundary))
-        distance = _distances(surface, boundary, curve)
         return Found(
             curve=curve,
             surface=surface.to(device),
             matching=_identity(curve),
-            rms=float(np.sqrt(np.mean(distance**2))),
-            max=float(distance.max()),
+            misfit=_misfit(surface, boundary, curve),
             area=float(surface.area()),
             route="plane",
             history=(),
@@ -95,14 +95,13 @@ def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device) -> Foun
     surface = frame.surface(PlaneDomain.inside(outer, holes=(inner,)))
     order = (0, 1) if outer_first else (1, 0)
     pairs = zip(order, (outer, inner), strict=True)
-    distance = np.concatenate([_distances(surface, boundary, rims[number]) for number, boundary in pairs])
+    misfit = Misfit.together([_misfit(surface, boundary, rims[number]) for number, boundary in pairs])
     return FoundAnnulus(
         surface=surface.to(device),
         order=order,
         reverse=bool(reverse),
         matchings=(_identity(rims[order[0]]), _identity(rims[order[1]])),
-        rms=float(np.sqrt(np.mean(distance**2))),
-        max=float(distance.max()),
+        misfit=misfit,
         area=float(surface.area()),
         modulus=None,
         spin="periodic",
@@ -180,10 +179,13 @@ def _parameters(curve: BoundaryCurve, each: int) -> Float[np.ndarray, "m each"]:
     return np.asarray(curve.breaks[:-1, None] + np.diff(curve.breaks)[:, None] * np.arange(each) / each)
 
 
-def _distances(surface: SpinorSurface, boundary: SplineBoundary, curve: BoundaryCurve) -> Float[np.ndarray, " n"]:
-    """Distances between a part of the surface's boundary and its curve, between the vertices."""
-    t = _parameters(curve, _PER_PIECE)[:, 1:].ravel()
-    return np.asarray(np.linalg.norm(surface.position(boundary.point(t)) - curve.point(t), axis=1))
+def _misfit(surface: SpinorSurface, boundary: SplineBoundary, curve: BoundaryCurve) -> Misfit:
+    """Distance between a part of the surface's boundary and its curve, between the vertices."""
+    t = _parameters(curve, _PER_PIECE)[:, 1:]
+    arcs = np.linalg.norm(curve.derivative(t), axis=-1) * np.diff(curve.breaks)[:, None] / t.shape[1]
+    distance = np.linalg.norm(surface.position(boundary.point(t.ravel())) - curve.point(t.ravel()), axis=1)
+    parts = (torch.as_tensor(part.ravel()) for part in (distance, t, arcs))
+    return Misfit.from_distances(*parts, CurveTensors.of(curve, torch.device("cpu")), length=float(arcs.sum()))
 
 
 def _identity(curve: BoundaryCurve) -> Float[np.ndarray, "m 2"]:

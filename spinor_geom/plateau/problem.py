@@ -33,6 +33,10 @@ class TensorCurve(Protocol):
         """Γ(s) and Γ'(s)."""
         ...
 
+    def local_edge(self, s: Float[Tensor, " n"], /) -> Float[Tensor, " n"]:
+        """Mean length of the loop's edge at Γ(s) and its two neighbours; infinite where Γ is through no loop."""
+        ...
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveTensors:
@@ -113,6 +117,16 @@ class CurveTensors:
         """Γ(s) and Γ'(s); s is taken modulo 1."""
         point, first, _ = self.point_and_derivatives(s)
         return point, first
+
+    def local_edge(self, s: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
+        """Mean length of an edge and its two neighbours, for the edge at each parameter of one curve.
+
+        Over three edges, so that a single tiny one among others is not taken for the size of what is to be resolved.
+        """
+        vertices = self.coefficients[-1]
+        edge = (vertices.roll(-1, 0) - vertices).norm(dim=-1)
+        piece = torch.searchsorted(self.breaks, torch.remainder(s, 1.0), right=True) - 1
+        return ((edge.roll(1) + edge + edge.roll(-1)) / 3)[piece.clamp(0, len(edge) - 1)]
 
 
 def _horner(

@@ -17,6 +17,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.evidence import Evidence
+from spinor_geom.plateau.misfit import LOCAL_TOLERANCES, Misfit
 from spinor_geom.plateau.stability import Stability
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
@@ -62,14 +63,45 @@ class BoundaryResidual:
     Attributes:
         rms: root of the mean squared distance by arc length.
         max: largest distance.
+        max_per_local_edge: largest ratio of the distance to the mean length of the loop's three edges beside it.
         mean_edge: mean edge length of the loop.
         diagonal: diagonal of the loop's bounding box.
     """
 
     rms: float
     max: float
+    max_per_local_edge: float
     mean_edge: float
     diagonal: float
+
+    @classmethod
+    def of(cls, misfit: Misfit, *, mean_edge: float, diagonal: float) -> BoundaryResidual:
+        """A misfit in mesh units, of loops of that size."""
+        return cls(
+            rms=misfit.rms,
+            max=misfit.max,
+            max_per_local_edge=misfit.max_per_local_edge,
+            mean_edge=mean_edge,
+            diagonal=diagonal,
+        )
+
+    def verdict(self, tolerance: float, *, steps: int, limit: str) -> tuple[bool, str]:
+        """Whether a tolerance is met, and a sentence that says by how much or why not.
+
+        Args:
+            tolerance: RMS distance in mean loop edges; a hundred times as much is allowed for the largest distance in
+                the edges beside it.
+            steps: that were taken.
+            limit: what keeps the surface from coming nearer, as the end of a sentence.
+        """
+        reached = f"residual {self.rms_per_edge:.1e} of the mean edge after {steps} steps"
+        if not self.rms_per_edge <= tolerance:
+            return False, f"{reached}, above the tolerance {tolerance:.1e}: {limit}"
+        local = LOCAL_TOLERANCES * tolerance
+        if not self.max_per_local_edge <= local:
+            missed = f"a part of the loop is missed by {self.max_per_local_edge:.1e} of its own edges"
+            return False, f"{reached}, but {missed}, above {local:.1e}: {limit}"
+        return True, reached
 
     @property
     def rms_per_edge(self) -> float:
@@ -204,7 +236,8 @@ class PlateauSolution(Shown):
         history: the steps.
         solve_timings: wall time of each stage of the solve, in seconds.
         tolerance: RMS residual per mean edge that was asked for.
-        converged: whether the residual is within the tolerance.
+        converged: whether `boundary_residual.rms_per_edge` is within the tolerance, and `max_per_local_edge` within a
+            hundred times as much.
         reason: one sentence: why the solver stopped.
         evidence: checks that are made when they are first read, as the properties below.
         annulus: what is told of annuli alone; none for disks.

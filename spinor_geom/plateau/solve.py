@@ -119,7 +119,7 @@ def solve_plateau(
         warm_start: whether Levenberg-Marquardt hands the network the p and q of the solution that "auto" finds, with
             its Ω, before it polishes; else it starts from random parameters on the unit disk.
         tolerance: RMS distance of the surface's boundary from Γ, in mean loop edges, below which the result counts as
-            converged.
+            converged, if no part of the loop is missed by more than a hundred times as many of its own edges.
         max_iterations: limit on steps in all; with `all_solutions` on those from each start; between two curves on
             those after the first annulus is found. Training has limits of its own among the optimizer's options.
         unstable: "keep" returns an unstable surface, which is only a critical point of the area, as it was found;

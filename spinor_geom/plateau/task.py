@@ -196,7 +196,12 @@ class Task:
             rim=rim_indices(unit),
             curve=curve,
             options=options.cauchy,
-            budget=Budget(allowed=allowed, max_iterations=options.max_iterations, on_iteration=on_iteration),
+            budget=Budget(
+                allowed=allowed,
+                tolerance=options.tolerance,
+                max_iterations=options.max_iterations,
+                on_iteration=on_iteration,
+            ),
             device=options.device,
             clock=clock,
         )
@@ -314,7 +319,7 @@ class Task:
 
     def _is_near(self, found: Found) -> bool:
         poor = _POOR if self.harmonic.is_promising else _POOR_RAGGED
-        return found.rms <= max(self.network.budget.allowed, poor * self.network.loop.mean_edge_length)
+        return found.misfit.rms <= max(self.network.budget.allowed, poor * self.network.loop.mean_edge_length)
 
     def from_disk(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
         """The minimal disk nearest to a discrete one in the loop's coordinates, saddles included, timed by itself."""
@@ -326,7 +331,7 @@ class Task:
         timed, best = self._timed_anew(history), None
         if not self.loop.corners.any():
             best = next(timed.harmonic.tries_from(self._at_unit_size(disk), self.network.rim), None)
-            if best is not None and best.rms <= self.network.budget.allowed:
+            if best is not None and best.misfit.rms <= self.network.budget.allowed:
                 return timed.solution(best)
         return timed.solution(_nearer(best, timed.network.found_from(self._at_unit_size(disk), history)))
 
@@ -346,15 +351,11 @@ class Task:
         loop, clock = self.loop, self.network.clock
         with clock.stage("surface"):
             surface = found.surface.transform(scale=loop.diagonal, translation=loop.centroid)
-        residual = BoundaryResidual(
-            rms=found.rms * loop.diagonal,
-            max=found.max * loop.diagonal,
-            mean_edge=loop.mean_edge_length,
-            diagonal=loop.diagonal,
+        residual = BoundaryResidual.of(
+            found.misfit.enlarged(loop.diagonal), mean_edge=loop.mean_edge_length, diagonal=loop.diagonal
         )
         tolerance = self.options.tolerance
-        converged = residual.rms_per_edge <= tolerance
-        reached = f"residual {residual.rms_per_edge:.1e} of the mean edge after {len(found.history)} steps"
+        converged, reason = residual.verdict(tolerance, steps=len(found.history), limit=found.limit)
         return PlateauSolution(
             surface=surface,
             rims=(
@@ -373,7 +374,7 @@ class Task:
             solve_timings=dict(clock.seconds),
             tolerance=tolerance,
             converged=converged,
-            reason=reached if converged else f"{reached}, above the tolerance {tolerance:.1e}: {found.limit}",
+            reason=reason,
             # a plane disk is its Ω, whose boundary was found to be simple
             evidence=Evidence(surface=surface, is_plane=found.route == "plane"),
         )
@@ -394,6 +395,6 @@ def sampled_formula(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
 
 def _nearer(best: Found | None, found: Found) -> Found:
     """The one of two disks that is nearer to Γ, with the steps of both."""
-    if best is None or found.rms < best.rms:
+    if best is None or found.misfit.rms < best.misfit.rms:
         return found
     return replace(best, history=found.history)

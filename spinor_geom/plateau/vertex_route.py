@@ -33,6 +33,7 @@ from spinor_geom.mesh.interpolation import places_in_piece, through
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.gauss_newton import gram
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.solution import Iteration
 from spinor_geom.plateau.start import lifted_spinors
 from spinor_geom.surface.formulas import phi
@@ -158,14 +159,19 @@ class VertexSolver:
             shift = points[0] + error[0] - np.asarray(surface.position(place))[0]
             surface.constant.add_(torch.as_tensor(shift, device=self.device))
         length, after = self.loop.edge_lengths, np.roll(error, -1, axis=0)
+        beside = (length + np.roll(length, 1)) / 2
         # of what is linear from point to point: from the surface's boundary to Γ
         squares = (error * error + error * after + after * after).sum(axis=1) / 3
         return Found(
             surface=surface,
             curve=curve,
             matching=np.column_stack([domain.boundary.parameters[:-1], curve.breaks[:-1]]),
-            rms=float(np.sqrt(length @ squares / length.sum())),
-            max=float(np.linalg.norm(error, axis=1).max()),
+            misfit=Misfit(
+                rms=float(np.sqrt(length @ squares / length.sum())),
+                max=float(np.linalg.norm(error, axis=1).max()),
+                max_per_local_edge=float((np.linalg.norm(error, axis=1) / beside).max()),
+                length=curve.length(),
+            ),
             area=told.area,
             route="vertices",
             history=history,

@@ -73,14 +73,14 @@ def measured(surface, curve, steps):
 def test_ellipses(ratio, points):
     solver = harmonic_solver(gallery.ellipse(ratio).sample(points), tolerance=1e-8)
     found = next(solver.tries())
-    assert found.rms < 1e-8 * solver.loop.mean_edge_length
+    assert found.misfit.rms < 1e-8 * solver.loop.mean_edge_length
     assert found.route == ("disk" if ratio == 2 else "unfolded")
     if points == 256:  # a spline of degree 5 or more
         diagonal = np.hypot(2 * ratio, 2)
         assert abs(found.area * diagonal**2 / (np.pi * ratio) - 1) < 1e-8
     rms, largest = measured(found.surface, solver.curve, 8000)
-    assert rms < 1.5 * found.rms + 1e-12
-    assert largest < 1.5 * found.max + 1e-11
+    assert rms < 1.5 * found.misfit.rms + 1e-12
+    assert largest < 1.5 * found.misfit.max + 1e-11
 
 
 @pytest.mark.parametrize(
@@ -188,11 +188,11 @@ def test_reported_residual_of_random_curves_is_the_measured_one():
         found_some += 1
         assert len(found.history) <= 25
         rms, largest = measured(found.surface, solver.curve, 8 * len(found.matching))
-        if found.rms <= solver.allowed:
-            assert abs(rms / found.rms - 1) < 0.01, seed
-            assert abs(largest / found.max - 1) < 0.02, seed
+        if found.misfit.rms <= solver.allowed:
+            assert abs(rms / found.misfit.rms - 1) < 0.01, seed
+            assert abs(largest / found.misfit.max - 1) < 0.02, seed
         # what is far from Γ is not projected on the part of it that is nearest
-        assert found.rms / 2 < rms < 1.5 * found.rms, seed
+        assert found.misfit.rms / 2 < rms < 1.5 * found.misfit.rms, seed
     assert found_some >= 12
 
 

@@ -59,8 +59,8 @@ def test_p_and_q_of_a_known_surface_come_back_up_to_their_sign(form, coefficient
     curve, disk = exact_disk(form, known)
     lift = lifted(disk, form, curve, allowed=1e-8)
     assert isinstance(lift.model, PowerSeries if form is DISK else CauchyInterpolant)
-    assert lift.rms < 1e-9
-    assert lift.rms <= lift.max
+    assert lift.misfit.rms < 1e-9
+    assert lift.misfit.rms <= lift.misfit.max
     z = known.domain.triangulation.points * 0.99
     found, expected = lift.model.value(torch.tensor(z)).detach().numpy(), known.spinors(z)
     sign = np.sign((found * np.conj(expected)).sum().real)
@@ -80,7 +80,7 @@ def test_null_curve_is_the_surface_at_the_nodes_and_between_them(form):
     z, dz, _ = form.boundary.grid(512)
     assert np.abs(surface.position(z) - lift.null_curve.real.numpy()).max() < 1e-10
     gap = lift.null_curve.real - curve.point_and_derivative(lift.slide)[0]
-    assert abs(float(gap.norm(dim=1).max()) - lift.max) < 1e-14
+    assert abs(float(gap.norm(dim=1).max()) - lift.misfit.max) < 1e-14
     # d/dt of the null curve is φ dz/dt
     p, q = torch.tensor(surface.spinors(z)).unbind(-1)
     velocity = phi(p, q).numpy() * dz[:, None]
@@ -145,9 +145,9 @@ def test_distance_from_the_curve_is_measured_on_the_surface_itself(n):
     distance = np.linalg.norm(r - exact.point(exact.nearest(r)), axis=1)
     rms = np.sqrt(np.average(distance**2, weights=np.linalg.norm(r - np.roll(r, 1, axis=0), axis=1)))
     # far more than rounding: the nodes do not resolve the noise
-    assert lift.rms > 1e-5
-    assert abs(rms / lift.rms - 1) < 0.1
-    assert abs(distance.max() / lift.max - 1) < 0.2
+    assert lift.misfit.rms > 1e-5
+    assert abs(rms / lift.misfit.rms - 1) < 0.1
+    assert abs(distance.max() / lift.misfit.max - 1) < 0.2
     assert abs(surface.area() / lift.area - 1) < 1e-5
 
 
@@ -155,9 +155,9 @@ def test_corrections_bring_the_surface_nearer_and_end_where_it_is_near_enough():
     form = form_of(ellipse(2.0), 128)
     curve, disk = rough_disk(form, 320)
     first, best = (lifted(disk, form, curve, allowed=allowed) for allowed in (np.inf, 0.0))
-    assert best.rms < first.rms
-    between = lifted(disk, form, curve, allowed=2 * best.rms)
-    assert best.rms <= between.rms <= 2 * best.rms
+    assert best.misfit.rms < first.misfit.rms
+    between = lifted(disk, form, curve, allowed=2 * best.misfit.rms)
+    assert best.misfit.rms <= between.misfit.rms <= 2 * best.misfit.rms
 
 
 def test_more_nodes_bring_the_surface_nearer():
@@ -165,7 +165,7 @@ def test_more_nodes_bring_the_surface_nearer():
     distances = []
     for n in (160, 320, 640, 1280):
         curve, disk = rough_disk(form, n)
-        distances.append(lifted(disk, form, curve, allowed=0.0).rms)
+        distances.append(lifted(disk, form, curve, allowed=0.0).misfit.rms)
     assert distances[-1] < 0.05 * distances[0]
     assert (np.diff(distances) < 0).all()
 

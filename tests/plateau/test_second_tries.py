@@ -53,7 +53,7 @@ def poor_tries(factor):
 
     def poor(self):
         for found in tries(self):
-            yield replace(found, rms=factor * found.rms, max=factor * found.max)
+            yield replace(found, misfit=found.misfit.enlarged(factor))
 
     return poor
 

@@ -10,6 +10,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.problem import CurveTensors
+
 # points that the bounding box of a curve is taken from
 _POINTS = 1024
 
@@ -67,6 +70,12 @@ class CurveAsTensors:
         # the value is exact, and the gradient that of the curve: s − s is 0 with derivative 1
         step = (s - s.detach())[..., None]
         return value + step * first, first + step * second
+
+    def local_edge(self, s: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        """Mean length of the loop's edge at Γ(s) and its two neighbours; infinite where Γ is through no loop."""
+        if not isinstance(self.curve, BoundaryCurve):
+            return torch.full_like(s, torch.inf)
+        return self.scale * CurveTensors.of(self.curve, s.device).local_edge(s)
 
     def _at(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
         t = _parameters(s)

@@ -16,8 +16,8 @@ from torch import Tensor
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network import interpolate_matching
-from spinor_geom.plateau.residual import passed_over
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.training.boundary import BoundaryNodes, Placed, placed, with_constant
 from spinor_geom.plateau.training.curve import ClosedCurve, CurveAsTensors
@@ -96,14 +96,6 @@ def train_by_levenberg_marquardt(
         training = _Training.of(curve, start, options or LevenbergMarquardt(), torch.device(device), on_step=on_step)
         pairs = np.array([[0.0, 0.0]]) if matching is None else np.asarray(matching)
         return training.run(start, pairs)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Told:
-    """Root of the mean squared distance between boundary and Γ, and the largest, at the scale of the network."""
-
-    rms: float
-    max: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -197,13 +189,12 @@ class _Training:
     def _slide(self, matching: Float[np.ndarray, "n 2"], nodes: BoundaryNodes) -> Float[Tensor, " n"]:
         return torch.as_tensor(interpolate_matching(matching, nodes.t.cpu().numpy()), device=self.device)
 
-    def _told(self, matching: Float[np.ndarray, "n 2"], count: int) -> _Told:
+    def _told(self, matching: Float[np.ndarray, "n 2"], count: int) -> Misfit:
         """The boundary between the nodes, both ways: what of Γ it passes over counts too."""
         dense = BoundaryNodes.on(self.domain, _POINTS_PER_NODE * count, self.device)
         with torch.no_grad():
             near = placed(dense, self.network.value(dense.z), self._slide(matching, dense), self.curve)
-        passed = passed_over(near.position, near.slide, near.error, self.curve)
-        return _Told(rms=(near.rms**2 + passed.mean_square) ** 0.5, max=max(near.max, passed.max))
+        return Misfit.of(near.position, near.slide, self.curve)
 
     def _hear(self, method: Literal["distillation", "polishing"], loss: float) -> None:
         step = TrainingStep(
@@ -217,7 +208,7 @@ class _Training:
         if self.on_step is not None:
             self.on_step(step)
 
-    def _trained(self, nodes: BoundaryNodes, near: Placed, told: _Told, matching: Float[np.ndarray, "n 2"]) -> Trained:
+    def _trained(self, nodes: BoundaryNodes, near: Placed, told: Misfit, matching: Float[np.ndarray, "n 2"]) -> Trained:
         scale = self.curve.scale
         to_space = torch.eye(2, dtype=torch.complex128, device=self.device) / scale**0.5
         surface = SpinorSurface(self.network, self.domain, spinor_map=to_space).to(self.device)
@@ -229,8 +220,7 @@ class _Training:
         return Trained(
             surface=surface,
             matching=matching,
-            rms=told.rms / scale,
-            max=told.max / scale,
+            misfit=told.enlarged(1 / scale),
             diagonal=self.curve.diagonal / scale,
             history=tuple(self.history),
             status=status,

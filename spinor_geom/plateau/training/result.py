@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
@@ -42,8 +43,7 @@ class Trained:
         surface: the surface; a `WeierstrassSurface` only where that was asked for. After a divergence it is that of the
             last good epoch.
         matching: (n, 2), increasing pairs (t, s): parameters of ∂Ω and of Γ.
-        rms: root of the mean squared distance of its boundary from Γ, on points that were not trained on.
-        max: largest distance.
+        misfit: distance between its boundary and Γ, on points that were not trained on.
         diagonal: of the bounding box of Γ.
         history: the steps.
         status: "converged": the tolerance was met; "finished": all steps were done; "stopped": steps helped no more;
@@ -54,8 +54,7 @@ class Trained:
 
     surface: SpinorSurface | WeierstrassSurface
     matching: Float[np.ndarray, "n 2"]
-    rms: float
-    max: float
+    misfit: Misfit
     diagonal: float
     history: tuple[TrainingStep, ...]
     status: Status
@@ -64,10 +63,10 @@ class Trained:
 
     @property
     def max_per_diagonal(self) -> float:
-        """`max` in diagonals of Γ."""
-        return self.max / self.diagonal
+        """Largest distance in diagonals of Γ."""
+        return self.misfit.max / self.diagonal
 
     @property
     def rms_per_diagonal(self) -> float:
-        """`rms` in diagonals of Γ."""
-        return self.rms / self.diagonal
+        """RMS distance in diagonals of Γ."""
+        return self.misfit.rms / self.diagonal

@@ -22,6 +22,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.errors import OptionError, StorageError
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.training.checkpoint import read_checkpoint, write_checkpoint
 from spinor_geom.plateau.training.curve import ClosedCurve, CurveAsTensors
 from spinor_geom.plateau.training.homeomorphism import CircleHomeomorphism
@@ -229,7 +230,7 @@ class _Training:
                 index=index,
                 method="rmsprop",
                 loss=loss,
-                boundary_error=self._boundary_error()[0],
+                boundary_error=self._misfit().max,
                 seconds=seconds,
             )
             self.history.append(step)
@@ -293,18 +294,29 @@ class _Training:
             best = min(best, step.loss) if since == 0 else best
         return since >= self.options.patience
 
-    def _boundary_error(self) -> tuple[float, float]:
-        """Largest and RMS distance between the boundary and Γ, both ways: neither passes over a part of the other."""
+    def _misfit(self) -> Misfit:
+        """Distance between the boundary and Γ, the larger of both ways: neither passes over a part of the other."""
         t = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=self.device) / _BOUNDARY_POINTS
         with torch.no_grad():
             r = self.boundary.point_and_velocity(t)[0].cpu().numpy()
         if not np.isfinite(r).all():
-            return math.inf, math.inf
+            return Misfit(rms=math.inf, max=math.inf, max_per_local_edge=math.inf, length=math.nan)
         dense = np.arange(_CURVE_POINTS) / _CURVE_POINTS
         gamma = self.curve.curve.point(dense)
         polygon = np.column_stack([np.interp(dense, np.append(t.cpu().numpy(), 1.0), np.append(x, x[0])) for x in r.T])
-        away = np.concatenate([cKDTree(gamma).query(r)[0], cKDTree(polygon).query(gamma)[0]])
-        return float(away.max()), float(np.sqrt(np.mean(away[:_BOUNDARY_POINTS] ** 2)))
+        arcs, length = _arcs(gamma), float(_arcs(gamma).sum())
+        to_curve, nearest = cKDTree(gamma).query(r)
+        to_boundary = cKDTree(polygon).query(gamma)[0]
+        ways = [
+            Misfit.from_distances(*(torch.as_tensor(part) for part in way), self.curve, length=length)
+            for way in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs))
+        ]
+        return Misfit(
+            rms=max(way.rms for way in ways),
+            max=max(way.max for way in ways),
+            max_per_local_edge=max(way.max_per_local_edge for way in ways),
+            length=length,
+        )
 
     # --- state --------------------------------------------------------------------------------------------------------
 
@@ -386,7 +398,7 @@ class _Training:
                 surface.constant.add_(boundary.constant - away)
         else:
             surface = WeierstrassSurface(boundary.network, domain, boundary.constant)
-        largest, rms = self._boundary_error()
+        misfit = self._misfit()
         t = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=self.device) / _BOUNDARY_POINTS
         with torch.no_grad():
             slide = self._slide(t)
@@ -399,12 +411,17 @@ class _Training:
         return Trained(
             surface=surface,
             matching=np.column_stack([t.cpu().numpy(), slide.cpu().numpy()]),
-            rms=rms,
-            max=largest,
+            misfit=misfit,
             diagonal=self.curve.diagonal,
             history=tuple(self.history),
             status=status,
-            reason=f"{reasons[status]}; largest distance from the curve {largest / self.curve.diagonal:.1e} of its "
+            reason=f"{reasons[status]}; largest distance from the curve {misfit.max / self.curve.diagonal:.1e} of its "
             f"diagonal after {len(self.history)} epochs",
             seconds=seconds,
         )
+
+
+def _arcs(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Length of a closed sequence of points around each."""
+    chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    return np.asarray((chords + np.roll(chords, 1)) / 2)

@@ -74,7 +74,7 @@ def test_the_result_tells_its_steps_and_its_distance(solutions):
     assert (np.diff(losses) <= 0).all()
     assert losses[-1] < 1e-5 * losses[0]
     assert (np.diff([step.seconds for step in heard]) >= 0).all()
-    assert result.rms < result.max < 1.1 * distance(result.surface, solution.curve, 2048)
+    assert result.misfit.rms < result.misfit.max < 1.1 * distance(result.surface, solution.curve, 2048)
     assert (np.diff(result.matching, axis=0) > 0).all()
 
 
@@ -140,16 +140,16 @@ def test_a_finger_of_the_curve_that_the_boundary_passes_over_counts():
     options = LevenbergMarquardt(nodes=16, polishing_steps=0, tolerance=1e-3)
     result = train_by_levenberg_marquardt(Fingered(), start=disk, options=options)
     assert result.status == "stopped"
-    assert 0.8 * height < result.max < 1.01 * height
+    assert 0.8 * height < result.misfit.max < 1.01 * height
     plain = train_by_levenberg_marquardt(gallery.curves.ellipse(1.0), start=disk, options=options)
-    assert plain.max < 1e-3 * plain.diagonal
+    assert plain.misfit.max < 1e-3 * plain.diagonal
 
 
 def test_networks_that_are_too_small_stop_with_the_reason(solutions):
     result = trained(solutions["tennis seam"], depth=1, width=1, distillation_steps=5, polishing_steps=5)
     assert result.status == "stopped"
     assert "wider network" in result.reason
-    assert np.isfinite(result.max)
+    assert np.isfinite(result.misfit.max)
 
 
 def test_polishing_brings_a_rough_fit_nearer(solutions):

@@ -11,6 +11,7 @@ from spinor_geom.gallery import curves
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.training import RMSprop, rmsprop, train_by_rmsprop
 from spinor_geom.plateau.training.rays import FORMS
+from spinor_geom.plateau.training.rmsprop import _Training
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
@@ -40,7 +41,7 @@ def test_the_boundary_comes_near_to_the_curve(homeomorphism, whole):
     assert len(result.history) == SMALL.epochs
     losses = [step.loss for step in result.history]
     assert losses[-1] < 0.05 * losses[0]
-    assert result.max == result.history[-1].boundary_error < 0.25 * result.history[0].boundary_error
+    assert result.misfit.max == result.history[-1].boundary_error < 0.25 * result.history[0].boundary_error
     assert isinstance(result.surface, SpinorSurface)
     assert (np.diff(result.matching, axis=0) > 0).all()
 
@@ -51,8 +52,22 @@ def test_the_told_distance_is_that_of_the_surface(whole):
     gamma = CURVE.point(np.arange(4096) / 4096)
     away = np.linalg.norm(r[:, None] - gamma, axis=-1).min(axis=1)
     # the trapezoidal rule in training, and the exact surface here
-    assert away.max() <= whole.max + 0.01 * whole.diagonal
-    assert abs(np.sqrt(np.mean(away**2)) - whole.rms) < 0.01 * whole.diagonal
+    assert away.max() <= whole.misfit.max + 0.01 * whole.diagonal
+    assert abs(np.sqrt(np.mean(away**2)) - whole.misfit.rms) < 0.01 * whole.diagonal
+
+
+def test_a_surface_that_has_collapsed_to_a_point_of_the_curve_is_far_from_it():
+    training = _Training.of(CURVE, SMALL, torch.device("cpu"))
+    with torch.no_grad():
+        for parameter in training.boundary.network.parameters():
+            parameter.zero_()
+        training.boundary.constant.copy_(torch.tensor(CURVE.point(np.array(0.0))))
+    told = training._trained("finished", 0.0)
+    gamma = CURVE.point(np.arange(4096) / 4096)
+    away = np.linalg.norm(gamma - CURVE.point(np.array(0.0)), axis=1)
+    speed = np.linalg.norm(CURVE.derivative(np.arange(4096) / 4096), axis=1)
+    assert told.misfit.rms == pytest.approx(np.sqrt(speed @ away**2 / speed.sum()), rel=1e-3)
+    assert told.misfit.max == pytest.approx(away.max(), rel=1e-3)
 
 
 def test_splines_are_curves_too():
@@ -137,7 +152,7 @@ def test_divergence_is_a_status_and_the_surface_is_finite(learning_rate):
     assert len(result.history) < 50
     assert all(np.isfinite(step.loss) for step in result.history)
     assert np.isfinite(result.surface.position(np.array([0.5j, 1.0]))).all()
-    assert np.isfinite(result.max)
+    assert np.isfinite(result.misfit.max)
 
 
 def test_it_stops_early_where_nothing_helps():
@@ -153,7 +168,7 @@ def test_weierstrass_enneper_is_trained_the_same_way():
     t = np.arange(512) / 512
     r = result.surface.position(np.exp(2j * np.pi * t))
     gamma = CURVE.point(np.arange(4096) / 4096)
-    assert np.linalg.norm(r[:, None] - gamma, axis=-1).min(axis=1).max() <= result.max + 0.01 * result.diagonal
+    assert np.linalg.norm(r[:, None] - gamma, axis=-1).min(axis=1).max() <= result.misfit.max + 0.01 * result.diagonal
 
 
 @pytest.mark.parametrize("name", FORMS)

@@ -1,0 +1,136 @@
+"""The distance between a surface's boundary and Γ, in one definition for every route."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from spinor_geom.plateau.problem import TensorCurve
+
+# No part of a loop may be missed by more than so many tolerances of its own edges: a tenth of them at 1e-3. Noisy and
+# narrow loops that are met everywhere stay below half of that; a finger that is passed over is missed by several edges.
+LOCAL_TOLERANCES = 100.0
+# A piece of Γ so many times longer than the step of the boundary beside it is passed over; points it is seen at.
+_PASSED_OVER, _POINTS_PASSED = 1.5, 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Misfit:
+    """Distance between a surface's boundary and Γ.
+
+    The mean is by arc length, of Γ or of the boundary, whichever is longer beside each point: a boundary that passes
+    over a part of Γ counts as far from it as one that runs off, and one that has collapsed is not near.
+
+    Attributes:
+        rms: root of the mean squared distance.
+        max: largest distance.
+        max_per_local_edge: largest ratio of the distance to the mean length of the loop's three edges beside it.
+        length: of Γ.
+    """
+
+    rms: float
+    max: float
+    max_per_local_edge: float
+    length: float
+
+    @classmethod
+    def of(cls, r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: TensorCurve) -> Misfit:
+        """The misfit at points of the boundary and, where Γ is much longer than it, at points of Γ between them.
+
+        Args:
+            r: closed sequence of points of the boundary.
+            slide: the parameters of the points of Γ near each, increasing by 1 in one turn.
+            curve: Γ.
+        """
+        point, tangent = curve.point_and_derivative(slide)
+        step, chord = torch.diff(slide, append=slide[:1] + 1), r.roll(-1, 0) - r
+        distance, speed = (r - point).norm(dim=-1), tangent.norm(dim=-1)
+        arc = step * (speed + speed.roll(-1)) / 2
+        over = step * torch.maximum(speed, speed.roll(-1)) > _PASSED_OVER * chord.norm(dim=-1) + distance
+        span = torch.maximum(arc, chord.norm(dim=-1)).where(~over, 0.0)
+        passed = _passed_over(r, slide, over.nonzero()[:, 0], curve)
+        where, missed = torch.cat([slide, passed.slide]), torch.cat([distance, passed.distance])
+        weights = torch.cat([(span + span.roll(1)) / 2, passed.weights])
+        return cls.from_distances(missed, where, weights, curve, length=float(arc.sum()))
+
+    @classmethod
+    def from_distances(
+        cls,
+        distance: Float[Tensor, " k"],
+        slide: Float[Tensor, " k"],
+        weights: Float[Tensor, " k"],
+        curve: TensorCurve,
+        *,
+        length: float,
+    ) -> Misfit:
+        """The misfit of distances from Γ at parameters that stand for so much arc length each."""
+        return cls(
+            rms=(float(weights @ distance.square()) / length) ** 0.5,
+            max=float(distance.max()),
+            max_per_local_edge=float((distance / curve.local_edge(slide)).max()),
+            length=length,
+        )
+
+    @classmethod
+    def together(cls, parts: Sequence[Misfit]) -> Misfit:
+        """The misfit of several rims."""
+        length = sum(part.length for part in parts)
+        return cls(
+            rms=(sum(part.length * part.rms**2 for part in parts) / length) ** 0.5,
+            max=max(part.max for part in parts),
+            max_per_local_edge=max(part.max_per_local_edge for part in parts),
+            length=length,
+        )
+
+    def excess(self, *, allowed: float, tolerance: float) -> float:
+        """How many times farther from Γ than it may be: 1 or less where the tolerance is met.
+
+        Args:
+            allowed: RMS distance.
+            tolerance: that in mean edges of the loop; no part of it may be missed by more than `LOCAL_TOLERANCES` of
+                them in its own edges.
+        """
+        return max(self.rms / allowed, self.max_per_local_edge / (LOCAL_TOLERANCES * tolerance))
+
+    def enlarged(self, scale: float) -> Misfit:
+        """That of a surface and a curve `scale` times as large."""
+        return replace(self, rms=scale * self.rms, max=scale * self.max, length=scale * self.length)
+
+    def and_astray(self, distance: float) -> Misfit:
+        """That of a surface which is so far, as RMS, from the boundary that was measured."""
+        return replace(self, rms=float(np.hypot(self.rms, distance)), max=max(self.max, distance))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _PassedOver:
+    """Points of Γ on the parts that a boundary near to it leaves out, their distances from it, and arc lengths."""
+
+    slide: Float[Tensor, " k"]
+    distance: Float[Tensor, " k"]
+    weights: Float[Tensor, " k"]
+
+
+def _passed_over(
+    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], over: Int[Tensor, " j"], curve: TensorCurve
+) -> _PassedOver:
+    """The parts of Γ beside pieces of the boundary that are much shorter.
+
+    The boundary's points tell how far it is from Γ. Where Γ has a finger that ∂Ω does not resolve the boundary passes
+    over that, near to Γ everywhere.
+    """
+    start, end, step = r[over], r.roll(-1, 0)[over], torch.diff(slide, append=slide[:1] + 1)[over]
+    share = (torch.arange(_POINTS_PASSED, dtype=step.dtype, device=step.device) + 0.5) / _POINTS_PASSED
+    parameters = (slide[over, None] + step[:, None] * share).flatten()
+    point, tangent = curve.point_and_derivative(parameters)
+    beside = (end - start)[:, None]
+    away = point.reshape(len(over), _POINTS_PASSED, 3) - start[:, None]
+    # a boundary that has collapsed has no direction
+    along = (away * beside).sum(-1) / beside.square().sum(-1).clamp_min(torch.finfo(step.dtype).tiny)
+    missed = (away - along.clamp(0, 1)[..., None] * beside).norm(dim=-1)
+    arcs = step[:, None] / _POINTS_PASSED * tangent.norm(dim=-1).reshape(len(over), _POINTS_PASSED)
+    return _PassedOver(slide=parameters, distance=missed.flatten(), weights=arcs.flatten())
