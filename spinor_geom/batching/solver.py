@@ -76,7 +76,7 @@ def _work(
             reason = f"{source.path}: cannot be read ({error.strerror or error}); check the access rights"
             _commit(store, source, failure(source.key, reason), {}, tell)
     loops = [loop for _, file in opened for loop in wanted(file)]
-    answers = minimal_surfaces(loops, [None] * len(loops), fill_options(options), device=options.device)
+    answers = minimal_surfaces(loops, fill_options(options), device=options.device)
     for source, file in opened:
         results = results_of(file, _told(answers, source, tell))
         _commit(store, source, results.record, results.files, tell)

@@ -12,8 +12,9 @@ from pathlib import Path
 from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 
-EPILOG = """exit status: 0 every requested loop was filled within the tolerance and no patch crosses itself, the mesh or
-another patch, 1 some were not or do (they are named on standard error), 2 the arguments or the input cannot be used"""
+EPILOG = """exit status: 0 every requested loop was closed and no patch crosses itself, the mesh or another patch, 1
+some were not or do, or with --strict some are discrete or not within the tolerance (all of these are named on standard
+error), 2 the arguments or the input cannot be used"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -85,7 +86,8 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         metavar="N[,N…]",
         type=_places,
         action="extend",
-        help="only these holes, as numbered by 'spinor-geom loops'; may be repeated (default: all)",
+        help="only these holes, as numbered by 'spinor-geom loops', borders of sheets too; may be repeated (default: "
+        "all holes)",
     )
     which.add_argument(
         "--bridge",
@@ -113,6 +115,19 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         type=_positive,
         default=1e-3,
         help="RMS boundary residual per mean edge of the loop (default: %(default)s)",
+    )
+    fill.add_argument(
+        "--time-limit",
+        metavar="S",
+        type=_positive,
+        default=20.0,
+        help="seconds for the exact surface of each loop, after which it is closed by a discrete one (default: "
+        "%(default)g)",
+    )
+    fill.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit with 1 too where a loop is closed by a discrete surface or not within the tolerance",
     )
     fill.add_argument("--merge", action="store_true", help="first merge vertices of equal position (STL files need it)")
     fill.add_argument("--report", metavar="JSON", type=Path, help="write a report")

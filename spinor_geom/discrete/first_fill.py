@@ -93,6 +93,22 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
     return np.concatenate(triangles)
 
 
+def spanning_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "t 3"]:
+    """Triangles without inner vertices over a closed curve of any length, oriented like it.
+
+    They are of least area up to 200 points. Longer curves are thinned to so many for the largest triangles; each part
+    between two of these points is spanned likewise.
+    """
+    kept = _thinned(points)
+    faces = [kept[minimum_area_triangulation(points[kept])]]
+    if len(kept) < len(points):
+        for first, last in zip(kept, np.append(kept[1:], len(points) + kept[0]), strict=True):
+            part = np.arange(first, last + 1) % len(points)
+            if len(part) > 2:
+                faces.append(part[spanning_triangulation(points[part])])
+    return np.concatenate(faces)
+
+
 def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
     m = len(points)
     if m <= _LONGEST:
