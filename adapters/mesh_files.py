@@ -20,7 +20,7 @@ from spinor_geom.adapters.ply import encode_ply, read_ply
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
-from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError
+from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -90,15 +90,6 @@ class MeshFile(Shown):
     def polylines(self) -> tuple[Int[np.ndarray, " _"], ...]:
         """The curves in the file, (k,) vertex indices each; a closed one ends with the vertex it begins with."""
         return self.contents.polylines
-
-    def with_own_face_numbers(self, error: MeshError) -> MeshError:
-        """An error about faces of `mesh`, with the numbers that the file's polygons have (from 0)."""
-        own = {}
-        if "face" in error.fields:
-            own["face"] = int(self.face_polygons[error.fields["face"]])
-        if "faces" in error.fields:
-            own["faces"] = self.face_polygons[list(error.fields["faces"])].tolist()
-        return type(error)(**{**error.fields, **own}) if own else error
 
     def extended(self, extension: MeshExtension) -> MeshFile:
         """The file with new vertices and faces after its own; this object stays as it is.

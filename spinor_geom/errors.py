@@ -50,6 +50,17 @@ class NonFiniteVertexError(MeshError):
         )
 
 
+class NoFacesError(MeshError):
+    """Points without faces have no holes."""
+
+    def __init__(self, *, vertices: int) -> None:
+        super().__init__(
+            f"the mesh has {vertices} vertices and no faces, so it has no holes; make faces first, or span a closed "
+            "curve of points with solve_plateau",
+            vertices=vertices,
+        )
+
+
 class DegenerateFaceError(MeshError):
     """A face uses one vertex more than once."""
 
@@ -350,6 +361,19 @@ class OptionError(SpinorGeomError, ValueError):
     """An option has a value that is not allowed."""
 
 
+class TooManyPointsError(OptionError):
+    """An edge length asks for more vertices than fit into memory."""
+
+    def __init__(self, *, target: float, area: float, points: float, most: int) -> None:
+        super().__init__(
+            f"patches with edges of {target:.6g} would need about {points:.1e} vertices for an area of {area:.6g}, "
+            f"more than {most:.0e}; give a longer target_edge_length (--edge-length), in mesh units",
+            target=target,
+            area=area,
+            points=points,
+        )
+
+
 class StorageError(SpinorGeomError):
     """A saved surface cannot be read."""
 
@@ -363,6 +387,10 @@ class ZeroOnContourError(SpinorGeomError):
             "use a slightly larger or smaller domain",
             z=z,
         )
+
+
+class ImperfectFillWarning(UserWarning):
+    """Holes that were asked for stay open, are closed by a discrete surface or not within the tolerance, or cross."""
 
 
 # --- adapters and files -----------------------------------------------------------------------------------------------

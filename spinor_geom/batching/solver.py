@@ -66,7 +66,7 @@ def _work(
             # of the disk or the rights, which may be others when the batch is resumed
             _commit(store, source, failure(source.key, reason, status="fault"), {}, tell)
     loops = [loop for _, file in opened for loop in wanted(file)]
-    answers = minimal_surfaces(loops, [None] * len(loops), fill_options(options), device=options.device)
+    answers = minimal_surfaces(loops, fill_options(options), device=options.device)
     for source, file in opened:
         results = results_of(file, _told(answers, source, tell))
         _commit(store, source, results.record, results.files, tell)

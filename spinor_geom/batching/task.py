@@ -41,6 +41,7 @@ Writer: TypeAlias = Callable[[Path], None]
 
 # Points of an outline in a record: enough for a thumbnail.
 OUTLINE_POINTS = 48
+FIGURES = ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability")
 LONGEST_LABEL = 60
 COPIED_AT_ONCE = 1 << 20
 # Fourth powers of lengths have to be numbers.
@@ -202,10 +203,10 @@ def _solved(
 ) -> tuple[list[dict[str, Any]], MeshExtension]:
     """An entry for every loop; what is written of them joins the files."""
     mesh, holes = opened.mesh.mesh, opened.holes
-    all_answers: Iterator[Answer] = (next(answers) if loop.error is None else loop.error for loop in opened.loops)
     options = fill_options(opened.options)
     rims = [hole.loop for hole in holes if hole.loop is not None]
-    outcomes, patches = fill_loops(mesh, rims, [None] * len(rims), all_answers, opened.taken, options)
+    refusals = {place: hole.error for place, hole in enumerate(holes) if hole.error is not None}
+    outcomes, patches = fill_loops(mesh, rims, answers, opened.taken, options, refusals=refusals)
     of_place = {patch.place: patch for patch in patches}
     entries = [
         _solved_entry(opened, place, outcome, of_place.get(place), files) for place, outcome in enumerate(outcomes)
@@ -215,11 +216,10 @@ def _solved(
         # curves have nothing to do with the faces, nor with each other
         mesh = TriangleMesh(mesh.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=mesh.vertex_attributes)
     for place, curve in enumerate(opened.loops[len(holes) :], start=len(holes)):
-        if curve.loop is None:
-            next(all_answers)
+        if curve.loop is None or curve.error is not None:
             entries.append(_entry(opened, place, "failed", str(curve.error)))
             continue
-        (outcome,), own = fill_loops(mesh, [curve.loop], [None], all_answers, RimEdges(mesh, []), options)
+        (outcome,), own = fill_loops(mesh, [curve.loop], answers, RimEdges(mesh, []), options)
         entries.append(_solved_entry(opened, place, outcome, own[0] if own else None, files))
     return entries, extension
 
@@ -284,13 +284,12 @@ def _solved_entry(
     entry["notes"] += outcome.notes
     # "solve" is the time until the surface was there, which may have been solved with others before
     entry["seconds"] = {name: seconds for name, seconds in outcome.timings.items() if name not in ("solve", "total")}
-    solution = outcome.solution
+    solution, figures = outcome.solution, outcome.to_dict()
+    entry |= {key: figures[key] for key in FIGURES}
     if solution is not None:
-        figures = outcome.to_dict()
-        entry |= {key: figures[key] for key in ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability")}
         entry["route"] = solution.route
         entry["seconds"] |= {f"solve.{name}": seconds for name, seconds in solution.timings.items()}
-    if piece is None or solution is None:
+    if piece is None:
         return entry
     entry |= {
         "patch_vertices": len(piece.patch.vertices),
@@ -301,6 +300,8 @@ def _solved_entry(
     }
     entry["files"]["patch"] = name = _file_name(opened, place, opened.options.format)
     files[name] = partial(_write_mesh, _patch_contents(opened, piece))
+    if solution is None:
+        return entry
     if opened.options.what == "surface":
         entry["files"]["surface"] = name = _file_name(opened, place, "safetensors")
         files[name] = solution.surface.save

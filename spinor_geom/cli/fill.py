@@ -13,7 +13,6 @@ from spinor_geom.cli.source import read_surface
 from spinor_geom.errors import MeshFileError, SpinorGeomError
 from spinor_geom.files import write_json
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import LoopChoice
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.optional import require
 
@@ -46,12 +45,14 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 
         filled, result = fill_hole(
             mesh,
-            _choice(arguments),
+            "all" if arguments.loop is None else arguments.loop,
+            bridge=arguments.bridge,
             islands=arguments.islands,
             keep_largest=arguments.keep_largest,
             max_perimeter=arguments.max_perimeter,
             target_edge_length=edge_length,
             tolerance=arguments.tolerance,
+            time_limit=arguments.time_limit,
             return_report=True,
             on_loop=on_loop,
         )
@@ -67,14 +68,8 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         draw(result, arguments.picture)
     if arguments.html is not None:
         write_page(result, arguments.html, comparisons)
-    return ExitStatus.DONE if result.complete and result.intersection_free else ExitStatus.IMPERFECT
-
-
-def _choice(arguments: argparse.Namespace) -> LoopChoice:
-    if arguments.bridge is not None:
-        return tuple(arguments.bridge)
-    places: list[int] | None = arguments.loop
-    return "all" if places is None else places
+    good = result.closed and result.intersection_free and (result.complete or not arguments.strict)
+    return ExitStatus.DONE if good else ExitStatus.IMPERFECT
 
 
 def require_format(path: Path) -> None:
@@ -137,12 +132,8 @@ def show_result(result: FillResult) -> None:
         f"{'watertight' if result.watertight else 'not watertight'}, {result.timings['total']:.1f} s",
         piped=False,
     )
-    for outcome in result.loops:
-        if outcome.requested and not outcome.converged:
-            state = "filled, but not within the tolerance" if outcome.filled else "not filled"
-            complain(f"loop {outcome.index} ({len(outcome.loop)} vertices) {state}: {outcome.reason}")
-        for note in outcome.notes:
-            complain(f"loop {outcome.index} ({len(outcome.loop)} vertices): {note}")
+    for said in result.shortcomings:
+        complain(said)
 
 
 def row(outcome: LoopOutcome) -> list[str]:
@@ -163,9 +154,9 @@ def row(outcome: LoopOutcome) -> list[str]:
 
 
 def _state(outcome: LoopOutcome) -> str:
-    if outcome.filled:
-        return "yes" if outcome.joined_to is None else f"joined to {outcome.joined_to}"
-    return "no" if outcome.requested else "left open"
+    if outcome.joined_to is not None and outcome.filled:
+        return f"joined to {outcome.joined_to}"
+    return outcome.kind or ("border" if outcome.is_border else "no" if outcome.requested else "left open")
 
 
 def draw(result: FillResult, path: Path) -> None:

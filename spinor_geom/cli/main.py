@@ -16,9 +16,9 @@ from spinor_geom.experiments import NAMES as EXPERIMENTS
 EPILOG = """exit status: 0 all was done as asked, 1 it was done, but some of it deserves a look and is named on standard
 error, 2 the arguments or the input cannot be used, or a file not be written, 130 interrupted; what 0 and 1 mean for a
 command stands in its own help"""
-FILL_EPILOG = """exit status: 0 every requested loop was filled within the tolerance and no patch crosses itself, the
-mesh or another patch, 1 some were not or do (they are named on standard error), 2 the arguments or the input cannot be
-used, or a file not be written"""
+FILL_EPILOG = """exit status: 0 every requested loop was closed and no patch crosses itself, the mesh or another patch,
+1 some were not or do, or with --strict some are discrete or not within the tolerance (all of these are named on
+standard error), 2 the arguments or the input cannot be used, or a file not be written"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -96,7 +96,8 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         metavar="N[,N…]",
         type=_places,
         action="extend",
-        help="only these holes, as numbered by 'spinor-geom loops'; may be repeated (default: all)",
+        help="only these holes, as numbered by 'spinor-geom loops', borders of sheets too; may be repeated (default: "
+        "all holes)",
     )
     which.add_argument(
         "--bridge",
@@ -124,6 +125,19 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         type=_positive,
         default=1e-3,
         help="RMS boundary residual per mean edge of the loop (default: %(default)s)",
+    )
+    fill.add_argument(
+        "--time-limit",
+        metavar="S",
+        type=_positive,
+        default=20.0,
+        help="seconds for the exact surface of each loop, after which it is closed by a discrete one (default: "
+        "%(default)g)",
+    )
+    fill.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit with 1 too where a loop is closed by a discrete surface or not within the tolerance",
     )
     fill.add_argument(
         "--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)"

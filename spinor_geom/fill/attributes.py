@@ -1,13 +1,16 @@
-"""Values at the vertices of a patch from those on its rim: harmonic interpolation, normals from the surface."""
+"""Values at the vertices of a patch from those on its rim: harmonic interpolation, nearest labels, normals."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse.linalg import splu
+from scipy.sparse import csc_array
+from scipy.spatial import cKDTree
 
+from spinor_geom.discrete.area_descent import harmonic_extension
+from spinor_geom.fill.discrete_patch import graph_laplacian
 from spinor_geom.mesh.operators import cotangent_laplacian
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -15,64 +18,77 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 NORMAL = "normal"
 
 
-def harmonic_values(patch: Patch, rim_values: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
-    """The discrete harmonic functions on a patch with given values on its rim.
-
-    Solves L x = 0 at the inner vertices, L the cotangent Laplacian. L is that of the patch's triangulation in Ω: the
-    Dirichlet energy is conformally invariant, so the harmonic functions are those of the surface, and the triangles in
-    Ω are never degenerate.
-
-    Args:
-        patch: M rim vertices first, then the inner ones.
-        rim_values: (M, k) values at the rim vertices, in any unit.
-
-    Returns:
-        (n − M, k) values at the inner vertices, in the same unit.
-
-    Source: Pinkall & Polthier (1993), the discrete Dirichlet energy.
-    """
-    rim = patch.boundary_size
-    inner = len(patch.vertices) - rim
-    if inner == 0:
-        return np.empty((0, rim_values.shape[1]))
-    plane = np.column_stack([patch.points.real, patch.points.imag, np.zeros(len(patch.points))])
-    laplacian = cotangent_laplacian(plane, np.asarray(patch.faces)).tocsc()
-    rows = laplacian[rim:]
-    factor = splu(
-        rows[:, rim:].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
-    return np.asarray(factor.solve(-(rows[:, :rim] @ rim_values)))
-
-
 def patch_attributes(
     attributes: Mapping[str, Float[np.ndarray, "v _"]],
     rim: Int[np.ndarray, " m"],
     patch: Patch,
-    surface: SpinorSurface,
+    surface: SpinorSurface | None,
+    *,
+    labels: Collection[str] = (),
 ) -> dict[str, Float[np.ndarray, "n _"]]:
     """Every attribute of a mesh at the inner vertices of a patch.
 
-    Attributes are interpolated harmonically, all columns in one solve; "normal" is the unit normal of the surface
-    instead, on the side the patch's faces look to.
+    Attributes are interpolated harmonically, all columns in one solve. Labels, which must not be averaged, are those of
+    the nearest rim vertex. "normal" is the unit normal of the surface, on the side the patch's faces look to. A value
+    on the rim that is not finite counts as that of the nearest rim vertex with a finite one.
 
     Args:
         attributes: the mesh's own, (V, k) each.
         rim: mesh vertices of the patch's boundary vertices.
         patch: the patch.
-        surface: gives the normals at the patch's points of Ω.
+        surface: gives the normals at the patch's points of Ω; None for a discrete patch.
+        labels: names of attributes whose values name classes.
 
     Returns:
         (n − M, k) float64 under the same names.
+
+    Source: Pinkall & Polthier (1993), the discrete Dirichlet energy.
     """
+    size = patch.boundary_size
     names = [name for name in attributes if name != NORMAL]
     values: dict[str, Float[np.ndarray, "n _"]] = {}
-    if names:
-        columns = [np.asarray(attributes[name])[rim] for name in names]
-        inner = harmonic_values(patch, np.hstack(columns))
-        ends = np.cumsum([column.shape[1] for column in columns])[:-1]
-        values = dict(zip(names, np.split(inner, ends, axis=1), strict=True))
+    if names and len(patch.vertices) > size:
+        columns = {name: _finite(np.asarray(attributes[name])[rim], patch.vertices[:size]) for name in names}
+        smooth = [name for name in names if name not in labels]
+        if smooth:
+            joined = np.hstack([columns[name] for name in smooth])
+            inner = harmonic_extension(_laplacian(patch, surface), joined)[size:]
+            ends = np.cumsum([columns[name].shape[1] for name in smooth])[:-1]
+            values = dict(zip(smooth, np.split(inner, ends, axis=1), strict=True))
+        nearest = cKDTree(patch.vertices[:size]).query(patch.vertices[size:])[1]
+        values |= {name: columns[name][nearest] for name in names if name in labels}
+    else:
+        values = {name: np.empty((0, np.asarray(attributes[name]).shape[1])) for name in names}
     if NORMAL in attributes:
-        values[NORMAL] = np.asarray(surface.normal(patch.points[patch.boundary_size :]), dtype=np.float64).reshape(
-            -1, 3
-        )
+        normals = _vertex_normals(patch)[size:] if surface is None else surface.normal(patch.points[size:])
+        values[NORMAL] = np.asarray(normals, dtype=np.float64).reshape(-1, 3)
     return values
+
+
+def _laplacian(patch: Patch, surface: SpinorSurface | None) -> csc_array:
+    """That of the patch's triangulation in Ω, or for a discrete patch that of its edges.
+
+    The Dirichlet energy is conformally invariant, so the harmonic functions in Ω are those of the surface, and the
+    triangles in Ω are never degenerate. Those of a discrete patch may be.
+    """
+    if surface is None:
+        return graph_laplacian(np.asarray(patch.faces), len(patch.vertices))
+    plane = np.column_stack([patch.points.real, patch.points.imag, np.zeros(len(patch.points))])
+    return cotangent_laplacian(plane, np.asarray(patch.faces))
+
+
+def _finite(values: Float[np.ndarray, "m k"], points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m k"]:
+    """Values at points, each row that is not finite replaced by that of the nearest point whose row is."""
+    known = np.isfinite(values).all(axis=1)
+    if known.all() or not known.any():
+        return values
+    return values[np.flatnonzero(known)[cKDTree(points[known]).query(points)[1]]]
+
+
+def _vertex_normals(patch: Patch) -> Float[np.ndarray, "n 3"]:
+    a, b, c = (patch.vertices[patch.faces[:, k]] for k in range(3))
+    normals = np.zeros_like(patch.vertices)
+    for k in range(3):
+        np.add.at(normals, patch.faces[:, k], np.cross(b - a, c - a))
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.where(size > 0, size, 1.0))

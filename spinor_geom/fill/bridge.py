@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TooManyRimsError, TwistedRimsError
-from spinor_geom.fill.loops import LoopChoice
 from spinor_geom.fill.one_loop import FillOptions, fill_loop, refuse_what_is_no_hole
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges
@@ -50,32 +50,32 @@ class Joins:
 
 def planned_joins(
     mesh: TriangleMesh,
-    choice: LoopChoice,
     loops: Sequence[BoundaryLoop],
-    reasons: Sequence[str | None],
+    wanted: Collection[int],
     islands: Islands,
+    bridge: Sequence[int] | None = None,
 ) -> Joins:
     """The bridge that was asked for, or the islands in the holes that are to be filled.
 
     Args:
         mesh: the mesh.
-        choice: of loops; a pair of places asks for a bridge.
         loops: all loops of the mesh.
-        reasons: for each why it is to stay open, or None.
+        wanted: the places of those that are to be filled.
         islands: whether loose pieces are joined to the holes they lie in.
+        bridge: the places of the two loops of a bridge.
 
     Raises:
         TooManyRimsError: a bridge of other than two loops was asked for.
         OptionError: a bridge from a loop to itself was asked for.
     """
-    if isinstance(choice, tuple):
-        first, second = require_two(choice, loops)
+    if bridge is not None:
+        first, second = sorted(require_two(bridge, loops))
         return Joins(pairs={first: second})
     joins = Joins()
     for hole, pieces in find_islands(mesh, loops).items():
-        if reasons[hole] is not None:
+        if hole not in wanted:
             continue
-        open_pieces = [piece for piece in pieces if reasons[piece] is None]
+        open_pieces = [piece for piece in pieces if piece in wanted]
         if islands == "ignore" or not open_pieces:
             names = ", ".join(map(str, pieces))
             joins.notes[hole] = (
@@ -111,21 +111,24 @@ def fill_between(
     """
     first, second = places
 
-    def solve() -> PlateauSolution:
-        for place in places:
-            refuse_what_is_no_hole(loops[place], taken)
-        return annulus_between(places, (loops[first], loops[second]), options)
+    def answer() -> PlateauSolution | SpinorGeomError:
+        try:
+            for place in places:
+                refuse_what_is_no_hole(loops[place], taken)
+            return annulus_between(places, (loops[first], loops[second]), options)
+        except SpinorGeomError as error:
+            return error
 
-    outcome, patch = fill_loop(mesh, first, loops[first], solve, taken, surroundings, options)
-    here = replace(outcome, joined_to=second)
+    here, patch = fill_loop(mesh, first, loops[first], answer, taken, surroundings, options, joined_to=second)
     there = LoopOutcome(
         index=second,
         loop=loops[second],
         requested=True,
-        filled=outcome.filled,
-        reason=outcome.reason,
-        solution=outcome.solution,
+        filled=here.filled,
+        reason=here.reason,
+        solution=here.solution,
         joined_to=first,
+        remarks=loops[second].remarks,
         timings={},
     )
     return (here, there), patch
@@ -141,7 +144,8 @@ def annulus_between(
         TwistedRimsError: the annulus joins the outside to the inside.
         SpinorGeomError: as `solve_plateau` raises it.
     """
-    answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance)
+    with time_limit(options.time_limit):
+        answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance)
     if isinstance(answer, NoAnnulus):
         raise SurfaceError(f"{answer.reason}; fill the two loops one by one instead")
     if answer.annulus is not None and answer.annulus.reversed:

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, TypeVar, overload
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import ImperfectFillWarning, OptionError
 from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
-from spinor_geom.fill.loops import LoopChoice, chosen_places, loops_of, reasons_to_leave_open
+from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open, with_corners_of
 from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
 from spinor_geom.fill.one_loop import FillOptions, refusal, require_positive
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.stitch import RimEdges, joined, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.mesh.validate import require_faces
 from spinor_geom.plateau.task import Model
 from spinor_geom.plateau.threads import one_thread
 
 MeshT = TypeVar("MeshT")
+_MOST_TOLD = 5  # shortcomings in one warning
 
 
 @overload
@@ -28,12 +31,14 @@ def fill_hole(
     mesh: str | os.PathLike[str],
     loop: LoopChoice = "all",
     *,
+    bridge: tuple[int, int] | None = None,
     islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
     model: Model = "auto",
     tolerance: float = 1e-3,
+    time_limit: float = 20.0,
     return_report: Literal[False] = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
 ) -> MeshFile: ...
@@ -42,12 +47,14 @@ def fill_hole(
     mesh: str | os.PathLike[str],
     loop: LoopChoice = "all",
     *,
+    bridge: tuple[int, int] | None = None,
     islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
     model: Model = "auto",
     tolerance: float = 1e-3,
+    time_limit: float = 20.0,
     return_report: Literal[True],
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
 ) -> tuple[MeshFile, FillResult]: ...
@@ -56,12 +63,14 @@ def fill_hole(
     mesh: MeshT,
     loop: LoopChoice = "all",
     *,
+    bridge: tuple[int, int] | None = None,
     islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
     model: Model = "auto",
     tolerance: float = 1e-3,
+    time_limit: float = 20.0,
     return_report: Literal[False] = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
 ) -> MeshT: ...
@@ -70,12 +79,14 @@ def fill_hole(
     mesh: MeshT,
     loop: LoopChoice = "all",
     *,
+    bridge: tuple[int, int] | None = None,
     islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
     model: Model = "auto",
     tolerance: float = 1e-3,
+    time_limit: float = 20.0,
     return_report: Literal[True],
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
 ) -> tuple[MeshT, FillResult]: ...
@@ -83,12 +94,14 @@ def fill_hole(
     mesh: Any,
     loop: LoopChoice = "all",
     *,
+    bridge: tuple[int, int] | None = None,
     islands: Islands = "ignore",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
     model: Model = "auto",
     tolerance: float = 1e-3,
+    time_limit: float = 20.0,
     return_report: bool = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
 ) -> Any:
@@ -96,17 +109,21 @@ def fill_hole(
 
     The input is not changed. In the result its vertices, faces and attributes come first, as they were; the patches
     follow loop by loop, share the loop's vertices and are oriented like their neighbours. Vertex attributes are
-    interpolated harmonically, normals are those of the surface. A loop that cannot be filled stays open; its reason is
-    in the report. Where a patch crosses itself (over a knotted loop every disk does), the mesh or another patch, it is
-    kept and the report says so.
+    interpolated harmonically, integers are those of the nearest rim vertex, normals are those of the surface.
+
+    A loop over which no exact surface is found that follows it, or none in time, is closed by a discrete minimal
+    surface. Left open are loops that bound nothing: of zero width, the outline of a lone face, edges that lie on those
+    of another loop (a seam) or have several faces already. A loop whose patch would lie on the mesh is the border of a
+    sheet, not a hole, and left open too unless `loop` names it. Where a patch crosses itself (over a knotted loop every
+    disk does), the mesh or another patch, it is kept. All of this is in the report; without one, a warning says it.
 
     Which point of one rim of a bridge lies opposite to which of the other comes from the surface. Rims too far from
     each other have no annulus between them and stay open, as do those of pieces that are inside out to each other.
 
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
-        loop: which holes: "all", a place in `boundary_loops(mesh)`, a list of places, or one of those loops; a pair of
-            places (i, j) joins these two loops by a minimal annulus, a bridge.
+        loop: which holes: "all", a place in `boundary_loops(mesh)`, several places, or one of those loops.
+        bridge: a pair of places; joins these two loops by a minimal annulus, and fills no other.
         islands: "join" fills a hole in which a loose piece lies by an annulus between both, "ignore" fills hole and
             piece each by themselves; the report says which pieces lie in which holes.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
@@ -116,6 +133,7 @@ def fill_hole(
         tolerance: root mean square distance between a patch's boundary and the curve through its loop, per mean edge
             of the loop; a fill that misses it is kept and reported as not converged, and so is one that misses a part
             of the loop by more than a hundred times as many of the edges there.
+        time_limit: seconds in which each loop's exact surface has to be found, and its discrete one if it is not.
         return_report: also returns a `FillResult`.
         on_loop: is called after each requested loop with its outcome and the number of requested loops.
 
@@ -126,45 +144,63 @@ def fill_hole(
     Raises:
         UnknownMeshTypeError: no adapter knows the type.
         MeshFileError: the file is missing or malformed.
-        MeshError: the mesh has no unambiguous boundary.
-        LoopIndexError: `loop` names a place that does not exist.
+        MeshError: the mesh has no faces, or its faces do not share their vertices.
+        LoopIndexError: `loop` or `bridge` names a place that does not exist.
         ForeignLoopError: `loop` is not a loop of this mesh.
-        TooManyRimsError: a tuple names more loops than two, or fewer.
+        TooManyRimsError: `bridge` names more loops than two, or fewer.
         OptionError: an option has a value that is not allowed.
+
+    Warns:
+        ImperfectFillWarning: without a report: a loop was left open, is closed by a discrete surface or not within the
+            tolerance, or its patch crosses something.
     """
     if islands not in ("join", "ignore"):
         raise OptionError(f"islands must be 'join' or 'ignore', not {islands!r}")
     if max_perimeter is not None:
         require_positive("max_perimeter", max_perimeter)
-    options = FillOptions(target_edge_length=target_edge_length, model=model, tolerance=tolerance)
+    if bridge is not None and loop != "all":
+        raise OptionError("bridge and loop exclude each other: a bridge fills no other loop; call again for the others")
+    options = FillOptions(
+        target_edge_length=target_edge_length,
+        model=model,
+        tolerance=tolerance,
+        time_limit=time_limit,
+        fills_borders=not (isinstance(loop, str) and bridge is None),
+    )
     clock = Clock()
     source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh
     triangles = to_mesh(source)
+    require_faces(triangles)
     clock.lap("read")
-    loops = loops_of(source, triangles)
-    places = chosen_places(loop, loops)
+    loops = find_boundary_loops(triangles)
+    places = chosen_places(loop if bridge is None else bridge, loops)
     reasons = reasons_to_leave_open(loops, places, keep_largest=keep_largest, max_perimeter=max_perimeter)
     if isinstance(loop, BoundaryLoop):
-        loops[places[0]] = loop  # keeps the corners that the caller gave it
-    joins = planned_joins(triangles, loop, loops, reasons, islands)
+        loops[places[0]] = with_corners_of(loop, loops[places[0]])
+    wanted = [place for place in range(len(loops)) if place not in reasons]
+    joins = planned_joins(triangles, loops, wanted, islands, bridge)
     clock.lap("loops")
     with one_thread():
         taken = RimEdges(triangles, loops)
-        requested = [
-            entry
-            for place, (entry, reason) in enumerate(zip(loops, reasons, strict=True))
-            if reason is None and place not in joins.alone
-        ]
-        surfaces = minimal_surfaces(requested, [refusal(entry, taken) for entry in requested], options)
-        outcomes, patches = fill_loops(triangles, loops, reasons, surfaces, taken, options, on_loop, joins=joins)
+        alone = [place for place in wanted if place not in joins.alone]
+        refused = {place: error for place in alone if (error := refusal(loops[place], taken)) is not None}
+        outcomes, patches = fill_loops(
+            triangles,
+            loops,
+            minimal_surfaces([loops[place] for place in alone if place not in refused], options),
+            taken,
+            options,
+            on_loop,
+            reasons=reasons,
+            refusals={**refused, **joins.refused},
+            joins=joins,
+        )
     clock.lap("fill")
     extension = stitch(triangles, patches)
     filled = extend(source, extension)
     watertight = is_watertight(joined(triangles, extension).faces)
     clock.lap("stitch")
-    if not return_report:
-        return filled
-    return filled, FillResult(
+    result = FillResult(
         mesh=filled,
         original=triangles,
         extension=extension,
@@ -172,4 +208,18 @@ def fill_hole(
         notes=source.notes if isinstance(source, MeshFile) else (),
         watertight=watertight,
         timings=clock.laps(),
+    )
+    if return_report:
+        return filled, result
+    _warn_of(result.shortcomings)
+    return filled
+
+
+def _warn_of(shortcomings: Sequence[str]) -> None:
+    if not shortcomings:
+        return
+    more = len(shortcomings) - _MOST_TOLD
+    told = [*shortcomings[:_MOST_TOLD], *([f"and {more} more"] if more > 0 else [])]
+    warnings.warn(
+        f"fill_hole: {'; '.join(told)} (return_report=True has all of it)", ImperfectFillWarning, stacklevel=3
     )

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import operator
-import os
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
-from spinor_geom.errors import ForeignLoopError, LoopIndexError, MeshError, OptionError
+from spinor_geom.adapters import to_mesh
+from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.validate import require_faces
 
 LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 
@@ -33,23 +32,13 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
     Raises:
         UnknownMeshTypeError: no adapter knows the type.
         MeshFileError: the file is missing or malformed.
-        MeshError: the mesh has no unambiguous boundary (see `spinor_geom.mesh.validate`).
+        NoFacesError: the mesh has vertices and no faces.
+        MeshError: the mesh has an index out of range, a coordinate that is not finite, or arrays of the wrong shape.
         DuplicateVertexError: the faces do not share their vertices.
     """
-    source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh
-    return loops_of(source, to_mesh(source))
-
-
-def loops_of(source: Any, triangles: TriangleMesh) -> list[BoundaryLoop]:
-    """The boundary loops of a mesh's triangles; what is wrong with faces of a file is told by its own face numbers.
-
-    Raises:
-        MeshError: as `boundary_loops`.
-    """
-    try:
-        return find_boundary_loops(triangles)
-    except MeshError as error:
-        raise (source.with_own_face_numbers(error) if isinstance(source, MeshFile) else error) from None
+    triangles = to_mesh(mesh)
+    require_faces(triangles)
+    return find_boundary_loops(triangles)
 
 
 def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:
@@ -70,6 +59,19 @@ def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:
         if same_vertices and np.array_equal(np.roll(candidate.points, shift, axis=0), loop.points):
             return place
     raise ForeignLoopError(vertices=len(loop))
+
+
+def with_corners_of(given: BoundaryLoop, own: BoundaryLoop) -> BoundaryLoop:
+    """A mesh's own loop from the start and with the corners that a caller gave it."""
+    return BoundaryLoop(
+        points=given.points,
+        vertex_ids=given.vertex_ids,
+        corners=given.corners,
+        slit_fraction=own.slit_fraction,
+        seam_edges=own.seam_edges,
+        obstacle=own.obstacle,
+        remarks=own.remarks,
+    )
 
 
 def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int]:
@@ -103,8 +105,8 @@ def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int
 
 def reasons_to_leave_open(
     loops: Sequence[BoundaryLoop], places: Sequence[int], *, keep_largest: bool, max_perimeter: float | None
-) -> list[str | None]:
-    """For every loop why the caller wants it left open, or None where it is to be filled.
+) -> dict[int, str]:
+    """For the place of every loop that the caller wants left open why.
 
     Args:
         loops: all loops of the mesh, longest perimeter first.
@@ -112,17 +114,15 @@ def reasons_to_leave_open(
         keep_largest: leaves the longest loop open.
         max_perimeter: leaves longer loops open, in mesh units.
     """
-    reasons: list[str | None] = []
+    reasons: dict[int, str] = {}
     chosen = set(places)
     for place, loop in enumerate(loops):
         if place not in chosen:
-            reasons.append("not requested")
+            reasons[place] = "not requested"
         elif keep_largest and place == 0:
-            reasons.append("not requested: keep_largest leaves the longest loop open")
+            reasons[place] = "not requested: keep_largest leaves the longest loop open"
         elif max_perimeter is not None and loop.perimeter > max_perimeter:
-            reasons.append(
+            reasons[place] = (
                 f"not requested: its perimeter {loop.perimeter:.6g} is over max_perimeter {max_perimeter:.6g}"
             )
-        else:
-            reasons.append(None)
     return reasons

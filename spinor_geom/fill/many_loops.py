@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.bridge import Joins, fill_between
-from spinor_geom.fill.one_loop import FillOptions, fill_loop
+from spinor_geom.fill.one_loop import FillOptions, fill_loop, unfilled
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges
 from spinor_geom.fill.surroundings import Surroundings
@@ -21,12 +21,13 @@ from spinor_geom.plateau.solve import solve_plateau_batch
 def fill_loops(
     mesh: TriangleMesh,
     loops: Sequence[BoundaryLoop],
-    reasons: Sequence[str | None],
     surfaces: Iterator[PlateauSolution | SpinorGeomError],
     taken: RimEdges,
     options: FillOptions,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
     *,
+    reasons: Mapping[int, str] | None = None,
+    refusals: Mapping[int, SpinorGeomError] | None = None,
     joins: Joins | None = None,
 ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
     """One outcome for every loop, and the patches of those that are filled.
@@ -34,32 +35,32 @@ def fill_loops(
     Args:
         mesh: the mesh.
         loops: all of its loops.
-        reasons: for each why it is to stay open, or None.
-        surfaces: for each of the others that is filled by itself, in order, its surface, or why it has none.
+        surfaces: for each loop that is to be filled by itself, in order, its surface, or why it has none.
         taken: edges that no patch may have; takes those of the patches.
         options: of the call.
-        on_loop: is called after each loop that is not to stay open, with its outcome and their number.
+        on_loop: is called after each loop that was asked for, with its outcome and their number.
+        reasons: of the loops that the caller wants left open, by their places.
+        refusals: of the loops that were asked for and are no holes, by their places.
         joins: what is joined to what; by default nothing.
     """
-    joins = joins or Joins()
+    reasons, refusals, joins = reasons or {}, refusals or {}, joins or Joins()
     surroundings = Surroundings(mesh)
-    requested = sum(reason is None for reason in reasons)
     outcomes: dict[int, LoopOutcome] = {}
     patches: list[LoopPatch] = []
-    for place, (loop, reason) in enumerate(zip(loops, reasons, strict=True)):
+    for place, loop in enumerate(loops):
         if place in outcomes:
             continue
-        if reason is not None:
-            outcomes[place] = LoopOutcome(
-                index=place, loop=loop, requested=False, filled=False, reason=reason, timings={}
-            )
-            continue
+        patch: LoopPatch | None = None
         done: tuple[LoopOutcome, ...]
-        if place in joins.pairs:
+        if place in reasons:
+            outcomes[place] = unfilled(place, loop, reasons[place], requested=False)
+            continue
+        if place in refusals:
+            done = (unfilled(place, loop, str(refusals[place])),)
+        elif place in joins.pairs:
             done, patch = fill_between(mesh, (place, joins.pairs[place]), loops, taken, surroundings, options)
         else:
-            solve = partial(_raise, joins.refused[place]) if place in joins.refused else partial(_next, surfaces)
-            outcome, patch = fill_loop(mesh, place, loop, solve, taken, surroundings, options)
+            outcome, patch = fill_loop(mesh, place, loop, partial(next, surfaces), taken, surroundings, options)
             done = (outcome,)
         if place in joins.notes and done[0].filled:
             done = (replace(done[0], remarks=(*done[0].remarks, joins.notes[place])), *done[1:])
@@ -68,38 +69,20 @@ def fill_loops(
         for outcome in done:
             outcomes[outcome.index] = outcome
             if on_loop is not None:
-                on_loop(outcome, requested)
+                on_loop(outcome, len(loops) - len(reasons))
     return [outcomes[place] for place in range(len(loops))], patches
 
 
 def minimal_surfaces(
-    loops: Sequence[BoundaryLoop],
-    refusals: Sequence[SpinorGeomError | None],
-    options: FillOptions,
-    *,
-    device: str = "cpu",
+    loops: Iterable[BoundaryLoop], options: FillOptions, *, device: str = "cpu"
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     """For each loop in order its surface, or why it has none; small loops of similar size are solved side by side.
 
     Args:
         loops: any, also of several meshes.
-        refusals: for each why it is not to be solved, or None.
         options: of the call.
         device: of the linear algebra.
     """
-    accepted = (loop for loop, error in zip(loops, refusals, strict=True) if error is None)
-    solutions = solve_plateau_batch(accepted, model=options.model, tolerance=options.tolerance, device=device)
-    for error in refusals:
-        yield next(solutions) if error is None else error
-
-
-def _raise(error: SpinorGeomError) -> PlateauSolution:
-    raise error
-
-
-def _next(surfaces: Iterator[PlateauSolution | SpinorGeomError]) -> PlateauSolution:
-    """The next surface; raises the error in its place."""
-    surface = next(surfaces)
-    if isinstance(surface, SpinorGeomError):
-        raise surface
-    return surface
+    return solve_plateau_batch(
+        loops, model=options.model, tolerance=options.tolerance, time_limit=options.time_limit, device=device
+    )

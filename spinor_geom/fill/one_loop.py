@@ -1,13 +1,16 @@
-"""Fills one loop, or the gap between two: refuses what is no hole, solves, meshes, interpolates the attributes."""
+"""Fills one loop, or the gap between two: refuses what is no hole, meshes its surface, interpolates the attributes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import sys
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from numbers import Real
+from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float, Int
 
 from spinor_geom.errors import (
     LoneFaceError,
@@ -16,23 +19,28 @@ from spinor_geom.errors import (
     SeamError,
     SpinorGeomError,
     SurfaceError,
+    TooManyPointsError,
     ZeroWidthSlitError,
 )
 from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.fill.clock import Clock
+from spinor_geom.fill.discrete_patch import discrete_patch
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim
+from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim, patch_chords
 from spinor_geom.fill.surroundings import Surroundings
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.task import Model, require_model
 
 # A patch whose surface misses the loop by more, as RMS share of the mean edge, would be wrong beside its rim.
 MAX_RESIDUAL_PER_EDGE = 0.1
 MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
+_WHOLE_SLIT = 1 - 1e-9
+# A patch that crosses the mesh and turns back over it, along so much of its rim, lies on it: the rim of a sheet.
+_MOST_FOLDED_BACK = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,112 +51,197 @@ class FillOptions:
         target_edge_length: of the patches, in mesh units, or "auto" for each loop's mean edge length.
         model: the holomorphic model, as `solve_plateau` takes it.
         tolerance: RMS boundary residual per mean loop edge.
+        time_limit: seconds for the exact surface of a loop, and for its discrete one.
+        fills_borders: whether a loop is filled whose patch lies on the mesh.
 
     Raises:
-        OptionError: a length or the tolerance is not a positive number, or the model is unknown.
+        OptionError: a number is not positive, or the model is unknown.
     """
 
     target_edge_length: float | Literal["auto"]
     model: Model
     tolerance: float
+    time_limit: float = math.inf
+    fills_borders: bool = True
 
     def __post_init__(self) -> None:
         # here once, so that what goes wrong later is one loop's own
         require_model(self.model)
         require_positive("tolerance", self.tolerance)
-        if isinstance(self.target_edge_length, str):
-            if self.target_edge_length != "auto":
-                raise OptionError(
-                    f"target_edge_length must be 'auto' or a positive number, not {self.target_edge_length!r}"
-                )
-        else:
-            require_positive("target_edge_length", self.target_edge_length)
+        require_positive("time_limit", self.time_limit, finite=False)
+        if not isinstance(self.target_edge_length, str):
+            require_positive("target_edge_length", self.target_edge_length, instead="'auto' or ")
+        elif self.target_edge_length != "auto":
+            raise OptionError(
+                f"target_edge_length must be 'auto' or a positive number, not {self.target_edge_length!r}"
+            )
 
 
-def require_positive(name: str, value: float) -> None:
+def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
     """Checks an option.
 
+    Args:
+        name: of the option.
+        value: what was given.
+        finite: whether infinity is refused.
+        instead: what else it may be, for the message.
+
     Raises:
-        OptionError: the value is not a positive finite number.
+        OptionError: the value is not a positive number.
     """
-    if not 0 < value < np.inf:
-        raise OptionError(f"{name} must be a positive number, not {value!r}")
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not 0 < value <= (sys.float_info.max if finite else math.inf):
+        raise OptionError(f"{name} must be {instead}a positive number, not {value!r}")
 
 
 def fill_loop(
     mesh: TriangleMesh,
     place: int,
     loop: BoundaryLoop,
-    solve: Callable[[], PlateauSolution],
+    answer: Callable[[], PlateauSolution | SpinorGeomError],
     taken: RimEdges,
     surroundings: Surroundings,
     options: FillOptions,
+    *,
+    joined_to: int | None = None,
 ) -> tuple[LoopOutcome, LoopPatch | None]:
     """The patch of one loop, or from it to another, or the reason why it has none.
 
-    A patch joins what is taken and the surroundings.
+    Where one loop has no exact surface, or none that follows it, its patch is discrete. A patch joins what is taken and
+    the surroundings.
 
     Args:
         mesh: the mesh.
         place: the loop's.
         loop: the loop.
-        solve: gives the loop's minimal surface, or raises the reason why it has none.
+        answer: gives the loop's minimal surface, or the reason why it has none.
         taken: edges that the patch must not have.
         surroundings: what the patch may cross.
         options: of the call.
+        joined_to: the place of the other loop, of a bridge.
+
+    Raises:
+        TooManyPointsError: the edge length asks for more vertices than anyone can use.
     """
     clock = Clock()
-    solution: PlateauSolution | None = None
+    found = answer()
+    clock.lap("solve")
+    solution = found if isinstance(found, PlateauSolution) else None
     try:
-        solution = solve()
-        refuse_empty(loop, 2 * solution.area / loop.perimeter)
-        if not solution.boundary_residual.rms_per_edge <= MAX_RESIDUAL_PER_EDGE:
-            raise SurfaceError(f"no surface was found that follows the loop; the best: {solution.reason}")
-        clock.lap("solve")
-        surface = solution.surface
-
-        def position(points: Complex[np.ndarray, " c"]) -> Float[np.ndarray, "c 3"]:
-            return np.asarray(surface.position(points), dtype=np.float64)
-
-        rim = np.concatenate([match.loop.vertex_ids for match in solution.rims])
-        patch, split = fit_to_rim(rim, mesh_patch(solution, options.target_edge_length), taken, position)
-        if not np.isfinite(patch.vertices).all():
-            raise SurfaceError("the surface that was found is not finite everywhere; no patch was made")
+        made = _patch_over(loop, found, options, is_bridge=joined_to is not None)
+        rim = np.concatenate([match.loop.vertex_ids for match in solution.rims]) if made.solution else loop.vertex_ids
+        patch, split = fit_to_rim(rim, made.patch, taken, made.middles)
         clock.lap("mesh")
-        attributes = patch_attributes(mesh.vertex_attributes, rim, patch, surface)
+        surface = None if made.solution is None else made.solution.surface
+        attributes = patch_attributes(mesh.vertex_attributes, rim, patch, surface, labels=mesh.labels)
         clock.lap("attributes")
-        crossings = surroundings.join(patch)
+        crossings = surroundings.crossings(patch)
         clock.lap("crossings")
+    except TooManyPointsError:
+        raise
     except SpinorGeomError as error:
         clock.lap("failed")
-        outcome = LoopOutcome(
-            index=place,
-            loop=loop,
-            requested=True,
-            filled=False,
-            reason=str(error),
-            solution=solution,
-            timings=clock.laps(),
-        )
-        return outcome, None
+        return unfilled(place, loop, str(error), solution=solution, joined_to=joined_to, timings=clock.laps()), None
+    if not options.fills_borders and len(crossings.mesh):
+        folded = taken.share_folded_back(mesh, rim, patch)
+        if folded > _MOST_FOLDED_BACK:
+            reason = (
+                f"it is the border of a sheet rather than a hole: along {folded:.0%} of it a patch would turn back "
+                f"over the faces beside it, and it would cross the mesh in {len(crossings.mesh)} pairs of faces; to "
+                "fill it all the same name it in loop= (--loop)"
+            )
+            return unfilled(place, loop, reason, solution=solution, is_border=True, timings=clock.laps()), None
+    surroundings.join(patch)
+    taken.take(rim[patch_chords(patch)])
     outcome = LoopOutcome(
         index=place,
         loop=loop,
         requested=True,
         filled=True,
-        reason="" if solution.converged else solution.reason,
-        solution=solution,
+        reason=made.reason,
+        solution=made.solution,
         patch=patch,
+        joined_to=joined_to,
         vertices_added=len(patch.vertices) - patch.boundary_size,
         faces_added=len(patch.faces),
         edges_split=split,
         self_intersections=len(crossings.own),
         mesh_intersections=len(crossings.mesh),
         patch_intersections=len(crossings.patches),
-        remarks=crossings.notes,
+        remarks=(*loop.remarks, *crossings.notes),
         timings=clock.laps(),
     )
     return outcome, LoopPatch(place=place, rim=rim, patch=patch, attributes=attributes)
+
+
+def unfilled(
+    place: int,
+    loop: BoundaryLoop,
+    reason: str,
+    *,
+    requested: bool = True,
+    is_border: bool = False,
+    solution: PlateauSolution | None = None,
+    joined_to: int | None = None,
+    timings: Mapping[str, float] | None = None,
+) -> LoopOutcome:
+    """The outcome of a loop that is left open."""
+    return LoopOutcome(
+        index=place,
+        loop=loop,
+        requested=requested and not is_border,
+        filled=False,
+        reason=reason,
+        is_border=is_border,
+        solution=solution,
+        joined_to=joined_to,
+        remarks=loop.remarks if requested else (),
+        timings=timings or {},
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Made:
+    """A patch, the surface that it is a mesh of, and why it is not what was asked for."""
+
+    patch: Patch
+    solution: PlateauSolution | None
+    reason: str
+
+    def middles(self, patch: Patch, chords: Int[np.ndarray, "c 2"]) -> Float[np.ndarray, "c 3"]:
+        """Positions halfway along chords: on the surface, halfway in Ω, where there is one."""
+        if self.solution is None:
+            return np.asarray(patch.vertices[chords].mean(axis=1))
+        return np.asarray(self.solution.surface.position(patch.points[chords].mean(axis=1)), dtype=np.float64)
+
+
+def _patch_over(
+    loop: BoundaryLoop, found: PlateauSolution | SpinorGeomError, options: FillOptions, *, is_bridge: bool
+) -> _Made:
+    """The mesh of an exact surface; without one over a single loop, a discrete patch."""
+    try:
+        if isinstance(found, SpinorGeomError):
+            raise found
+        return _exact_patch(loop, found, options)
+    except (NoAreaError, TooManyPointsError):
+        raise
+    except SpinorGeomError as error:
+        if is_bridge:
+            raise
+        reason = error
+    target = loop.mean_edge_length if options.target_edge_length == "auto" else float(options.target_edge_length)
+    patch, what = discrete_patch(loop, target, seconds=options.time_limit)
+    return _Made(patch=patch, solution=None, reason=f"{what}, because: {reason}")
+
+
+def _exact_patch(loop: BoundaryLoop, solution: PlateauSolution, options: FillOptions) -> _Made:
+    if not solution.boundary_residual.rms_per_edge <= MAX_RESIDUAL_PER_EDGE:
+        raise SurfaceError(f"no surface was found that follows the loop; the best: {solution.reason}")
+    refuse_empty(loop, 2 * solution.area / loop.perimeter)
+    patch = mesh_patch(solution, options.target_edge_length)
+    if not np.isfinite(patch.vertices).all():
+        raise SurfaceError("the surface that was found is not finite everywhere")
+    return _Made(patch=patch, solution=solution, reason="" if solution.converged else solution.reason)
 
 
 def refusal(loop: BoundaryLoop, taken: RimEdges) -> SpinorGeomError | None:
@@ -164,14 +257,15 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
     """Checks that a loop bounds a hole, before anything is solved.
 
     Raises:
-        RepeatedPointError: two neighbouring vertices lie in one place.
-        ZeroWidthSlitError: edges of it lie on the loop's own other side.
+        NonManifoldEdgeError: one of its edges has several faces already.
+        ZeroWidthSlitError: all of it lies on the loop's own other side.
         SeamError: edges of it lie on edges of another loop.
         LoneFaceError: it is the outline of a single face.
         NoAreaError: its points lie on a line.
     """
-    require_distinct_neighbours(loop.points)
-    if loop.slit_fraction:
+    if loop.obstacle is not None:
+        raise loop.obstacle
+    if loop.slit_fraction > _WHOLE_SLIT:
         raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=first_slit_edge(loop))
     if len(loop.seam_edges):
         raise SeamError(edge=[int(v) for v in loop.seam_edges[0]], count=len(loop.seam_edges))

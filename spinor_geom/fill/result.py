@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.extension import MeshExtension
@@ -23,10 +23,13 @@ class LoopOutcome:
         loop: the loop itself.
         requested: False where the caller asked to leave it open.
         filled: whether the result has a patch on it.
-        reason: why it was left open, or why its fill is not within the tolerance; empty for a fill that is.
-        solution: the minimal surface, where one was found.
+        reason: why it was left open, or why its fill is not an exact minimal surface within the tolerance; empty for a
+            fill that is.
+        is_border: whether it was left open because its patch would lie on the mesh itself, which makes it the border of
+            a sheet rather than a hole. Such a loop counts as not requested.
+        solution: the minimal surface that the patch is a mesh of; for a loop that is left open the one that was found.
         patch: its mesh as it was joined to the hole's rim, with the places of its vertices in Ω; None where it is not
-            filled.
+            filled. A discrete patch has the unit disk for Ω.
         joined_to: the place of the loop that its surface goes on to; none for a loop that is filled by itself. The
             figures of a bridge stand with the first of the two.
         vertices_added: new vertices of its patch.
@@ -46,6 +49,7 @@ class LoopOutcome:
     requested: bool
     filled: bool
     reason: str
+    is_border: bool = False
     solution: PlateauSolution | None = None
     patch: Patch | None = None
     joined_to: int | None = None
@@ -59,9 +63,34 @@ class LoopOutcome:
     timings: Mapping[str, float]
 
     @property
+    def kind(self) -> Literal["minimal", "discrete"] | None:
+        """Whether its patch is a mesh of an exact minimal surface, or discrete itself; None for a loop left open."""
+        if not self.filled:
+            return None
+        return "discrete" if self.solution is None else "minimal"
+
+    @property
     def converged(self) -> bool:
-        """Whether the loop is filled and its boundary residual is within the tolerance."""
-        return self.filled and self.solution is not None and bool(self.solution.converged)
+        """Whether the loop is filled by an exact minimal surface whose boundary residual is within the tolerance."""
+        return self.kind == "minimal" and self.solution is not None and bool(self.solution.converged)
+
+    @property
+    def area(self) -> float | None:
+        """Of the surface, or of a discrete patch, in squared mesh units."""
+        if self.kind == "discrete":
+            return None if self.patch is None else self.patch.area
+        return None if self.solution is None else float(self.solution.area)
+
+    @property
+    def shortcomings(self) -> tuple[str, ...]:
+        """What the caller should hear of unasked, a sentence each."""
+        name = f"loop {self.index} ({len(self.loop)} vertices)"
+        if self.filled:
+            state = "is closed by a discrete surface" if self.kind == "discrete" else "is not within the tolerance"
+        else:
+            state = "was left open"
+        is_short = self.is_border or (self.requested and not self.converged)
+        return (*([f"{name} {state}: {self.reason}"] if is_short else []), *(f"{name}: {n}" for n in self.remarks))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -96,12 +125,14 @@ class LoopOutcome:
             "perimeter": float(self.loop.perimeter),
             "requested": self.requested,
             "filled": self.filled,
+            "kind": self.kind,
+            "border": self.is_border,
             "joined_to": self.joined_to,
             "converged": self.converged,
             "reason": self.reason,
             "residual_rms_per_edge": None if residual is None else float(residual.rms_per_edge),
             "residual_max_per_edge": None if residual is None else float(residual.max_per_edge),
-            "area": None if solution is None else float(solution.area),
+            "area": self.area,
             "stability": None
             if stability is None
             else {
@@ -153,9 +184,19 @@ class FillResult(Shown):
     timings: Mapping[str, float]
 
     @property
+    def closed(self) -> bool:
+        """Whether every loop that was asked for is filled (true where none was)."""
+        return all(outcome.filled for outcome in self.loops if outcome.requested)
+
+    @property
     def complete(self) -> bool:
-        """Whether every loop that was asked for is filled within the tolerance (true where none was)."""
+        """Whether every loop that was asked for is filled by an exact surface within the tolerance."""
         return all(outcome.converged for outcome in self.loops if outcome.requested)
+
+    @property
+    def shortcomings(self) -> tuple[str, ...]:
+        """What the caller should hear of unasked, loop after loop."""
+        return tuple(said for outcome in self.loops for said in outcome.shortcomings)
 
     @property
     def intersection_free(self) -> bool:
@@ -165,6 +206,7 @@ class FillResult(Shown):
     def to_dict(self) -> dict[str, Any]:
         """The report in JSON's types, without the mesh itself."""
         return {
+            "closed": self.closed,
             "complete": self.complete,
             "watertight": self.watertight,
             "intersection_free": self.intersection_free,

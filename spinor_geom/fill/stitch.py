@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
+
+Middles: TypeAlias = Callable[[Patch, Int[np.ndarray, "c 2"]], Float[np.ndarray, "c 3"]]
+
+_FOLDED_BACK = np.cos(np.radians(45))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,41 +61,79 @@ class RimEdges:
         for loop in loops:
             on_loop[loop.vertex_ids] = True
         edges = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        self._taken = np.unique(self._keys(edges[on_loop[edges].all(axis=1)]))
-        self._face_ids = np.flatnonzero(on_loop[mesh.faces].all(axis=1))
-        self._faces = np.sort(mesh.faces[self._face_ids], axis=1)
+        between = np.flatnonzero(on_loop[edges].all(axis=1))
+        keys = self._keys(edges[between])
+        order = np.argsort(keys, kind="stable")
+        self._own_keys = keys[order]
+        self._opposite = np.roll(mesh.faces, -2, axis=1).reshape(-1)[between[order]]
+        self._of_patches: set[int] = set()
+        within = np.flatnonzero(on_loop[mesh.faces].all(axis=1))
+        corners = np.sort(mesh.faces[within], axis=1)
+        self._faces = dict(zip(map(tuple, corners[::-1].tolist()), within[::-1].tolist(), strict=True))
 
     def _keys(self, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, " e"]:
         ordered = np.sort(edges, axis=1)
         return np.asarray(ordered[:, 0] * self._size + ordered[:, 1])
 
+    def _places(self, keys: Int[np.ndarray, " e"]) -> tuple[Int[np.ndarray, " e"], Bool[np.ndarray, " e"]]:
+        """Where the mesh's own edges have these keys, and whether they have them."""
+        if not len(self._own_keys):
+            return np.zeros(len(keys), dtype=np.int64), np.zeros(len(keys), dtype=bool)
+        place = np.searchsorted(self._own_keys, keys).clip(max=len(self._own_keys) - 1)
+        return place, self._own_keys[place] == keys
+
     def are_taken(self, edges: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
         """For each pair of mesh vertices whether an edge joins them already."""
-        return np.isin(self._keys(edges), self._taken)
+        keys = self._keys(edges)
+        by_patch = np.fromiter((key in self._of_patches for key in keys.tolist()), dtype=bool, count=len(keys))
+        return np.asarray(self._places(keys)[1] | by_patch)
 
     def take(self, edges: Int[np.ndarray, "e 2"]) -> None:
         """Adds edges of a patch, as pairs of mesh vertices."""
-        self._taken = np.union1d(self._taken, self._keys(edges))
+        self._of_patches.update(self._keys(edges).tolist())
 
     def face_on(self, loop: BoundaryLoop) -> int | None:
         """The mesh's face on just the vertices of a loop of three: then the loop is that face's own outline."""
-        if len(loop) != 3 or not len(self._faces):
-            return None
-        same = np.flatnonzero((self._faces == np.sort(loop.vertex_ids)).all(axis=1))
-        return int(self._face_ids[same[0]]) if same.size else None
+        return self._faces.get(tuple(sorted(loop.vertex_ids.tolist())))
+
+    def share_folded_back(self, mesh: TriangleMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> float:
+        """The share of a rim's length along which a patch and the face beside it are less than 45° apart.
+
+        Args:
+            mesh: the mesh.
+            rim: mesh vertices of the patch's boundary vertices, each edge of them one of the mesh's.
+            patch: the patch.
+        """
+        sides = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        apexes = np.roll(patch.faces, -2, axis=1).reshape(-1)
+        on_rim = (sides < patch.boundary_size).all(axis=1)
+        on_rim[on_rim] = rim_successors(patch.rims)[sides[on_rim, 0]] == sides[on_rim, 1]
+        sides = sides[on_rim]
+        place, known = self._places(self._keys(rim[sides]))
+        start, along = patch.vertices[sides[:, 0]], patch.vertices[sides[:, 1]] - patch.vertices[sides[:, 0]]
+        lengths = np.linalg.norm(along, axis=1)
+        unit = along / np.where(lengths > 0, lengths, 1.0)[:, None]
+        away = []
+        for apex in (patch.vertices[apexes[on_rim]], mesh.vertices[self._opposite[place]]):
+            aside = apex - start
+            aside = aside - np.einsum("ei,ei->e", aside, unit)[:, None] * unit
+            size = np.linalg.norm(aside, axis=1, keepdims=True)
+            away.append(aside / np.where(size > 0, size, 1.0))
+        folded = known & (np.einsum("ei,ei->e", *away) > _FOLDED_BACK)
+        return float(lengths[folded].sum() / lengths.sum())
 
 
 def split_chords(
     patch: Patch,
     chords: Int[np.ndarray, "c 2"],
-    position: Callable[[Complex[np.ndarray, " c"]], Float[np.ndarray, "c 3"]],
+    middles: Middles,
 ) -> Patch:
     """Puts a new vertex in the middle (in Ω) of each chord and divides the chord's two triangles there.
 
     Args:
         patch: the patch.
         chords: (c, 2) pairs of its rim vertices, each joined by an inner edge.
-        position: the surface's position at points of Ω.
+        middles: gives the positions halfway along chords of a patch.
 
     Returns:
         A patch with c more vertices, at its end, and 2c more faces, none of which has one of the chords as an edge.
@@ -105,7 +148,7 @@ def split_chords(
         faces = np.concatenate([faces[~beside], *halves])
     return replace(
         patch,
-        vertices=np.concatenate([patch.vertices, np.asarray(position(points), dtype=np.float64)]),
+        vertices=np.concatenate([patch.vertices, middles(patch, chords)]),
         faces=faces,
         points=np.concatenate([patch.points, points]),
     )
@@ -115,26 +158,24 @@ def fit_to_rim(
     rim: Int[np.ndarray, " m"],
     patch: Patch,
     taken: RimEdges,
-    position: Callable[[Complex[np.ndarray, " c"]], Float[np.ndarray, "c 3"]],
+    middles: Middles,
 ) -> tuple[Patch, int]:
-    """Makes a patch joinable: chords on taken edges are split; those that stay are taken from now on.
+    """Makes a patch joinable: chords on taken edges are split.
 
     Args:
         rim: mesh vertices of the patch's boundary vertices.
         patch: the patch.
-        taken: the edges of the mesh and of the patches joined so far; updated.
-        position: the surface's position at points of Ω.
+        taken: the edges of the mesh and of the patches joined so far.
+        middles: gives the positions halfway along chords of a patch.
 
     Returns:
         The patch, and how many chords were split.
     """
     chords = patch_chords(patch)
-    in_mesh = rim[chords]
-    clash = taken.are_taken(in_mesh)
-    taken.take(in_mesh[~clash])
+    clash = taken.are_taken(rim[chords])
     if not clash.any():
         return patch, 0
-    return split_chords(patch, chords[clash], position), int(clash.sum())
+    return split_chords(patch, chords[clash], middles), int(clash.sum())
 
 
 def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:

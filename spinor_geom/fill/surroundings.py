@@ -38,25 +38,32 @@ class Surroundings:
         """Starts with the mesh alone."""
         self._mesh = _Piece(mesh.vertices, mesh.faces, start=0)
         self._patches: list[_Piece] = []
+        # their boxes, with room for as many again: rows are low and high corners
+        self._boxes = np.empty((16, 6))
         self._count = len(mesh.faces)
 
-    def join(self, patch: Patch) -> Crossings:
-        """Adds a patch; gives what it crosses of itself and of all that was there before."""
+    def crossings(self, patch: Patch) -> Crossings:
+        """What a patch would cross of itself and of all that is there."""
         new = _Piece(patch.vertices, np.asarray(patch.faces), start=self._count)
         own = NO_PAIRS
         if patch.hole_sizes or not is_graph(new.vertices, new.faces, patch.boundary_size):
             own = self_intersections(new.vertices, new.faces) + new.start
         mesh = new.crossings(self._mesh)
-        patches = np.concatenate([NO_PAIRS, *(new.crossings(self._patches[k]) for k in self._patches_near(new))])
-        self._patches.append(new)
-        self._count += len(new.faces)
+        boxes = self._boxes[: len(self._patches)].T
+        near = _meeting(boxes[:3], boxes[3:], new)
+        patches = np.concatenate([NO_PAIRS, *(new.crossings(self._patches[k]) for k in near)])
         found = (("itself", own), ("the mesh", mesh), ("patches of other loops", patches))
         notes = tuple(_sentence(what, pairs, new) for what, pairs in found if len(pairs))
         return Crossings(own=own, mesh=mesh, patches=patches, notes=notes)
 
-    def _patches_near(self, new: _Piece) -> Int[np.ndarray, " k"]:
-        lows, highs = (np.array([getattr(patch, end) for patch in self._patches]) for end in ("low", "high"))
-        return _meeting(lows.reshape(-1, 3).T, highs.reshape(-1, 3).T, new)
+    def join(self, patch: Patch) -> None:
+        """Adds a patch."""
+        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self._count)
+        if len(self._patches) == len(self._boxes):
+            self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
+        self._boxes[len(self._patches)] = np.concatenate([new.low, new.high])
+        self._patches.append(new)
+        self._count += len(new.faces)
 
 
 class _Piece:

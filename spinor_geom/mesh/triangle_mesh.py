@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import VertexIndexError
 from spinor_geom.mesh.arrays import freeze_attributes, freeze_faces, freeze_points
 from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.shown import Shown
+
+COLOR = "color"
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -27,6 +29,8 @@ class TriangleMesh(Shown):
         vertices: (V, 3) float64 positions, in mesh units.
         faces: (F, 3) int64 vertex indices.
         vertex_attributes: (V, k) float64 values by name ("color", "normal", ...), in the source's own scale.
+        labels: names of the attributes that were given as integers and are no colours: values that name classes and
+            must not be averaged.
 
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
@@ -37,6 +41,7 @@ class TriangleMesh(Shown):
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
     vertex_attributes: Mapping[str, Float[np.ndarray, "v _"]]
+    labels: frozenset[str]
 
     def __init__(
         self, vertices: ArrayLike, faces: ArrayLike, *, vertex_attributes: Mapping[str, ArrayLike] | None = None
@@ -46,7 +51,17 @@ class TriangleMesh(Shown):
         _require_existing_vertices(corners, vertices=len(points))
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "faces", corners)
-        object.__setattr__(self, "vertex_attributes", freeze_attributes(vertex_attributes or {}, vertices=len(points)))
+        given = vertex_attributes or {}
+        object.__setattr__(self, "vertex_attributes", freeze_attributes(given, vertices=len(points)))
+        whole = (name for name, values in given.items() if name != COLOR and np.asarray(values).dtype.kind in "iu")
+        object.__setattr__(self, "labels", frozenset(whole))
+
+    def attributes_at(self, which: Bool[np.ndarray, " v"]) -> dict[str, np.ndarray]:
+        """The attributes of some vertices, labels as integers."""
+        return {
+            name: values[which].astype(np.int64) if name in self.labels else values[which]
+            for name, values in self.vertex_attributes.items()
+        }
 
     def merged(self) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
         """The same surface with vertices of exactly equal position made one.
@@ -64,7 +79,7 @@ class TriangleMesh(Shown):
         mesh = TriangleMesh(
             self.vertices[kept],
             new_index[self.faces],
-            vertex_attributes={name: values[kept] for name, values in self.vertex_attributes.items()},
+            vertex_attributes=self.attributes_at(kept),
         )
         return mesh, new_index
 

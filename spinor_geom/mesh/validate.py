@@ -9,6 +9,7 @@ from spinor_geom.errors import (
     DegenerateFaceError,
     DuplicateFaceError,
     InconsistentOrientationError,
+    NoFacesError,
     NonManifoldEdgeError,
 )
 from spinor_geom.mesh.sheets import repeated_faces, repeats_a_vertex
@@ -34,6 +35,16 @@ def validate(mesh: TriangleMesh) -> None:
     require_distinct_faces(mesh.faces, half_edges)
     require_consistent_orientation(half_edges)
     require_manifold_boundary(half_edges)
+
+
+def require_faces(mesh: TriangleMesh) -> None:
+    """Checks that vertices are no bare points.
+
+    Raises:
+        NoFacesError: there are vertices and no faces.
+    """
+    if len(mesh.vertices) and not len(mesh.faces):
+        raise NoFacesError(vertices=len(mesh.vertices))
 
 
 def require_proper_faces(faces: Int[np.ndarray, "f 3"]) -> None:

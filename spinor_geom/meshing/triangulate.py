@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Complex
 
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
+from spinor_geom.errors import TooManyPointsError
 from spinor_geom.meshing.size_field import patch_size_field
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -15,6 +16,19 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # several times what a sound size field asks for, so that a wild λ cannot ask for millions
 POINTS_PER_VERTEX = 12
 POINTS_PER_TRIANGLE = 2
+# Of one patch: a mesh that takes gigabytes and minutes to make.
+MOST_POINTS = 10**7
+
+
+def require_few_points(area: float, target: float) -> None:
+    """Checks that a patch of some area with edges of some length can be made, before any of it is.
+
+    Raises:
+        TooManyPointsError: it has more vertices than anyone can use.
+    """
+    points = 2 * area / (np.sqrt(3) * target**2)
+    if points > MOST_POINTS:
+        raise TooManyPointsError(target=target, area=area, points=points, most=MOST_POINTS)
 
 
 def triangulate_patch(
@@ -30,8 +44,10 @@ def triangulate_patch(
         area: The patch's area in space.
 
     Raises:
+        TooManyPointsError: The edge length asks for more vertices than anyone can use.
         DomainError: The boundary is not a simple polygon, with holes inside.
     """
+    require_few_points(area, target)
     boundary, sizes = np.concatenate(rims), tuple(map(len, rims))
     triangles = 4 * area / (np.sqrt(3) * target**2)
     return triangulate_polygon(

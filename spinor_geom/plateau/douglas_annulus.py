@@ -166,6 +166,7 @@ class AnnulusProblem:
         here = self._at(slides, log_modulus)
         damping = _DAMPING
         for _ in range(_MOST_STEPS):
+            require_time()
             size = here.gradient if fixed else here.size
             if self.on_step is not None:
                 self.on_step(size)

@@ -34,7 +34,6 @@ Route = Literal[
     "flattened",
     "network",
     "trained",
-
 ]
 
 
@@ -45,10 +44,11 @@ class Iteration:
     Attributes:
         index: from 1.
         method: of the step.
-        residual: what the steps bring towards 0: Newton's RMS distance from the loop's points, in diagonals; Gauss-Newton's RMS distance from Γ at the nodes after it, in units of
-            the loop's diagonal; Douglas-Newton's RMS gradient of the energy before it, relative to its two factors. In
-            the training of a network: the RMS error of p and q ("distillation"), the RMS distance from Γ in diagonals
-            ("polishing"), an epoch's mean loss ("RMSprop").
+        residual: what the steps bring towards 0: Newton's RMS distance from the loop's points, in diagonals;
+            Gauss-Newton's RMS distance from Γ at the nodes after it, in units of the loop's diagonal; Douglas-Newton's
+            RMS gradient of the energy before it, relative to its two factors. In the training of a network: the RMS
+            error of p and q ("distillation"), the RMS distance from Γ in diagonals ("polishing"), an epoch's mean loss
+            ("RMSprop").
     """
 
     index: int

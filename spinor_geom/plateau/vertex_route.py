@@ -135,7 +135,9 @@ class VertexSolver:
             readout, error = trial, missed
             left = float(error.square().sum() / square)
             steps.append(
-                Iteration(index=before + len(steps) + 1, method="Newton", residual=float(error.square().sum() / n) ** 0.5)
+                Iteration(
+                    index=before + len(steps) + 1, method="Newton", residual=float(error.square().sum() / n) ** 0.5
+                )
             )
             if self.on_iteration is not None:
                 self.on_iteration(steps[-1])
@@ -292,7 +294,7 @@ class _Rim:
 
     @cached_property
     def starts(self) -> Float[Tensor, "n 3"]:
-        """r at the vertices of ∂Ω, 0 at the first."""
+        """R at the vertices of ∂Ω, 0 at the first."""
         weights = torch.as_tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
         length = torch.einsum("g,ngk->nk", weights, self.velocity.real)
         return length.cumsum(0) - length
@@ -313,9 +315,7 @@ class _Rim:
     def curve_through(self, points: Float[np.ndarray, "n 3"], error: Float[np.ndarray, "n 3"]) -> BoundaryCurve:
         """Γ: the surface's boundary less its distances from the points, which change linearly from one to the next."""
         place = places_in_piece()
-        within = np.einsum(
-            "hg,ngk->hnk", cumulative_matrix(self.nodes, tuple(place)), self.velocity.real.cpu().numpy()
-        )
+        within = np.einsum("hg,ngk->hnk", cumulative_matrix(self.nodes, tuple(place)), self.velocity.real.cpu().numpy())
         drift = np.roll(error, -1, axis=0) - error
         values = points + within - place[:, None, None] * drift
         chord = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)

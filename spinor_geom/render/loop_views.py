@@ -77,17 +77,12 @@ class LoopViews:
     def in_space(self, *, edges: str) -> list[Faces | Lines]:
         """The patch in the mesh's space; its edges are shown by a switch of that name."""
         vertices = self.patch.vertices
-        layers: list[Faces | Lines] = [
-            Faces(vertices=vertices, faces=self.patch.faces, colour=PATCH_COLOUR, fields=self.fields, edges=edges)
-        ]
-        if not self.fields:
-            return layers
         tips = vertices + _NORMAL_LENGTH * self.outcome.loop.mean_edge_length * self.normals
         shown = np.flatnonzero(np.isfinite(tips).all(axis=1))
         hairs = np.concatenate([vertices[shown], tips[shown]])
         pairs = np.arange(2 * len(shown)).reshape(2, -1).T
         return [
-            *layers,
+            patch_faces(self.patch, edges=edges, fields=self.fields),
             self._grid.lines(vertices),
             Lines(vertices=hairs, edges=pairs, colour=_NORMAL_COLOUR, switch=NORMALS),
         ]
@@ -175,22 +170,22 @@ class LoopViews:
             return {"p": p, "q": q, "f": -2 * q * q, "g": -p / q}
 
 
-def loop_views(outcome: LoopOutcome, *, details: bool = True, exact: bool = False) -> LoopViews:
-    """What is shown of a filled loop.
+def patch_faces(patch: Patch, *, edges: str, fields: Mapping[str, Float[np.ndarray, " n"]] | None = None) -> Faces:
+    """A patch in the mesh's space; its edges are shown by a switch of that name."""
+    return Faces(vertices=patch.vertices, faces=patch.faces, colour=PATCH_COLOUR, fields=fields or {}, edges=edges)
+
+
+def loop_views(outcome: LoopOutcome, *, exact: bool = False) -> LoopViews:
+    """What is shown of a loop that is filled with an exact minimal surface.
 
     Args:
-        outcome: of a loop that has a patch.
-        details: whether to compute the fields and the discrete minimal surface.
+        outcome: of that loop.
         exact: whether to measure |H| of the surface itself too, by automatic differentiation: it takes seconds.
     """
     patch, solution = outcome.patch, outcome.solution
     assert patch is not None
     assert solution is not None
     surface, none = solution.surface, np.full(len(patch.vertices), np.nan)
-    if not details:
-        return LoopViews(
-            outcome=outcome, patch=patch, surface=surface, fields={}, baseline_figures={}, normals=none[:, None]
-        )
     mean = none.copy()
     curvature = discrete_mean_curvature(patch.vertices, patch.faces)
     mean[curvature.vertices] = curvature.values

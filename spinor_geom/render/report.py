@@ -26,6 +26,7 @@ from spinor_geom.render.loop_views import (
     NORMALS,
     LoopViews,
     loop_views,
+    patch_faces,
     surroundings,
 )
 from spinor_geom.render.page import document, picture, table
@@ -84,9 +85,9 @@ def report(
         MissingPackageError: matplotlib is not installed.
         OSError: the file cannot be written.
     """
-    filled = [outcome for outcome in result.loops if outcome.patch is not None]
+    exact = [outcome for outcome in result.loops if outcome.kind == "minimal" and outcome.patch is not None]
     compared = comparisons or {}
-    details = [loop_views(outcome, exact=outcome.index in compared) for outcome in filled[:MOST_LOOPS]]
+    details = [loop_views(outcome, exact=outcome.index in compared) for outcome in exact[:MOST_LOOPS]]
     views = Views()
     text = document(
         "spinor-geom fill",
@@ -96,7 +97,7 @@ def report(
             *_left_open(result.loops),
             *_pictures(result, details, views),
             *(_loop_section(one, compared.get(one.outcome.index)) for one in details),
-            *_convergence(filled[:MOST_LOOPS]),
+            *_convergence(exact[:MOST_LOOPS]),
             "<h2>All loops</h2>",
             f'<div class="all">{_loop_table(result.loops)}</div>',
             views.script(),
@@ -125,13 +126,7 @@ def _summary(result: FillResult) -> str:
 
 def _left_open(outcomes: Sequence[LoopOutcome]) -> list[str]:
     """What the reader must not overlook."""
-    said = [
-        f"Loop {outcome.index} ({len(outcome.loop)} vertices) {state}: {outcome.reason}"
-        for outcome in outcomes
-        for state in ["is filled, but not within the tolerance" if outcome.filled else "was left open"]
-        if not outcome.converged
-    ]
-    said += [f"Loop {outcome.index}: {note}" for outcome in outcomes for note in outcome.notes]
+    said = [f"{line[0].upper()}{line[1:]}" for outcome in outcomes for line in outcome.shortcomings]
     if not said:
         return []
     lines = "".join(f"<li>{html.escape(line)}</li>" for line in said)
@@ -145,14 +140,14 @@ def _left_open(outcomes: Sequence[LoopOutcome]) -> list[str]:
 def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) -> list[str]:
     used = result.original.vertices[referenced_vertices(result.original.faces, vertices=len(result.original.vertices))]
     first = next((outcome for outcome in result.loops if outcome.filled), result.loops[0] if result.loops else None)
-    patches = {outcome.index: outcome for outcome in result.loops if outcome.patch is not None}
+    patches = {outcome.index: outcome.patch for outcome in result.loops if outcome.patch is not None}
     shown = {one.outcome.index: one for one in details}
     layers, left_out = surroundings(result, edges=_WIREFRAME)
-    for index, outcome in patches.items():
-        layers += (shown[index] if index in shown else loop_views(outcome, details=False)).in_space(edges=_WIREFRAME)
+    for index, patch in patches.items():
+        layers += shown[index].in_space(edges=_WIREFRAME) if index in shown else [patch_faces(patch, edges=_WIREFRAME)]
     known = {name: [one.fields[name] for one in details if name in one.fields] for name in _COLOURS}
     scales = {name: Scale.of(np.concatenate(values), _UNITS[name]) for name, values in known.items() if values}
-    cameras = {"": camera_on(used, first)} | {str(i): camera_on(used, outcome) for i, outcome in patches.items()}
+    cameras = {"": camera_on(used, first)} | {str(i): camera_on(used, result.loops[i]) for i in patches}
     scene = Scene(
         title="The filled mesh: patches orange, loops blue",
         layers=layers,
@@ -178,7 +173,9 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
     if left_out:
         parts.append(f"<p>{left_out} triangles of the mesh that are far from its loops are not shown.</p>")
     if len(patches) > len(details):
-        parts.append(f"<p>Ω, functions, colours and switches are those of the {len(details)} longest filled loops.</p>")
+        parts.append(
+            f"<p>Ω, functions, colours and switches are of the {len(details)} longest loops with exact surfaces.</p>"
+        )
     parts += ['<div class="beside">', views.figure(scene)]
     if details:
         parts += [
@@ -223,7 +220,7 @@ def _loop_table(outcomes: Sequence[LoopOutcome]) -> str:
                 str(outcome.index),
                 str(len(outcome.loop)),
                 _number(outcome.loop.perimeter),
-                "yes" if outcome.filled else "no" if outcome.requested else "left open",
+                outcome.kind or ("border" if outcome.is_border else "no" if outcome.requested else "left open"),
                 _number(entry["residual_rms_per_edge"]),
                 _number(entry["residual_max_per_edge"]),
                 _number(entry["area"]),

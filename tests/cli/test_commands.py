@@ -18,7 +18,7 @@ from spinor_geom.cli.main import build_parser, main
 from spinor_geom.errors import FirstFillError
 from spinor_geom.fill.loops import boundary_loops
 from tests.fill.shapes import collar, figure_eight, spiked_tetrahedron, tube
-from tests.fill.test_bridge import island, places
+from tests.fill.test_bridge import island, places, ring
 
 
 def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
@@ -88,26 +88,48 @@ def test_loops_may_be_listed_with_commas_or_one_by_one(mesh_path: Path, tmp_path
         assert boundary_loops(tmp_path / "filled.obj") == []
 
 
-def test_a_missed_tolerance_gives_status_1_and_the_mesh(
+def test_a_missed_tolerance_is_said_and_gives_status_1_if_strict(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "filled.obj"
-    assert main(["fill", str(mesh_path), "-o", str(output), "--tolerance", "1e-16"]) == 1
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("filled, but not within the tolerance") == 2
-    assert boundary_loops(output) == []
+    for strict in (False, True):
+        arguments = ["fill", str(mesh_path), "-o", str(output), "--tolerance", "1e-16", *(["--strict"] * strict)]
+        assert main(arguments) == int(strict)
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err.count("is not within the tolerance") == 2
+        assert boundary_loops(output) == []
 
 
-def test_a_loop_that_cannot_be_filled_is_named_with_status_1(
+def test_a_discrete_patch_is_said_and_gives_status_1_if_strict(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(loops: Iterable[object], **_: object) -> Iterator[FirstFillError]:
         return (FirstFillError("no disk over this loop") for _ in loops)
 
     monkeypatch.setattr("spinor_geom.fill.many_loops.solve_plateau_batch", fails)
-    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 1
-    assert "loop 0 (16 vertices) not filled: no disk over this loop" in capsys.readouterr().err
+    for strict in (False, True):
+        output = tmp_path / "filled.obj"
+        assert main(["fill", str(mesh_path), "-o", str(output), *(["--strict"] * strict)]) == int(strict)
+        said = "loop 0 (16 vertices) is closed by a discrete surface: a discrete minimal surface, because: no disk over"
+        assert said in capsys.readouterr().err
+        assert boundary_loops(output) == []
+
+
+def test_a_loop_left_open_is_said_with_status_1_and_a_border_with_status_0(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vertices, faces = tube()
+    lone = write_obj(tmp_path / "lone.obj", np.vstack([vertices, np.eye(3) + 4]), np.vstack([faces, [48, 49, 50]]))
+    assert main(["fill", str(lone), "-o", str(tmp_path / "filled.obj")]) == 1
+    assert "(3 vertices) was left open: the loop is the outline of face 64" in capsys.readouterr().err
+    sheet = write_obj(tmp_path / "sheet.obj", *ring(1.0, 1.5))
+    assert main(["fill", str(sheet), "-o", str(tmp_path / "filled.obj")]) == 0
+    assert "loop 0 (24 vertices) was left open: it is the border of a sheet" in capsys.readouterr().err
+    assert len(boundary_loops(tmp_path / "filled.obj")) == 1
+    assert main(["fill", str(sheet), "-o", str(tmp_path / "filled.obj"), "--loop", "0,1"]) == 1
+    assert "crosses the mesh" in capsys.readouterr().err
+    assert boundary_loops(tmp_path / "filled.obj") == []
 
 
 def test_a_patch_that_crosses_the_mesh_is_written_and_said_with_status_1(
@@ -130,7 +152,9 @@ def test_a_patch_that_crosses_the_mesh_is_written_and_said_with_status_1(
 def test_a_loop_that_crosses_itself_is_named_and_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_obj(tmp_path / "eight.obj", *collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])))
     assert main(["fill", str(path), "-o", str(tmp_path / "filled.obj")]) == 1
-    assert "loop 0 (16 vertices) not filled: the loop crosses or touches itself: its edges" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "loop 0 (16 vertices) is closed by a discrete surface" in said
+    assert "the loop crosses or touches itself: its edges" in said
     assert main(["loops", str(path)]) == 0
     assert capsys.readouterr().out.count("crosses or touches itself at 1 pair of edges") == 2
     assert main(["loops", str(path), "--json"]) == 0

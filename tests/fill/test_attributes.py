@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
-from spinor_geom.fill.attributes import harmonic_values, patch_attributes
+from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import fan
@@ -34,6 +34,10 @@ class FlatSurface:
 
     def normal(self, points: np.ndarray) -> np.ndarray:
         return np.tile([0.0, 0.0, 1.0], (len(points), 1))
+
+
+def harmonic_values(disk: Patch, rim_values: np.ndarray) -> np.ndarray:
+    return patch_attributes({"value": rim_values}, np.arange(disk.boundary_size), disk, FlatSurface())["value"]  # type: ignore[arg-type]
 
 
 def test_linear_functions_are_reproduced_exactly(disk: Patch) -> None:

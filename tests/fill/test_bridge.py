@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spinor_geom.errors import OptionError, TooManyRimsError
+from spinor_geom.errors import LoopIndexError, OptionError, TooManyRimsError
 from spinor_geom.fill.bridge import find_islands
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.loops import find_boundary_loops
@@ -53,7 +53,7 @@ def test_two_ends_of_a_gap_are_bridged() -> None:
         for place, loop in enumerate(find_boundary_loops(TriangleMesh(*mesh)))
         if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01
     )
-    filled, report = fill_hole(mesh, (first, second), return_report=True)
+    filled, report = fill_hole(mesh, bridge=(first, second), return_report=True)
     here, there = report.loops[first], report.loops[second]
     assert here.converged
     assert there.converged
@@ -61,8 +61,8 @@ def test_two_ends_of_a_gap_are_bridged() -> None:
     assert here.faces_added > 0
     assert there.faces_added == 0
     np.testing.assert_array_equal(filled[0][: len(mesh[0])], mesh[0])
-    # the other two rims close it
-    closed, after = fill_hole(filled, return_report=True)
+    # the other two rims close it: disks on the flanges, which have to be asked for
+    closed, after = fill_hole(filled, (0, 1), return_report=True)
     assert after.watertight
     assert is_watertight(closed[1])
     assert here.solution is not None
@@ -78,7 +78,7 @@ def test_two_ends_of_a_gap_are_bridged() -> None:
 def test_a_bridge_with_more_area_than_two_disks_is_told_to_be_a_local_minimum() -> None:
     # two disks have less area from height 0.5277 on
     mesh = together(ring(1.0, 1.4, height=0.6), ring(1.0, 1.4, height=-0.6, down=True))
-    _, report = fill_hole(mesh, (2, 3), return_report=True)
+    _, report = fill_hole(mesh, bridge=(2, 3), return_report=True)
     here, there = report.loops[2], report.loops[3]
     assert here.converged
     assert here.solution is not None
@@ -97,7 +97,7 @@ def test_rims_too_far_apart_stay_open_with_the_reason() -> None:
         for place, loop in enumerate(find_boundary_loops(TriangleMesh(*mesh)))
         if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01
     )
-    _, report = fill_hole(mesh, pair, return_report=True)
+    _, report = fill_hole(mesh, bridge=pair, return_report=True)
     assert not report.loops[pair[0]].filled
     assert "no annulus" in report.loops[pair[0]].reason
     assert "fill the two loops one by one" in report.loops[pair[1]].reason
@@ -111,7 +111,7 @@ def test_pieces_inside_out_to_each_other_are_refused() -> None:
         for place, loop in enumerate(find_boundary_loops(TriangleMesh(*mesh)))
         if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01
     )
-    _, report = fill_hole(mesh, pair, return_report=True)
+    _, report = fill_hole(mesh, bridge=pair, return_report=True)
     assert not report.loops[pair[0]].filled
     assert "turn the faces of one piece over" in report.loops[pair[0]].reason
 
@@ -148,8 +148,12 @@ def test_two_islands_in_one_hole_are_refused_by_name() -> None:
 
 def test_what_is_no_pair_is_refused() -> None:
     with pytest.raises(TooManyRimsError, match="got 3"):
-        fill_hole(island(), (0, 1, 2))
+        fill_hole(island(), bridge=(0, 1, 2))  # type: ignore[call-overload]
     with pytest.raises(OptionError, match="loop 1 twice"):
-        fill_hole(island(), (1, 1))
+        fill_hole(island(), bridge=(1, 1))
+    with pytest.raises(OptionError, match="exclude each other"):
+        fill_hole(island(), [2], bridge=(0, 1))
+    with pytest.raises(LoopIndexError, match="loop 9"):
+        fill_hole(island(), bridge=(0, 9))
     with pytest.raises(OptionError, match="islands"):
         fill_hole(island(), islands="maybe")  # type: ignore[call-overload]

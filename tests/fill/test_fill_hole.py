@@ -167,22 +167,27 @@ def test_the_call_back_hears_of_every_requested_loop() -> None:
     assert heard == [(report.loops[1], 1)]
 
 
-def test_a_loop_that_fails_is_named_and_stops_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loop_that_the_solver_fails_on_is_closed_discretely_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails_on_the_first(loops: Iterable[BoundaryLoop], **options: object) -> Iterator[object]:
         for loop in loops:
             if 0 in loop.vertex_ids:
                 yield FirstFillError("no disk was found over this loop")
             else:
-                yield solve_plateau(loop, **options)  # type: ignore[call-overload]
+                yield solve_plateau(loop)
 
     monkeypatch.setattr("spinor_geom.fill.many_loops.solve_plateau_batch", fails_on_the_first)
     filled, report = fill_hole(tube(), return_report=True)
     failed, done = report.loops
-    assert (failed.filled, failed.requested, failed.reason) == (False, True, "no disk was found over this loop")
-    assert done.filled
-    assert not report.watertight
+    assert (failed.kind, failed.solution, failed.converged) == ("discrete", None, False)
+    assert failed.reason == "a discrete minimal surface, because: no disk was found over this loop"
+    assert done.kind == "minimal"
+    assert report.watertight
+    assert report.closed
     assert not report.complete
-    assert [set(loop.vertex_ids) for loop in boundary_loops(filled)] == [set(failed.loop.vertex_ids)]
+    polygon = 16 * np.sin(2 * np.pi / 16) / 2
+    assert failed.area == pytest.approx(polygon, rel=1e-9)  # a plane loop's least area
+    assert json.loads(json.dumps(report.to_dict(), allow_nan=False))["loops"][0]["kind"] == "discrete"
+    assert is_watertight(filled[1])
 
 
 def test_an_error_that_is_not_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,7 +199,7 @@ def test_an_error_that_is_not_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch
         fill_hole(tube())
 
 
-def test_a_surface_that_is_not_finite_leaves_the_hole_open(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_surface_that_is_not_finite_gives_way_to_a_discrete_one(monkeypatch: pytest.MonkeyPatch) -> None:
     real = one_loop.mesh_patch
 
     def with_a_hole(solution: object, length: object) -> object:
@@ -205,8 +210,9 @@ def test_a_surface_that_is_not_finite_leaves_the_hole_open(monkeypatch: pytest.M
 
     monkeypatch.setattr(one_loop, "mesh_patch", with_a_hole)
     _, report = fill_hole(tube(), return_report=True)
-    assert not any(outcome.filled for outcome in report.loops)
+    assert {outcome.kind for outcome in report.loops} == {"discrete"}
     assert "not finite" in report.loops[0].reason
+    assert report.watertight
 
 
 def test_a_missed_tolerance_is_filled_and_said() -> None:

@@ -190,10 +190,11 @@ def test_dark_and_light_pages_have_readable_text(chromium: Any, page: Path) -> N
             assert (canvas(now, 0)[2, 2].mean() < 60) == dark
 
 
-def test_the_page_says_what_was_refused() -> None:
+def test_the_page_says_what_is_discrete_and_why() -> None:
     _, result = spinor_geom.fill_hole(collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])), return_report=True)
     text = spinor_geom.report(result)
-    assert "0 of 2 loops filled" in text
+    assert "2 of 2 loops filled" in text
+    assert text.count("<td>discrete</td>") == 2
     assert text.count("crosses or touches itself") >= 2
     assert text.count("<canvas") == 0  # made by the script
     assert "<section" not in text

@@ -1,0 +1,71 @@
+"""The patch of a loop without an exact surface: a discrete minimal surface, or triangles over the loop's points."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Complex, Int
+from scipy.sparse import coo_array, csc_array
+
+from spinor_geom.deadline import time_limit
+from spinor_geom.discrete.area_descent import harmonic_extension
+from spinor_geom.discrete.first_fill import disk_without_inner_points
+from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
+from spinor_geom.errors import SpinorGeomError, SurfaceError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import face_areas
+from spinor_geom.meshing.embed import Patch
+from spinor_geom.meshing.triangulate import require_few_points
+
+
+def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
+    """The discrete minimal surface over a loop; where there is none, its triangulation without inner vertices.
+
+    Args:
+        loop: any loop.
+        target: upper bound of the edge length, in mesh units.
+        seconds: after which the descent of the area ends where it is.
+
+    Returns:
+        The patch, over the unit disk, and what it is, in words.
+
+    Raises:
+        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+    """
+    faces = disk_without_inner_points(loop.points)
+    area = float(face_areas(loop.points, faces).sum())
+    require_few_points(area, target)
+    try:
+        with time_limit(seconds):
+            surface = discrete_minimal_surface(loop, target_edge_length=target)
+        if not np.isfinite(surface.vertices).all():
+            raise SurfaceError("the discrete minimal surface is not finite everywhere")
+    except SpinorGeomError as error:
+        return _over_disk(loop.points, faces, len(loop)), f"a triangulation without inner vertices, as {error}"
+    stopped = "" if surface.converged else ", whose area is not stationary yet"
+    return _over_disk(surface.vertices, surface.faces, len(loop)), f"a discrete minimal surface{stopped}"
+
+
+def graph_laplacian(faces: Int[np.ndarray, "f 3"], vertices: int) -> csc_array:
+    """The Laplacian of a mesh's edges, all of weight 1: factorable whatever shape the faces have."""
+    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
+    degree = np.bincount(rows, minlength=vertices).astype(np.float64)
+    diagonal = np.arange(vertices)
+    weights = np.concatenate([degree, np.full(len(rows), -1.0)])
+    places = (np.concatenate([diagonal, rows]), np.concatenate([diagonal, columns]))
+    return csc_array(coo_array((weights, places), shape=(vertices, vertices)))
+
+
+def _over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> Patch:
+    return Patch(vertices=vertices, faces=faces, boundary_size=rim, points=_embedded(vertices, faces, rim))
+
+
+def _embedded(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> Complex[np.ndarray, " n"]:
+    """Every vertex in the unit disk, the rim on its circle by arc length, each other in the middle of its neighbours.
+
+    Source: Tutte, "How to draw a graph", Proc. London Math. Soc. 13 (1963).
+    """
+    lengths = np.linalg.norm(np.roll(vertices[:rim], -1, axis=0) - vertices[:rim], axis=1)
+    angle = 2 * np.pi * np.concatenate([[0.0], np.cumsum(lengths)[:-1]]) / lengths.sum()
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(harmonic_extension(graph_laplacian(faces, len(vertices)), circle) @ np.array([1.0, 1.0j]))
