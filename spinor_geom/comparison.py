@@ -11,6 +11,7 @@ from jaxtyping import Float
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
 from spinor_geom.measures.hausdorff import HausdorffDistance, hausdorff_distance
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -25,10 +26,13 @@ class CurvatureFigures:
     Attributes:
         max: Largest.
         rms: Root mean square, by area where it is a mesh's.
+        tangential_rms: Of a mesh: what pulls its vertices along the surface, as in `discrete_mean_curvature`; 0 for the
+            surface itself.
     """
 
     max: float
     rms: float
+    tangential_rms: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +42,12 @@ class Comparison:
     Attributes:
         method: What made the baseline.
         hausdorff: Distances, forward from the patch to the baseline; mesh units.
-        patch_area: Of the patch's triangles; squared mesh units, like the two others.
+        patch_area: Of the patch's triangles; squared mesh units, like the two others. It stands beside the baseline's:
+            the chords of the loop and of the triangles make both less than the surface's.
         baseline_area: Of the baseline's triangles.
-        exact_area: Of the surface itself.
-        patch_curvature: Discrete |H| (cotangents over mixed Voronoi areas) at the patch's inner vertices.
+        exact_area: Of the surface itself, whose boundary is a curve through the loop's points.
+        patch_curvature: Discrete |H| (the normal part of the cotangent Laplacian over mixed Voronoi areas) at the
+            patch's inner vertices.
         baseline_curvature: The same of the baseline.
         exact_curvature: |H| of the surface by automatic differentiation at the patch's inner vertices.
         exact_curvature_points: At how many of them: all, or a share of a large patch's, evenly spread.
@@ -75,12 +81,12 @@ class Comparison:
         """A table of one line a figure, with a column for each surface."""
         forward, backward = self.hausdorff.forward, self.hausdorff.backward
         rows = [
-            ("", "exact", "its mesh", self.method),
+            ("", "surface", "its mesh", f"{self.method} mesh"),
             ("area", _number(self.exact_area), _number(self.patch_area), _number(self.baseline_area)),
-            *(
-                (f"|H| {name}", *(f"{getattr(figures, name):.2e}" for figures in self._curvatures))
-                for name in ("max", "rms")
-            ),
+            ("mesh area excess", "", "", f"{self.baseline_area / self.patch_area - 1:+.2e}"),
+            ("|H| max", *(f"{figures.max:.2e}" for figures in self._curvatures)),
+            ("|H| rms", *(f"{figures.rms:.2e}" for figures in self._curvatures)),
+            ("tangential rms", "", *(f"{figures.tangential_rms:.2e}" for figures in self._curvatures[1:])),
             ("vertices", "", str(self.patch_vertices), str(self.baseline_vertices)),
             ("seconds", f"{self.solution_seconds:.2f}", "", f"{self.baseline_seconds:.2f}"),
             ("distance max", "", f"{forward.max:.2e}", f"{backward.max:.2e}"),
@@ -107,17 +113,17 @@ def compare(
 
     Args:
         solution: The exact surface.
-        baseline: The discrete surface; if none is given, `discrete_minimal_surface` of the same loop.
-        target_edge_length: Of the patch, as in `mesh_patch`.
-        patch: The solution's mesh, if there is one already; `target_edge_length` is then not used.
+        baseline: The discrete surface; if none is given, `discrete_minimal_surface` of the same loop, with the patch's
+            edge length; between two loops its edges grow inwards.
+        target_edge_length: Of the patch, as in `mesh_patch`, and of the baseline made here.
+        patch: The solution's mesh of that edge length, if there is one already.
 
     Raises:
         OptionError: The edge length is not a positive number.
-        DomainError: The solution cannot be meshed, or the loop has no discrete surface.
-        FirstFillError: The loop has no discrete surface.
+        DomainError: The solution cannot be meshed, or its two loops have no discrete annulus.
     """
-    discrete = baseline or discrete_minimal_surface([rim.loop for rim in solution.rims])
     mesh = mesh_patch(solution, target_edge_length) if patch is None else patch
+    discrete = baseline or _baseline([rim.loop for rim in solution.rims], target_edge_length)
     exact = _exact_curvature(solution, mesh)
     return Comparison(
         method=discrete.method,
@@ -127,7 +133,7 @@ def compare(
         exact_area=solution.area,
         patch_curvature=_discrete_curvature(mesh),
         baseline_curvature=_discrete_curvature(discrete),
-        exact_curvature=CurvatureFigures(max=_largest(exact), rms=_root_mean_square(exact)),
+        exact_curvature=CurvatureFigures(max=_largest(exact), rms=_root_mean_square(exact), tangential_rms=0.0),
         exact_curvature_points=len(exact),
         patch_vertices=len(mesh.vertices),
         baseline_vertices=len(discrete.vertices),
@@ -136,9 +142,18 @@ def compare(
     )
 
 
+def _baseline(loops: list[BoundaryLoop], edge_length: float | Literal["auto"]) -> DiscreteMinimalSurface:
+    if len(loops) > 1:
+        return discrete_minimal_surface(loops)
+    (loop,) = loops
+    return discrete_minimal_surface(
+        loop, target_edge_length=loop.mean_edge_length if edge_length == "auto" else edge_length
+    )
+
+
 def _discrete_curvature(mesh: Patch | DiscreteMinimalSurface) -> CurvatureFigures:
     curvature = discrete_mean_curvature(mesh.vertices, mesh.faces)
-    return CurvatureFigures(max=curvature.max, rms=curvature.rms)
+    return CurvatureFigures(max=curvature.max, rms=curvature.rms, tangential_rms=curvature.tangential_rms)
 
 
 def _exact_curvature(solution: PlateauSolution, patch: Patch) -> Float[np.ndarray, " k"]:

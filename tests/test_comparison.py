@@ -28,13 +28,39 @@ def test_both_meshes_are_near_the_surface_and_each_other(enneper):
     assert enneper.patch_area == pytest.approx(enneper.exact_area, rel=0.02)
     assert enneper.baseline_area == pytest.approx(enneper.exact_area, rel=0.02)
     assert enneper.baseline_curvature.max > 0
+    # the chords lower both alike: the meshes' areas are nearer to each other than to the surface's
+    assert abs(enneper.baseline_area / enneper.patch_area - 1) < 0.1 * (1 - enneper.patch_area / enneper.exact_area)
     # both meshes' sagitta at edges of 0.15 and curvature 1 is about 0.01
     assert 0 < enneper.hausdorff.mean < enneper.hausdorff.max < 0.05
 
 
+def test_meshes_have_the_same_resolution():
+    solution = exact_solution(ENNEPER, 40, radius=0.8)
+    for target in ("auto", 0.5 * solution.loop.mean_edge_length):
+        comparison = compare(solution, target_edge_length=target)
+        assert 0.8 < comparison.baseline_vertices / comparison.patch_vertices < 1.25
+
+
+def test_the_discrete_surface_has_no_normal_curvature_left(enneper):
+    # what the chords leave on the exact surface's mesh is a thousand times as much
+    assert enneper.baseline_curvature.max < 1e-3 * enneper.patch_curvature.max
+    # in its own plane it is pulled as the other mesh is: its triangles are no more even
+    assert enneper.baseline_curvature.tangential_rms == pytest.approx(enneper.patch_curvature.tangential_rms, rel=1)
+    assert enneper.exact_curvature.tangential_rms == 0
+
+
 def test_table_and_dictionary_hold_the_figures(enneper):
     table = str(enneper)
-    for word in ("area", "|H| max", "|H| rms", "distance max", "libigl", f"{enneper.exact_area:.8g}"):
+    for word in (
+        "area",
+        "mesh area excess",
+        "|H| max",
+        "|H| rms",
+        "tangential rms",
+        "distance max",
+        "libigl mesh",
+        f"{enneper.exact_area:.8g}",
+    ):
         assert word in table
     figures = json.loads(json.dumps(enneper.to_dict()))
     assert figures["hausdorff"]["max"] == enneper.hausdorff.max

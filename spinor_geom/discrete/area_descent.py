@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csc_array
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import SingularMatrixError
-from spinor_geom.mesh.operators import face_areas, factor_symmetric, mollified_laplacian
+from spinor_geom.mesh.operators import face_areas, factor_symmetric, mollified_laplacian, vertex_normals
 
 # Harmonic steps converge slowly near a loss of stability, Newton steps need a good start: hand over at this change.
 _HAND_OVER = 1e-3
@@ -103,7 +103,10 @@ def _harmonic_step(
     edge = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
     cross = np.cross(edge[:, 1], edge[:, 2])
     normal = cross / np.maximum(np.linalg.norm(cross, axis=1), _NO_AREA)[:, None]
-    gradient = _summed(faces, 0.5 * np.cross(normal[:, None], edge), len(x))[m:]
+    pull = 0.5 * np.cross(normal[:, None], edge)
+    gradient = np.stack(
+        [np.bincount(faces.ravel(), pull[:, :, k].ravel(), minlength=len(x)) for k in range(3)], axis=1
+    )[m:]
     step = -factor_symmetric(mollified_laplacian(x, faces)[m:, m:]).solve(gradient)
     return np.asarray(step), -float((gradient * step).sum())
 
@@ -115,8 +118,7 @@ def _newton_step(
     n = len(x)
     corner = x[faces]
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    vertex_normal = _summed(faces, np.repeat(cross[:, None], 3, axis=1), n)
-    vertex_normal /= np.maximum(np.linalg.norm(vertex_normal, axis=1), _NO_AREA)[:, None]
+    vertex_normal = vertex_normals(x, faces)
     # slivers have no area to gain: their second derivative must not drown that of their neighbours
     longest = np.max(np.sum((corner - np.roll(corner, 1, axis=1)) ** 2, axis=2), axis=1)
     twice_area = np.maximum(np.linalg.norm(cross, axis=1), np.maximum(1e-4 * longest, _NO_AREA))
@@ -145,8 +147,3 @@ def _newton_step(
         shift = max(4 * shift, 1e-2)
     along_normals = -factor.solve(gradient)
     return along_normals[:, None] * vertex_normal[m:], -float(gradient @ along_normals)
-
-
-def _summed(faces: Int[np.ndarray, "f 3"], values: Float[np.ndarray, "f 3 3"], n: int) -> Float[np.ndarray, "n 3"]:
-    """Sums at the vertices of vectors given at the corners of faces."""
-    return np.stack([np.bincount(faces.ravel(), values[:, :, k].ravel(), minlength=n) for k in range(3)], axis=1)

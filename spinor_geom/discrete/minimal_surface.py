@@ -1,4 +1,4 @@
-"""The discrete baseline: a triangulated disk of stationary area over a loop, or an annulus between two."""
+"""The discrete baseline: a triangulated disk over a loop, or an annulus between two, without mean curvature."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FINE_GROWTH = 0.15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiscreteMinimalSurface(Shown):
-    """A triangulated disk or annulus whose boundary is a loop or two, and whose area is stationary.
+    """A triangulated disk or annulus whose boundary is a loop or two, and whose discrete mean curvature is zero.
 
     Attributes:
         vertices: (n, 3), mesh units; the loops' points come first, bit-equal.
@@ -38,7 +38,8 @@ class DiscreteMinimalSurface(Shown):
         boundary_size: number of loop points, of all loops together.
         area: total area of the triangles.
         area_history: total area after each step of the last descent.
-        converged: whether the area became stationary to the relative change asked for.
+        converged: whether the area became stationary, for motions along the vertex normals, to the relative change
+            asked for.
         reason: one sentence: why it did not, or what could not be done as usual; empty where all went well.
         method: what made it.
         seconds: wall time.
@@ -67,13 +68,16 @@ def discrete_minimal_surface(
     target_edge_length: float | None = None,
     relative_change: float = 1e-8,
 ) -> DiscreteMinimalSurface:
-    """A discrete disk of stationary area over any closed loop, or an annulus between two.
+    """A discrete disk over any closed loop whose area is stationary along its normals, or an annulus between two.
 
     "libigl": the loop's minimum-area triangulation is unfolded, the plane polygon triangulated, and the inner vertices
     moved by Pinkall-Polthier iteration; the surface is then flattened again, which gives a nearly conformal domain,
-    meshed anew there and brought to a stationary area by Newton's method along the normals. Triangles are as long as
-    the loop's edges beside it and grow with the distance from it, so their number grows like the loop's length; for an
-    area that converges with the loop's edge length give `target_edge_length`.
+    meshed anew there and brought by Newton's method to an area that no motion along the vertex normals changes: there
+    the discrete mean curvature is zero. Motions of the vertices along the surface are left out, as they spoil the
+    triangles: on Enneper's surface, rims of 48 and 64 points, they would lower the area by 0.1 to 0.3 % more (with
+    `target_edge_length` the rim's mean edge, by 0.01 to 0.05 %) and the smallest angle from some 33° to some 16°.
+    Triangles are as long as the loop's edges beside it and grow with the distance from it, so their number grows like
+    the loop's length; for an area that converges with the loop's edge length give `target_edge_length`.
     Loops without a simple plane domain like them, as ragged rims and loops that cross or touch themselves may be, start
     from a round one; where that leaves more area than triangles without inner vertices do, these are the result. The
     result's `reason` says so.

@@ -25,13 +25,13 @@ _NEGLIGIBLE = 1e-19
 _SIDE_VERTICES = 32
 
 
-def enneper(radius: float = 1.0) -> KnownSurface:
+def enneper(radius: float = 0.8) -> KnownSurface:
     """Enneper's surface p = 1, q = z over |z| < R, area πR²(1 + R² + R⁴/3).
 
     Its disk is stable for R < 1, and its boundary crosses itself from R = √3 on.
 
     Args:
-        radius: R.
+        radius: R; at 1 the second variation vanishes in one direction, so that disks that are near in area are far.
 
     Raises:
         OptionError: the radius is not positive.

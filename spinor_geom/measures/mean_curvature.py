@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.mesh.operators import cotangent_laplacian, mass_matrix
+from spinor_geom.mesh.operators import cotangent_laplacian, mass_matrix, vertex_normals
+from spinor_geom.mesh.topology import HalfEdges
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -18,11 +19,14 @@ class DiscreteMeanCurvature:
     Attributes:
         vertices: Indices of the inner vertices.
         values: |H| there.
+        tangential: What pulls the vertices along the surface, in the same units: how far the mesh is from the least
+            area with its connectivity. It says how the triangles lie, nothing of the surface's curvature.
         areas: Mixed Voronoi areas there, in squared mesh units.
     """
 
     vertices: Int[np.ndarray, " k"]
     values: Float[np.ndarray, " k"]
+    tangential: Float[np.ndarray, " k"]
     areas: Float[np.ndarray, " k"]
 
     @cached_property
@@ -33,39 +37,52 @@ class DiscreteMeanCurvature:
     @cached_property
     def rms(self) -> float:
         """Root of the mean of H² by area; 0 without inner vertices."""
+        return self._root_mean_square(self.values)
+
+    @cached_property
+    def tangential_rms(self) -> float:
+        """The same of `tangential`."""
+        return self._root_mean_square(self.tangential)
+
+    def _root_mean_square(self, values: Float[np.ndarray, " k"]) -> float:
         total = self.areas.sum()
-        return float(np.sqrt(self.areas @ self.values**2 / total)) if total > 0 else 0.0
+        return float(np.sqrt(self.areas @ values**2 / total)) if total > 0 else 0.0
 
 
 def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> DiscreteMeanCurvature:
-    """Mean curvature |H_i| = |Σ_j ½(cot α_ij + cot β_ij)(x_i − x_j)| / (2 A_i) at inner vertices.
+    """Mean curvature |H_i| = |n_i · Σ_j ½(cot α_ij + cot β_ij)(x_i − x_j)| / (2 A_i) at inner vertices.
 
     The sum is the gradient of the mesh's area by x_i, α_ij and β_ij are the angles opposite to edge ij, A_i is the
-    mixed Voronoi area; H is the mean of the principal curvatures, 1/R on a sphere. Vertices on the boundary and
-    unreferenced ones are left out.
+    mixed Voronoi area, n_i the normal, the mean of those of the faces by area. H is the mean of the principal
+    curvatures, 1/R on a sphere. The part of the gradient across n_i is no curvature: it comes from uneven triangles,
+    and is given beside it. Vertices on the boundary and unreferenced ones are left out.
 
     Source: Meyer, Desbrun, Schröder & Barr (2003), Discrete differential-geometry operators for triangulated
     2-manifolds.
     """
+    vertices = np.asarray(vertices, dtype=np.float64)
     inner = inner_vertices(faces, len(vertices))
-    gradient = cotangent_laplacian(vertices, faces) @ np.asarray(vertices, dtype=np.float64)
-    area = mass_matrix(vertices, faces, "voronoi").diagonal()
-    magnitude = np.linalg.norm(gradient[inner], axis=1)
-    return DiscreteMeanCurvature(
-        vertices=inner,
+    gradient = (cotangent_laplacian(vertices, faces) @ vertices)[inner]
+    area = mass_matrix(vertices, faces, "voronoi").diagonal()[inner]
+    normal = vertex_normals(vertices, faces)[inner]
+    along = np.einsum("ik,ik->i", gradient, normal)
+    across = np.linalg.norm(gradient - along[:, None] * normal, axis=1)
+    # where the faces' normals cancel there is none: all of the gradient counts
+    bend = np.where(normal.any(axis=1), np.abs(along), across)
+
+    def by_area(magnitude: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         # a vertex whose faces have no area has no curvature: infinite where they pull at it
-        values=np.divide(magnitude, 2 * area[inner], out=np.where(magnitude > 0, np.inf, 0.0), where=area[inner] > 0),
-        areas=area[inner],
-    )
+        still = np.where(magnitude > 0, np.inf, 0.0)
+        return np.divide(magnitude, 2 * area, out=still, where=area > 0)
+
+    return DiscreteMeanCurvature(vertices=inner, values=by_area(bend), tangential=by_area(across), areas=area)
 
 
 def inner_vertices(faces: Int[np.ndarray, "f 3"], count: int) -> Int[np.ndarray, " k"]:
     """Vertices that some face uses and no boundary edge (an edge with one face) touches, ascending."""
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    code, uses = np.unique(edges[:, 0] * count + edges[:, 1], return_counts=True)
-    boundary = code[uses == 1]
+    half_edges = HalfEdges.of(faces)
     inner = np.zeros(count, dtype=bool)
     inner[faces] = True
-    inner[boundary // count] = False
-    inner[boundary % count] = False
+    inner[half_edges.origin[half_edges.boundary]] = False
+    inner[half_edges.target[half_edges.boundary]] = False
     return np.flatnonzero(inner)

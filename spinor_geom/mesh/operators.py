@@ -116,6 +116,19 @@ def face_areas(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]
     return np.asarray(igl.doublearea(*_for_igl(vertices, faces)), dtype=np.float64).reshape(-1) / 2
 
 
+def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "v 3"]:
+    """Unit normals at the vertices, (V, 3): the mean of the faces' normals by area; 0 where these cancel.
+
+    A vertex's is the direction in which it adds most volume to one side of the mesh.
+    """
+    corner = vertices[faces]
+    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    total = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(cross[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
+    )
+    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1), np.finfo(np.float64).tiny)[:, None])
+
+
 def internal_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3"]:
     """Angle of every face at each of its corners, (F, 3), in radians."""
     import igl

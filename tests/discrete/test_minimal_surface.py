@@ -9,6 +9,7 @@ from spinor_geom import gallery
 from spinor_geom.discrete import discrete_minimal_surface, minimal_surface
 from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.errors import DomainError, FirstFillError, OptionError
+from spinor_geom.measures import discrete_mean_curvature
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from tests.loops import CONVEX, L_SHAPE, is_disk_on, noisy_ellipse, planar, polygon_area, ramp, ramp_area, slit
@@ -47,6 +48,13 @@ def test_area_of_enneper_converges_at_order_two(method):
     # the polygons inscribed in the rim bound less area, in proportion to the squared edge length
     assert 1.8 < slope < 2.3
     assert errors[-1] < 2e-3
+
+
+@pytest.mark.parametrize("rim", [ENNEPER.rim(64), gallery.tennis_seam(0.8).sample(64)], ids=["Enneper", "seam"])
+def test_stationary_means_no_normal_curvature_and_some_tangential_pull(rim):
+    surface = filled(rim, "libigl")
+    curvature = discrete_mean_curvature(surface.vertices, surface.faces)
+    assert curvature.rms < 1e-4 * curvature.tangential_rms
 
 
 def test_triangles_that_grow_inwards_keep_the_area_within_three_in_a_thousand():

@@ -24,6 +24,40 @@ def test_mean_curvature_of_a_sphere_is_one_over_its_radius(radius):
     assert curvature.areas.sum() == pytest.approx(4 * np.pi * radius**2, rel=0.02)
 
 
+def test_mean_curvature_of_a_cylinder_is_half_of_one_over_its_radius():
+    u, v = np.meshgrid(np.arange(60), np.arange(12), indexing="ij")
+    angle, height = 2 * np.pi * (u + 0.5 * v) / 60, v * 2 * 2 * np.pi / 60
+    vertices = np.stack([2 * np.cos(angle), 2 * np.sin(angle), height], axis=2).reshape(-1, 3)
+    a, b, c, d = (((u + i) % 60 * 12 + v + j)[:, :-1].ravel() for i, j in ((0, 0), (1, 0), (0, 1), (-1, 1)))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    curvature = discrete_mean_curvature(vertices, faces)
+    assert len(curvature.values) == 60 * 10
+    assert curvature.values == pytest.approx(np.full(600, 0.25), rel=5e-3)
+    # all vertices are alike: nothing pulls them along the surface
+    assert curvature.tangential_rms < 1e-10
+
+
+def test_uneven_triangles_pull_along_a_surface_and_do_not_bend_it():
+    """A plane mesh with one vertex out of the middle has the least area already; a sphere's is pulled to and fro."""
+    vertices, faces = octahedral_sphere(4, 1.0)
+    moved = vertices + 0.02 * np.random.default_rng(0).normal(size=vertices.shape)
+    moved /= np.linalg.norm(moved, axis=1, keepdims=True)
+    even, uneven = discrete_mean_curvature(vertices, faces), discrete_mean_curvature(moved, faces)
+    assert uneven.tangential_rms > 5 * even.tangential_rms
+    assert uneven.rms == pytest.approx(1.0, rel=0.05)
+    hexagon = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(6) * np.pi / 3] + [[0.3, 0.2, 0.0]])
+    flat = discrete_mean_curvature(hexagon, np.array([[k, (k + 1) % 6, 6] for k in range(6)]))
+    assert flat.max < 1e-12
+    assert flat.tangential_rms < 1e-12
+
+
+def test_mean_curvature_of_a_vertex_without_normal_is_all_of_its_pull():
+    """Two faces folded onto each other: their normals cancel, and both pull the tip to the fold."""
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, 0, 0]])
+    curvature = discrete_mean_curvature(vertices, np.array([[0, 3, 2], [3, 1, 2], [1, 0, 2]]))
+    assert curvature.values == pytest.approx(curvature.tangential)
+
+
 def test_mean_curvature_of_a_plane_is_zero_and_its_boundary_is_left_out():
     patch = mesh_patch(exact_solution(PLANE, 40))
     curvature = discrete_mean_curvature(patch.vertices, patch.faces)
