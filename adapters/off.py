@@ -27,7 +27,7 @@ from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import seam_representatives
 
 # Geomview's order: ST, C, N before OFF; 4 (four coordinates) and n (any number) are not surfaces in space
-KEYWORD = re.compile(rb"(ST)?(C)?(N)?OFF$", re.IGNORECASE)
+KEYWORD = re.compile(rb"(ST|st)?(C|c)?(N)?(?:OFF|off)$")
 COUNTS = re.compile(rb"^((?:" + BYTE_ORDER_MARK + rb")?\s*(?:[A-Za-z]\w*\s+)?)(\d+)(\s+)(\d+)")
 SIZE = re.compile(rb"([3-9]|[1-9]\d{1,8})$")  # of a face
 LONGEST_COUNT = 18  # digits; no file holds more

@@ -259,7 +259,7 @@ OFF_FILES: Files = {
     "wide letters": (OFF.encode("utf-16"), "a zero byte"),
     "binary": (b"OFF BINARY\n\0\0\0\3", "a zero byte"),
     "four coordinates": (OFF.replace("OFF", "4OFF"), "is no kind of OFF that is read"),
-    "n coordinates": (OFF.replace("OFF", "nOFF"), "does not fit the keyword"),
+    "n coordinates": (OFF.replace("OFF", "nOFF"), "is no kind of OFF that is read"),
     "colours announced": (OFF.replace("OFF", "COFF"), "does not fit the keyword"),
     "another magic word": (OFF.replace("OFF", "ON"), "is no kind of OFF that is read"),
     "empty": ("", "is empty"),
