@@ -14,7 +14,7 @@ from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.errors import MeshFileError
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
-LONGEST_PROBLEM = 240
+LONGEST_PROBLEM = 240  # letters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,7 +90,7 @@ def malformed(path: Path | None, place: str, problem: str, advice: str) -> MeshF
     """
     where = ", ".join(part for part in (str(path) if path else "", place) if part)
     if len(problem) > LONGEST_PROBLEM:
-        problem = f"{problem[:LONGEST_PROBLEM]} ..."
+        problem = f"{problem[: LONGEST_PROBLEM // 2]} ... {problem[-LONGEST_PROBLEM // 2 :]}"
     return MeshFileError(f"{where}: {problem}; {advice}", path=path, place=place)
 
 

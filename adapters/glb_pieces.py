@@ -111,10 +111,11 @@ def scene_pieces(container: GlbContainer, path: Path | None) -> list[Piece]:
         node = container.item("nodes", number)
         with np.errstate(over="ignore", invalid="ignore"):  # a position that is not finite is reported later
             transform = parent @ _local_transform(node)
+            is_flat = np.linalg.det(transform[:3, :3]) == 0
         stack += [(child, transform) for child in reversed(node.get("children", []))]
         if "mesh" in node:
             placed = np.eye(4) if "skin" in node else transform
-            if np.linalg.det(placed[:3, :3]) == 0:
+            if is_flat and "skin" not in node:
                 raise malformed(path, f"node {number}", "its transform flattens the mesh", "correct the transform")
             for index in range(len(tree["meshes"][node["mesh"]]["primitives"])):
                 start = pieces[-1].stop if pieces else 0

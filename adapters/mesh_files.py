@@ -204,10 +204,12 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     if not data:
         raise malformed(source, "", "is empty", "check that the file is complete")
     contents = FORMATS[suffix][0](data, source)
-    if len(contents.polygons) == 0 and not contents.polylines:
-        raise malformed(source, "", "has vertices but no faces and no curves", "give a file with a surface in it")
     file = MeshFile.of_contents(contents, path=source)
-    return file.merged() if suffix == ".stl" else file
+    if suffix == ".stl":
+        file = file.merged()
+    if len(file.polygons) == 0 and not file.polylines:
+        raise malformed(source, "", "has vertices but no faces and no curves", "give a file with a surface in it")
+    return file
 
 
 class MeshFileAdapter:

@@ -27,8 +27,9 @@ from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import seam_representatives
 
 # Geomview's order: ST, C, N before OFF; 4 (four coordinates) and n (any number) are not surfaces in space
-KEYWORD = re.compile(rb"(ST)?(C)?(N)?OFF$", re.IGNORECASE)
+KEYWORD = re.compile(rb"(ST|st)?(C|c)?(N)?(?:OFF|off)$")
 COUNTS = re.compile(rb"^((?:" + BYTE_ORDER_MARK + rb")?\s*(?:[A-Za-z]\w*\s+)?)(\d+)(\s+)(\d+)")
+SIZE = re.compile(rb"([3-9]|[1-9]\d{1,8})$")  # of a face
 LONGEST_COUNT = 18  # digits; no file holds more
 
 
@@ -201,7 +202,7 @@ def _records(words: list[tuple[bytes, int]], counts: tuple[int, int]) -> tuple[l
         rest = words[lacking:]
         starts = list(range(0, 3 * counts[0], 3)) if 3 * counts[0] <= len(rest) else []
         stop = 3 * len(starts)
-        while stop < len(rest) and len(starts) < sum(counts) and rest[stop][0].isdigit() and len(rest[stop][0]) < 9:
+        while stop < len(rest) and len(starts) < sum(counts) and SIZE.match(rest[stop][0]):
             starts.append(stop)
             stop += 1 + int(rest[stop][0])
         if stop == len(rest) and len(starts) == sum(counts):

@@ -1,0 +1,559 @@
+"""Mesh files as they should not be, made on the fly; run as a program, reads them all under a limit of memory.
+
+Each is read, and where that works extended by a triangle and written. A line of JSON says what came of each.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import struct
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.errors import SpinorGeomError
+from spinor_geom.mesh.extension import MeshExtension
+from tests.adapters.shapes import glb_file, open_cube
+
+MEMORY = 400 << 20  # bytes beyond what the imports take
+
+
+# a file, or what makes it, and what should come of it: (vertices, faces) that are read, or words of the error
+Files = dict[str, tuple[str | bytes | Callable[[], str | bytes], tuple[int, int] | str]]
+
+
+def content_of(name: str) -> bytes:
+    content = CASES[name][0]
+    made = content() if callable(content) else content
+    return made if isinstance(made, bytes) else made.encode()
+
+
+# --- OBJ --------------------------------------------------------------------------------------------------------------
+
+V = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+OBJ = V + "f 1 2 3\n"
+HUGE = "9" * 5000
+
+OBJ_FILES: Files = {
+    "byte order mark": (b"\xef\xbb\xbf" + OBJ.encode(), (3, 1)),
+    "capitals": (OBJ.upper(), (3, 1)),
+    "capitals of all kinds": ("VT 0 0\nVN 0 0 1\n" + V + "F 1/1/1 2/1/1 3/1/1\nL 1 2\nG a\nO b\n", (3, 1)),
+    "underscore in a number": ("v 1_0 0 0\n" + OBJ, "line 1: '1_0' is no number"),
+    "underscore in an index": (V + "f 1 2 0_3\n", "line 4: '0_3' is no corner"),
+    "underscores in all indices": (V + "f 0_1 0_2 0_3\n", "line 4: '0_1' is no corner"),
+    "underscore in a texture index": (V + "vt 0 0\nf 1/1 2/1 3/0_1\n", "line 5: '3/0_1' is no corner"),
+    "megabytes of continued lines": (lambda: OBJ + "\\\n" * 1_500_000 + "\n", (3, 1)),
+    "a face in a million pieces": (lambda: V + "f " + "\\\n" * 1_000_000 + "1 2 3\n", (3, 1)),
+    "continued beyond the end": (OBJ + "f 1 2 \\", "line 5: a face needs three corners"),
+    "index zero": (V + "f 0 1 2\n", "line 4: '0' names a vertex that does not exist"),
+    "index beyond": (V + "f 1 2 4\n", "line 4: '4' names a vertex that does not exist"),
+    "index before": (V + "f 1 2 -4\n", "line 4: '-4' names a vertex that does not exist"),
+    "index of 30 digits": (V + f"f 1 2 {10**30}\n", "line 4: '1000"),
+    "index of 5000 digits": (V + f"f 1 2 {HUGE}\n", "is no corner"),
+    "index of 63 bits": (V + f"f 1 2 {2**63 - 1}\n", "does not exist"),
+    "index of minus 63 bits": (V + f"f 1 2 {-(2**63)}\n", "does not exist"),
+    "fraction as index": (V + "f 1 2 2.5\n", "'2.5' is no corner"),
+    "hexadecimal index": (V + "f 1 2 0x3\n", "'0x3' is no corner"),
+    "minus inside an index": (V + "f 1 2 3-1\n", "'3-1' is no corner"),
+    "word as index": (V + "f one two three\n", "'one' is no corner"),
+    "slashes only": (V + "f / / /\n", "'/' is no corner"),
+    "four indices in a corner": (V + "f 1/1/1/1 2 3\n", "'1/1/1/1' is no corner"),
+    "digits of another script": (V + "f 1 2 ٣\n", "is no corner"),
+    "two corners": (V + "f 1 2\n", "a face needs three corners"),
+    "one vertex in a curve": (OBJ + "l 1\n", "a curve needs two vertices"),
+    "two coordinates": ("v 0 0\n" + OBJ, "line 1: a vertex needs three coordinates"),
+    "word as coordinate": ("v 0 zero 0\n" + OBJ, "'zero' is no number"),
+    "comma as decimal point": ("v 0,5 0 0\n" + OBJ, "'0,5' is no number"),
+    "nan": ("v 0 nan 0\n" + OBJ, "line 1: vertex 0 has a NaN"),
+    "infinity": (V + "v inf 0 0\nf 1 2 3\n", "line 4: vertex 3 has a NaN or infinite"),
+    "number beyond all": (V + "v 1e999 0 0\nf 1 2 3\n", "line 4: vertex 3"),
+    "windows line ends": (OBJ.replace("\n", "\r\n"), (3, 1)),
+    "old line ends": (OBJ.replace("\n", "\r"), (3, 1)),
+    "no line end": (OBJ.rstrip(), (3, 1)),
+    "latin letters": (b"# M\xfcller\no K\xf6rper\n" + OBJ.encode(), (3, 1)),
+    "wide letters": (OBJ.encode("utf-16"), "a zero byte, so this is no OBJ text"),
+    "zero byte": (OBJ + "\0", "a zero byte"),
+    "empty": ("", "is empty"),
+    "spaces": (" \n\t\n", "has no vertices"),
+    "comments": ("# nothing\n", "has no vertices"),
+    "points": (V, "has vertices but no faces"),
+    "faces before vertices": ("f 1 2 3\n" + V, (3, 1)),
+    "cut in a number": (OBJ[:-3], "line 4: a face needs three corners"),
+    "cut in the vertices": (V[:13], "line 2: a vertex needs three coordinates"),
+    "a vertex named twice": (V + "f 1 1 2\n", (3, 1)),
+    "other files and commands": ("mtllib /dev/zero\ncall /dev/zero\nsh rm\n" + OBJ, (3, 1)),
+    "a line of a million letters": (lambda: "o " + "x" * 1_000_000 + "\n" + OBJ, (3, 1)),
+    "a wrong word of a million letters": (lambda: V + "f 1 2 " + "x" * 1_000_000 + "\n", "is no corner"),
+    "a face of 100000 corners": (lambda: V + "f" + " 1 2 3" * 33_333 + "\n", (3, 99_997)),
+    "curves only": (V + "l 1 2 3\n", (3, 0)),
+}
+
+
+# --- PLY --------------------------------------------------------------------------------------------------------------
+
+
+def ply(
+    *, vertices: object = 3, faces: object = 1, body: str = "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", index: str = "int"
+) -> str:
+    return (
+        f"ply\nformat ascii 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {faces}\nproperty list uchar {index} vertex_indices\nend_header\n{body}"
+    )
+
+
+POINTS = "0 0 0\n1 0 0\n0 1 0\n"
+PLY = ply()
+
+
+def binary_ply(
+    *, vertices: int = 3, faces: int = 1, count: str = "int", body: bytes | None = None, order: str = "<"
+) -> bytes:
+    header = (
+        f"ply\nformat binary_{'little' if order == '<' else 'big'}_endian 1.0\nelement vertex {vertices}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        f"element face {faces}\nproperty list {count} int vertex_indices\nend_header\n"
+    )
+    points = struct.pack(f"{order}9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
+    return header.encode() + (points + struct.pack(f"{order}4i", 3, 0, 1, 2) if body is None else points + body)
+
+
+def cut_polygons(mixed: bool) -> bytes:
+    """A million bytes of faces, of which the header announces twice as many."""
+    record = struct.pack("<4i", 3, 0, 1, 2) + (struct.pack("<5i", 4, 0, 1, 2, 0) if mixed else b"")
+    return binary_ply(faces=10**6, body=record * (10**6 // len(record)))
+
+
+PLY_FILES: Files = {
+    "byte order mark": (b"\xef\xbb\xbf" + PLY.encode(), (3, 1)),
+    "fraction as index": (ply(body=POINTS + "3 0 1 0.5\n"), "line 13: cannot read face 0"),
+    "underscore in an index": (ply(body=POINTS + "3 0 1 0_2\n"), "line 13: cannot read face 0"),
+    "underscore in a length": (ply(body=POINTS + "0_3 0 1 2\n"), "line 13: cannot read face 0"),
+    "underscore in a number": (ply(body=POINTS.replace("1", "1_0") + "3 0 1 2\n"), "line 11: cannot read vertex 1"),
+    "vertex count of 64 bits": (ply(vertices=2**63), "line 3: cannot understand"),
+    "face count of 64 bits": (ply(faces=2**63), "line 7: cannot understand"),
+    "vertex count of 17 digits": (ply(vertices=10**17), "the file ends within number 4"),
+    "face count of 17 digits": (ply(faces=10**17), "the file ends within number 1"),
+    "vertex count of 5000 digits": (ply(vertices=HUGE), "line 3: cannot understand"),
+    "face count of 5000 digits": (ply(faces=HUGE), "line 7: cannot understand"),
+    "negative count": (ply(vertices=-3), "line 3: cannot understand"),
+    "fraction as count": (ply(vertices=3.0), "line 3: cannot understand"),
+    "many records of nothing": (
+        PLY.replace("end_header", f"element x {10**17}\nend_header"),
+        (3, 1),
+    ),
+    "no end of the header": (PLY.replace("end_header", "end"), "has no line 'end_header'"),
+    "no format": (PLY.replace("format ascii 1.0\n", ""), "the format is None"),
+    "another format": (PLY.replace("ascii", "ebcdic"), "the format is ebcdic"),
+    "another magic word": (PLY.replace("ply", "plz"), "does not begin with 'ply'"),
+    "unknown type": (PLY.replace("float x", "quad x"), "is of unknown type"),
+    "length of a real type": (PLY.replace("list uchar", "list float"), "is of unknown type"),
+    "indices of a real type": (ply(index="double"), "the corners of faces are not integers"),
+    "two properties of one name": (PLY.replace("float y", "float x"), "or the second of its name"),
+    "two elements of one name": (PLY.replace("element face", "element vertex"), "two elements of one name"),
+    "property of no element": (PLY.replace("element vertex 3\n", ""), "line 3: cannot understand"),
+    "no coordinates": (PLY.replace("float z", "float w"), "no x, y and z"),
+    "no corners": (PLY.replace("vertex_indices", "corners"), "no list 'vertex_indices'"),
+    "no faces": (ply(faces=0, body=POINTS), "has no faces"),
+    "no vertices": (ply(vertices=0, body="3 0 1 2\n"), "has no vertices"),
+    "index beyond": (ply(body=POINTS + "3 0 1 3\n"), "face 0: names vertex 3"),
+    "negative index": (ply(body=POINTS + "3 0 1 -1\n"), "face 0: names vertex -1"),
+    "index of 30 digits": (ply(body=POINTS + f"3 0 1 {10**30}\n"), "cannot read face 0"),
+    "index of 5000 digits": (ply(body=POINTS + f"3 0 1 {HUGE}\n"), "cannot read face 0"),
+    "length of minus one": (ply(body=POINTS + "-1 0 1 2\n"), "cannot read face 0"),
+    "length of 5000 digits": (ply(body=POINTS + f"{HUGE} 0 1 2\n"), "cannot read face 0"),
+    "length of four billions": (ply(body=POINTS + "4000000000 0 1 2\n"), "cannot read face 0"),
+    "two corners": (ply(body=POINTS + "2 0 1\n"), "has 2 corners"),
+    "too few words": (ply(body=POINTS + "3 0 1\n"), "line 13: cannot read face 0"),
+    "too many words": (ply(body=POINTS + "3 0 1 2 2\n"), "line 13: cannot read face 0"),
+    "a short vertex": (ply(body="0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), "line 10: cannot read vertex 0"),
+    "byte of 256": (PLY.replace("float z", "uchar z").replace("1 0 0", "1 0 256"), "line 11: cannot read vertex 1"),
+    "nan": (ply(body="0 0 0\n\n1 nan 0\n0 1 0\n3 0 1 2\n"), "line 12: vertex 1 has a NaN"),
+    "infinity, old line ends": (
+        ply(body="0 0 0\n1 -inf 0\n0 1 0\n3 0 1 2\n").replace("\n", "\r"),
+        "line 11: vertex 1 has a NaN",
+    ),
+    "windows line ends": (PLY.replace("\n", "\r\n"), (3, 1)),
+    "old line ends": (PLY.replace("\n", "\r"), (3, 1)),
+    "latin letters": (PLY.encode().replace(b"element v", b"comment M\xfcller\nelement v"), (3, 1)),
+    "wide letters": (PLY.encode("utf-16"), "does not begin with 'ply'"),
+    "empty": ("", "is empty"),
+    "header only": (ply(body=""), "the file ends within number 0"),
+    "cut in the faces": (PLY[:-8], "the file ends within number 0"),
+    "megabytes of blank lines": (lambda: ply(body=POINTS + "\n" * 2_000_000 + "3 0 1 2\n"), (3, 1)),
+    "binary": (binary_ply(), (3, 1)),
+    "binary, the other order": (binary_ply(order=">"), (3, 1)),
+    "binary with bytes after it": (binary_ply() + b"more", (3, 1)),
+    "binary with a byte order mark": (b"\xef\xbb\xbf" + binary_ply(), (3, 1)),
+    "binary, cut": (binary_ply()[:-1], "the file ends within number 0"),
+    "binary, cut in the vertices": (binary_ply()[:-20], "element 'vertex'"),
+    "binary, count of 17 digits": (binary_ply(vertices=10**17), "the file ends within number"),
+    "binary, length of minus one": (binary_ply(body=struct.pack("<4i", -1, 0, 1, 2)), "the file ends within number 0"),
+    "binary, length of four billions": (
+        binary_ply(count="uint", body=struct.pack("<4I", 4 * 10**9, 0, 1, 2)),
+        "the file ends within number 0",
+    ),
+    "binary, index beyond": (binary_ply(body=struct.pack("<4i", 3, 0, 1, 2**31 - 1)), "face 0: names vertex"),
+    "binary, two corners": (binary_ply(body=struct.pack("<3i", 2, 0, 1)), "has 2 corners"),
+    "binary, nan": (binary_ply().replace(struct.pack("<f", 1), struct.pack("<f", np.nan), 1), "vertex 1 has a NaN"),
+    "binary, many records of nothing": (
+        binary_ply().replace(b"end_header", b"element x 99999999999999\nproperty list uchar int y\nend_header"),
+        "element 'x'",
+    ),
+    "binary, triangles cut": (lambda: cut_polygons(mixed=False), "the file ends within number 62500"),
+    "binary, polygons cut": (lambda: cut_polygons(mixed=True), "the file ends within number 55554"),
+    "binary, scalars cut": (
+        lambda: binary_ply(vertices=10**7)[: -16 - 36] + b"\0" * 10**7,
+        "the file ends within number 833333",
+    ),
+}
+
+
+# --- OFF --------------------------------------------------------------------------------------------------------------
+
+OFF = "OFF\n3 1 0\n" + POINTS + "3 0 1 2\n"
+
+OFF_FILES: Files = {
+    "byte order mark": (b"\xef\xbb\xbf" + OFF.encode(), (3, 1)),
+    "byte order mark before counts": (b"\xef\xbb\xbf" + OFF[4:].encode(), (3, 1)),
+    "small letters": (OFF.lower(), (3, 1)),
+    "one line": (OFF.replace("\n", " "), (3, 1)),
+    "one line without edges": (OFF.replace("3 1 0", "3 1").replace("\n", " "), (3, 1)),
+    "a line for each number": (OFF[:10] + OFF[10:].replace(" ", "\n"), "line 3: a vertex with 1 numbers"),
+    "one line, cut": (OFF.replace("\n", " ")[:-3], "announces 3 vertices and 1 faces"),
+    "one line with colours": (OFF.replace("\n", " ").replace("OFF", "COFF"), "announces 3 vertices and 1 faces"),
+    "counts in the first line": (OFF.replace("OFF\n", "OFF "), (3, 1)),
+    "no keyword": (OFF[4:], (3, 1)),
+    "underscore in a number": (OFF.replace("1 0 0", "1_0 0 0"), "line 4: '1_0' is no number"),
+    "underscore in an index": (OFF.replace("0 1 2", "0 1 0_2"), "line 6: '0_2' is no index"),
+    "count of 5000 digits": (OFF.replace("3 1 0", f"{HUGE} 1 0"), "line 2: the counts"),
+    "face count of 5000 digits": (OFF.replace("3 1 0", f"3 {HUGE} 0"), "line 2: the counts"),
+    "count of 18 digits": (OFF.replace("3 1 0", f"{10**17} 1 0"), "but only 4 lines follow"),
+    "face count of 18 digits": (OFF.replace("3 1 0", f"3 {10**17} 0"), "but only 4 lines follow"),
+    "negative count": (OFF.replace("3 1 0", "-3 1 0"), "line 2: the counts"),
+    "no counts": ("OFF\n", "the counts"),
+    "no faces": (OFF.replace("3 1 0", "3 0 0"), "has 3 vertices and 0 faces"),
+    "no vertices": (OFF.replace("3 1 0", "0 1 0"), "has 0 vertices and 1 faces"),
+    "index beyond": (OFF.replace("0 1 2", "0 1 3"), "line 6: names vertex 3"),
+    "negative index": (OFF.replace("0 1 2", "0 1 -1"), "line 6: names vertex -1"),
+    "index of 30 digits": (OFF.replace("0 1 2", f"0 1 {10**30}"), "line 6: '1000"),
+    "index of 5000 digits": (OFF.replace("0 1 2", f"0 1 {HUGE}"), "is no index"),
+    "fraction as index": (OFF.replace("0 1 2", "0 1 1.5"), "line 6: '1.5' is no index"),
+    "fewer corners than announced": (OFF.replace("3 0 1 2", "3 0 1"), "line 6: a face needs at least three"),
+    "a billion corners": (OFF.replace("3 0 1 2", f"{10**9} 0 1 2"), "line 6: a face needs at least three"),
+    "a billion corners that are words": (OFF.replace("3 0 1 2", f"{10**9} a b c"), "a face needs at least three"),
+    "minus three corners": (OFF.replace("3 0 1 2", "-3 a b c d"), "a face needs at least three"),
+    "two corners": (OFF.replace("3 0 1 2", "2 0 1"), "a face needs at least three"),
+    "no corners": (OFF.replace("3 0 1 2", "x"), "line 6: 'x' is no index"),
+    "short vertex": (OFF.replace("1 0 0", "1 0"), "line 4: a vertex with 2 numbers"),
+    "word as coordinate": (OFF.replace("1 0 0", "1 0 o"), "line 4: 'o' is no number"),
+    "nan": (OFF.replace("1 0 0", "1 0 nan"), "line 4: vertex 1 has a NaN"),
+    "infinity": (OFF.replace("1 0 0", "1 0 -inf"), "line 4: vertex 1 has a NaN"),
+    "windows line ends": (OFF.replace("\n", "\r\n"), (3, 1)),
+    "old line ends": (OFF.replace("\n", "\r"), (3, 1)),
+    "latin letters": (OFF.encode().replace(b"OFF", b"OFF # M\xfcller"), (3, 1)),
+    "wide letters": (OFF.encode("utf-16"), "a zero byte"),
+    "binary": (b"OFF BINARY\n\0\0\0\3", "a zero byte"),
+    "four coordinates": (OFF.replace("OFF", "4OFF"), "is no kind of OFF that is read"),
+    "n coordinates": (OFF.replace("OFF", "nOFF"), "is no kind of OFF that is read"),
+    "colours announced": (OFF.replace("OFF", "COFF"), "does not fit the keyword"),
+    "another magic word": (OFF.replace("OFF", "ON"), "is no kind of OFF that is read"),
+    "empty": ("", "is empty"),
+    "cut": (OFF[:-8], "but only 3 lines follow"),
+    "megabytes of blank lines": (lambda: OFF.replace("\n3 0", "\n" * 400_000 + "3 0"), (3, 1)),
+}
+
+
+# --- STL --------------------------------------------------------------------------------------------------------------
+
+STL = (
+    "solid a\n"
+    + 2
+    * ("facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n").replace(
+        "vertex 0 1 0", "vertex 0 1 {}"
+    )
+    + "endsolid a\n"
+)
+STL = STL.format(0, 2)
+
+
+def binary_stl(*, header: bytes = b"", count: int = 2, facets: int = 2) -> bytes:
+    facet = struct.pack("<12fH", 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0)
+    return header.ljust(80, b"\0") + struct.pack("<I", count) + facet * facets
+
+
+STL_FILES: Files = {
+    "text": (STL, (4, 2)),
+    "byte order mark": (b"\xef\xbb\xbf" + STL.encode(), (4, 2)),
+    "old line ends": (STL.replace("\n", "\r"), (4, 2)),
+    "windows line ends": (STL.replace("\n", "\r\n"), (4, 2)),
+    "capitals": (STL.upper(), (4, 2)),
+    "latin letters": (STL.encode().replace(b"solid a", b"solid M\xfcller"), (4, 2)),
+    "a name like a vertex": (STL.replace("solid a", "solid vertex 1 2 3", 1), (4, 2)),
+    "wide letters": (STL.encode("utf-16"), "bytes; has"),
+    "nan": (STL.replace("1 0 0", "nan 0 0", 1), "facet 0: vertex 1 has a NaN"),
+    "infinity": (STL.replace("0 1 2", "0 1 inf"), "facet 1: vertex 5 has a NaN"),
+    "underscore": (STL.replace("0 1 2", "0 1 1_0"), "facet 1: '1_0' is no number"),
+    "word as coordinate": (STL.replace("0 1 2", "0 1 two"), "facet 1: 'two' is no number"),
+    "two coordinates": (STL.replace("0 1 2", "0 1"), "2 facets begin, 2 end, and 5 vertices"),
+    "four corners": (STL.replace("vertex 0 1 2", "vertex 0 1 2\nvertex 1 1 2"), "and 7 vertices"),
+    "no facets": ("solid a\nendsolid a\n", "has no facets"),
+    "facets without corners": ("solid a\nfacet\nendfacet\nendsolid a\n", "1 facets begin, 1 end, and 0 vertices"),
+    "one line": (STL.replace("\n", " "), "has no facets"),
+    "cut": (STL[:-40], "2 facets begin, 1 end"),
+    "empty": ("", "is empty"),
+    "another magic word": (STL.replace("solid", "fluid"), "is an STL file"),
+    "needles only": (STL.replace("1 0 0", "0 0 0"), "has vertices but no faces"),
+    "binary": (binary_stl(), (3, 2)),
+    "binary that begins like text": (binary_stl(header=b"solid a"), (3, 2)),
+    "binary with two bytes more": (binary_stl() + b"\r\n", (3, 2)),
+    "binary with a facet more": (binary_stl(facets=3), "announces 2 facets, 184 bytes; has 234"),
+    "binary with a byte less": (binary_stl()[:-1], "announces 2 facets, 184 bytes; has 183"),
+    "binary of four billion facets": (binary_stl(count=4 * 10**9), "announces 4000000000 facets"),
+    "binary of no facets": (binary_stl(count=0, facets=0), "has no facets"),
+    "binary header only": (binary_stl()[:83], "does not begin with 'solid'"),
+    "binary, nan": (
+        binary_stl().replace(struct.pack("<3f", 1, 0, 0), struct.pack("<3f", np.nan, 0, 0)),
+        "facet 0: vertex 1 has a NaN",
+    ),
+}
+
+
+# --- GLB --------------------------------------------------------------------------------------------------------------
+
+CUBE, FACES = open_cube(np.float32)
+GLB = glb_file([{"POSITION": CUBE, "indices": FACES.reshape(-1, 1).astype(np.uint16)}])
+JSON_SIZE = struct.unpack_from("<I", GLB, 12)[0]
+
+
+def glb(change: Callable[[dict], object], data: bytes = GLB) -> bytes:
+    """A GLB file with its JSON changed in place."""
+    size = struct.unpack_from("<I", data, 12)[0]
+    tree = json.loads(data[20 : 20 + size])
+    change(tree)
+    return with_text(json.dumps(tree), data[20 + size :])
+
+
+def with_text(text: str, rest: bytes = GLB[20 + JSON_SIZE :]) -> bytes:
+    text += " " * (-len(text) % 4)
+    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text.encode() + rest
+
+
+def primitive(tree: dict) -> dict:
+    return tree["meshes"][0]["primitives"][0]
+
+
+def huge_sparse(tree: dict) -> None:
+    sparse = {"count": 1, "indices": {"bufferView": 1, "componentType": 5123}, "values": {"bufferView": 0}}
+    tree["accessors"][0] = {"componentType": 5126, "type": "VEC3", "count": 2**31 - 1, "sparse": sparse}
+
+
+def instances() -> bytes:
+    """A third of a megabyte: a mesh of 20000 vertices that 900 nodes show."""
+    points = np.random.default_rng(1).integers(0, 100, size=(20_000, 3)).astype(np.float32)
+    indices = np.arange(48_000).reshape(-1, 1) % 20_000
+
+    def show(tree: dict) -> None:
+        tree["nodes"] = [{"mesh": 0}] * 900
+        tree["scenes"] = [{"nodes": list(range(900))}]
+
+    return glb(show, glb_file([{"POSITION": points, "indices": indices.astype(np.uint16)}]))
+
+
+def aliases() -> bytes:
+    """One array under 20000 names."""
+    points = np.zeros((20_000, 3), dtype=np.float32)
+    return glb(
+        lambda tree: primitive(tree)["attributes"].update({f"_{name}": 0 for name in range(20_000)}),
+        glb_file([{"POSITION": points, "indices": np.arange(30).reshape(-1, 1).astype(np.uint16)}]),
+    )
+
+
+def empty_primitives() -> bytes:
+    """Nothing, shown 36 million times."""
+
+    def show(tree: dict) -> None:
+        tree["meshes"][0]["primitives"] = [{"attributes": {}}] * 6000
+        tree["nodes"] = [{"mesh": 0}] * 6000
+        tree["scenes"] = [{"nodes": list(range(6000))}]
+
+    return glb(show)
+
+
+def nested(levels: int) -> list:
+    value: list = []
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
+GLB_FILES: Files = {
+    "valid": (GLB, (8, 10)),
+    "gigabytes of zeros": (glb(huge_sparse), "accessor 0: its data is not in the file"),
+    "900 instances": (instances, "more than 10,000,000 rows of arrays"),
+    "20000 names for one array": (aliases, "more than 10,000,000 rows of arrays"),
+    "36 million empty primitives": (empty_primitives, "more than 10,000,000 rows of arrays"),
+    "malformed animations": (glb(lambda tree: tree.update(animations=[{"samplers": 3}, None])), (8, 10)),
+    "malformed skins": (glb(lambda tree: tree.update(skins={"a": 1})), (8, 10)),
+    "a chunk nobody knows": (
+        GLB[:8] + struct.pack("<I", len(GLB) + 12) + GLB[12:] + struct.pack("<I4s", 4, b"XTRA") + b"what",
+        (8, 10),
+    ),
+    "node its own child": (glb(lambda tree: tree["nodes"][0].update(children=[0])), "node 0: has two parents"),
+    "cycle of two nodes": (
+        glb(lambda tree: tree.update(nodes=[{"children": [1]}, {"children": [0], "mesh": 0}])),
+        "has two parents",
+    ),
+    "child that does not exist": (glb(lambda tree: tree["nodes"][0].update(children=[7])), "number 7 of its 1 nodes"),
+    "negative node": (glb(lambda tree: tree["scenes"][0].update(nodes=[-1])), "number -1 of its 1 nodes"),
+    "scene that does not exist": (glb(lambda tree: tree.update(scene=3)), "number 3 of its 1 scenes"),
+    "mesh that does not exist": (glb(lambda tree: tree["nodes"][0].update(mesh=3)), "number 3 of its 1 meshes"),
+    "negative accessor": (glb(lambda tree: primitive(tree).update(indices=-1)), "number -1 of its 2 accessors"),
+    "true as accessor": (glb(lambda tree: primitive(tree).update(indices=True)), "number True of its 2 accessors"),
+    "view that does not exist": (glb(lambda tree: tree["accessors"][0].update(bufferView=9)), "of its 2 bufferViews"),
+    "image in no view": (glb(lambda tree: tree.update(images=[{"bufferView": "a"}])), "number a of its 2 bufferViews"),
+    "negative offset": (glb(lambda tree: tree["bufferViews"][0].update(byteOffset=-4)), "buffer view 0"),
+    "negative length": (glb(lambda tree: tree["bufferViews"][0].update(byteLength=-4)), "buffer view 0"),
+    "length beyond": (glb(lambda tree: tree["bufferViews"][0].update(byteLength=10**12)), "buffer view 0: ends at"),
+    "length of 5000 digits": (
+        with_text(GLB[20 : 20 + JSON_SIZE].decode().replace('"byteLength":96', f'"byteLength":{HUGE}')),
+        "JSON: ",
+    ),
+    "accessor beyond": (glb(lambda tree: tree["accessors"][0].update(byteOffset=10**9)), "accessor 0: announces"),
+    "negative accessor offset": (glb(lambda tree: tree["accessors"][0].update(byteOffset=-12)), "accessor 0"),
+    "count as text": (glb(lambda tree: tree["accessors"][0].update(count="8")), "does not follow glTF"),
+    "count beyond": (glb(lambda tree: tree["accessors"][0].update(count=10**15)), "accessor 0: announces"),
+    "negative count": (glb(lambda tree: tree["accessors"][0].update(count=-8)), "accessor 0: announces"),
+    "fraction as count": (glb(lambda tree: tree["accessors"][0].update(count=7.5)), "does not follow glTF"),
+    "stride too small": (glb(lambda tree: tree["bufferViews"][0].update(byteStride=4)), "accessor 0: announces"),
+    "unknown component type": (glb(lambda tree: tree["accessors"][0].update(componentType=1)), "does not follow glTF"),
+    "unknown type": (glb(lambda tree: tree["accessors"][0].update(type="VEC5")), "does not follow glTF"),
+    "plane positions": (glb(lambda tree: tree["accessors"][0].update(type="VEC2")), "of their own width"),
+    "plane normals": (
+        glb(
+            lambda tree: (
+                tree["accessors"].append({**tree["accessors"][0], "type": "VEC2"}),
+                primitive(tree)["attributes"].update(NORMAL=2),
+            )
+        ),
+        "of their own width",
+    ),
+    "real indices": (
+        glb(lambda tree: tree["accessors"][1].update(componentType=5126, count=15)),
+        "its indices are no unsigned integers",
+    ),
+    "signed indices": (glb(lambda tree: tree["accessors"][1].update(componentType=5122)), "no unsigned integers"),
+    "index beyond": (glb(lambda tree: tree["accessors"][0].update(count=7)), "no triangles over its 7 vertices"),
+    "indices that are no triangles": (glb(lambda tree: tree["accessors"][1].update(count=29)), "are no triangles"),
+    "real and normalized": (glb(lambda tree: tree["accessors"][0].update(normalized=True)), (8, 10)),
+    "file outside": (glb(lambda tree: tree["buffers"][0].update(uri="/dev/zero")), "its data is not in the file"),
+    "draco": (glb(lambda tree: primitive(tree).update(extensions={"KHR_draco_mesh_compression": {}})), "Draco"),
+    "meshopt": (
+        glb(lambda tree: tree["bufferViews"][0].update(extensions={"EXT_meshopt_compression": {}})),
+        "or compressed",
+    ),
+    "scale of zero": (glb(lambda tree: tree["nodes"][0].update(scale=[1, 0, 1])), "flattens the mesh"),
+    "scale of nan": (glb(lambda tree: tree["nodes"][0].update(scale=[1, float("nan"), 1])), "has a NaN"),
+    "scale beyond all": (
+        glb(lambda tree: tree["nodes"][0].update(scale=[1e300] * 3, translation=[1e308] * 3)),
+        (8, 10),
+    ),
+    "short matrix": (glb(lambda tree: tree["nodes"][0].update(matrix=[1, 2, 3])), "does not follow glTF"),
+    "words as rotation": (glb(lambda tree: tree["nodes"][0].update(rotation="none")), "does not follow glTF"),
+    "points": (glb(lambda tree: primitive(tree).update(mode=0)), "has no triangles"),
+    "deep JSON": (with_text('{"a":' + "[" * 50_000 + "]" * 50_000 + "}"), "JSON: "),
+    "rather deep JSON": (glb(lambda tree: tree.update(extras=nested(300))), "nested more than 100 levels"),
+    "JSON that is no object": (with_text("[]"), "JSON: is no object"),
+    "JSON of numbers": (with_text('{"nodes": [1], "meshes": 3}'), "is no list of objects"),
+    "no JSON": (with_text("?"), "JSON: Expecting value"),
+    "JSON in latin letters": (with_text('{"a": "')[:-1] + b"\xfc\xfc\xfc\xfc", "JSON: "),
+    "nothing in JSON": (with_text("{}"), "has no triangles"),
+    "empty": (b"", "is empty"),
+    "cut in the header": (GLB[:11], "does not begin like"),
+    "cut in the JSON": (GLB[:100], "byte 8: announces"),
+    "cut in the buffer": (GLB[:-10], "byte 8: announces"),
+    "buffer longer than the file": (
+        GLB[: 20 + JSON_SIZE] + struct.pack("<I", 2**32 - 1) + GLB[24 + JSON_SIZE :],
+        "announces 4294967295 bytes",
+    ),
+    "JSON longer than the file": (GLB[:12] + struct.pack("<I", 2**32 - 1) + GLB[16:], "byte 8: announces"),
+    "first version": (GLB[:4] + struct.pack("<I", 1) + GLB[8:], "is glTF version 1"),
+    "another magic word": (b"gltf" + GLB[4:], "does not begin like"),
+    "nan": (GLB.replace(struct.pack("<3f", 1, 1, 1), struct.pack("<3f", 1, np.nan, 1)), "vertex 3 has a NaN"),
+}
+
+CASES: Files = {
+    f"{kind}, {name}.{suffix}": case
+    for kind, suffix, files in (
+        ("OBJ", "obj", OBJ_FILES),
+        ("PLY", "ply", PLY_FILES),
+        ("OFF", "off", OFF_FILES),
+        ("STL", "stl", STL_FILES),
+        ("GLB", "glb", GLB_FILES),
+    )
+    for name, case in files.items()
+} | {
+    f"{kind} in another format's name.{suffix}": (content, words)
+    for suffix, words in (
+        ("obj", "has no vertices"),
+        ("ply", "does not begin with 'ply'"),
+        ("off", "OFF"),
+        ("stl", "is an STL file"),
+        ("glb", "does not begin like"),
+        ("xyz", "is no known format"),
+        ("", "is no known format"),
+    )
+    for kind, content in (("OBJ", OBJ), ("PLY", PLY), ("OFF", OFF), ("STL", STL))
+    if kind.lower() != suffix
+}
+
+
+def tried(path: Path) -> dict[str, object]:
+    """What comes of reading a file, and of writing it with a triangle more."""
+    start = time.perf_counter()
+    outcome: dict[str, object]
+    try:
+        file = read_mesh(path)
+        outcome = {"read": [len(file.mesh.vertices), len(file.mesh.faces)]}
+        written = path.with_name(f"out{path.suffix}")
+        with_a_triangle(file).write(written)
+        written.unlink()
+    except SpinorGeomError as error:
+        outcome = {"error": str(error)}
+    except Exception as error:  # what must not be
+        outcome = {"raw": f"{type(error).__name__}: {error}"}
+    return {**outcome, "seconds": time.perf_counter() - start}
+
+
+def with_a_triangle(file: MeshFile) -> MeshFile:
+    count = len(file.mesh.vertices)
+    return file.extended(
+        MeshExtension(
+            vertices=file.mesh.vertices[:1] + 1.0,
+            faces=np.array([[0, 1, count]]),
+            face_loops=np.array([0]),
+            vertex_attributes={name: values[:1] for name, values in file.mesh.vertex_attributes.items()},
+        )
+    )
+
+
+def limit_memory() -> None:
+    """Bounds what this process may take beyond what it has now."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    limit = pages * resource.getpagesize() + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    limit_memory()
+    for name in CASES:
+        path = folder / name
+        path.write_bytes(content_of(name))
+        sys.stdout.write(json.dumps({"name": name, **tried(path)}) + "\n")
+        sys.stdout.flush()
+        path.unlink()

@@ -1,0 +1,50 @@
+"""Malformed files give the right mesh or a typed error with the place, in bounded memory and time; nothing else."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from tests.adapters.fuzz import VALID
+from tests.adapters.malformed import CASES
+
+SECONDS = 20.0  # for each file, on a busy machine; all take less than one on an idle one
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+    """What came of each file, read one after the other by one process whose memory is limited."""
+    folder = tmp_path_factory.mktemp("malformed")
+    command = [sys.executable, "-W", "error", "-m", "tests.adapters.malformed", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    return {entry.pop("name"): entry for entry in map(json.loads, done.stdout.splitlines())}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_malformed_file_is_read_right_or_refused(outcomes: dict[str, dict[str, Any]], name: str) -> None:
+    wanted, outcome = CASES[name][1], outcomes[name]
+    if isinstance(wanted, tuple):
+        assert outcome.get("read") == list(wanted), outcome
+    assert "raw" not in outcome
+    if isinstance(wanted, str):
+        assert wanted in outcome.get("error", ""), outcome
+        assert name in outcome["error"]
+        assert len(outcome["error"]) < 1000
+    assert outcome["seconds"] < SECONDS
+
+
+@pytest.mark.parametrize("kind", VALID)
+def test_a_changed_file_is_read_or_refused(kind: str) -> None:
+    command = [sys.executable, "-W", "error", "-m", "tests.adapters.fuzz", kind]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr[-4000:]
+
+
+def test_reading_files_loads_no_torch() -> None:
+    program = "import sys, spinor_geom.adapters; assert not {'torch', 'trimesh', 'pymeshlab'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", program], check=True)
