@@ -48,9 +48,11 @@ def test_a_curve_s_figures_stand_in_a_table(figures: ModuleType, capsys: pytest.
     assert set(cells(rule)) == {"---"}
     assert len(rows) == 2
     distance, converged = map(cells, rows)
-    assert distance[2] == "≤ 1e-06"
-    assert (float(distance[3]) <= 1e-6) == (distance[4] == "met")
-    assert converged[4] in ("met", "**missed**")
+    # a smooth curve of a hundred points is met to rounding, as its own promise says
+    assert (distance[2], distance[4]) == ("≤ 1e-06", "met")
+    assert float(distance[3]) <= 1e-6
+    assert converged[3].startswith("yes, ")
+    assert converged[4] == "met"
 
 
 def test_write_replaces_what_is_between_the_markers(
@@ -65,7 +67,8 @@ def test_write_replaces_what_is_between_the_markers(
     assert text.endswith(f"\n\n{tables.END}\nafter\n")
     assert "old" not in text
     (line,) = (line for line in text.splitlines() if line.startswith("| trimesh_reference.obj | 2 "))
-    assert cells(line)[6] in ("yes", "no")
+    assert cells(line)[2:7] == ["2", "100.0%", "100.0%", cells(line)[5], "yes"]
+    assert float(cells(line)[5]) <= 1e-3
     assert tables.replaced_section(text, "new") == f"before\n\n{tables.BEGIN}\n\nnew\n\n{tables.END}\nafter\n"
 
 

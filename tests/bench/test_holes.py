@@ -1,5 +1,8 @@
 """Holes of the benchmark are the holes they are called."""
 
+import importlib.util
+import os
+
 import numpy as np
 import pytest
 
@@ -93,8 +96,31 @@ def test_our_fill_joins_islands_and_facing_rims_where_a_surface_does(name, patch
         assert abs(filled.area / CATENOIDS[0.5][0] - 1) < 1e-6
 
 
+def require_peer(package):
+    """Skips where a package is not installed, unless SPINOR_GEOM_PEERS=required; one that cannot be imported fails."""
+    if importlib.util.find_spec(package) is None:
+        message = f"{package} is not installed: pip install '.[peers]'"
+        if os.environ.get("SPINOR_GEOM_PEERS") == "required":
+            pytest.fail(message)
+        pytest.skip(message)
+    importlib.import_module(package)
+
+
+def test_a_peer_that_is_missing_is_skipped_or_required_and_a_broken_one_fails(tmp_path, monkeypatch):
+    monkeypatch.delenv("SPINOR_GEOM_PEERS", raising=False)
+    with pytest.raises(pytest.skip.Exception, match=r"'\.\[peers\]'"):
+        require_peer("no_such_peer")
+    monkeypatch.setenv("SPINOR_GEOM_PEERS", "required")
+    with pytest.raises(pytest.fail.Exception, match="no_such_peer is not installed"):
+        require_peer("no_such_peer")
+    (tmp_path / "broken_peer.py").write_text("import no_such_dependency\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ImportError, match="no_such_dependency"):
+        require_peer("broken_peer")
+
+
 def test_meshlib_stitches_facing_rims():
-    pytest.importorskip("meshlib")
+    require_peer("meshlib")
     hole = odd_hole("facing-0.5")
     tool = FILLERS["meshlib-nicely"]
     state = tool.prepare(hole)
@@ -106,7 +132,7 @@ def test_meshlib_stitches_facing_rims():
 @pytest.mark.parametrize("name", [name for name in FILLERS if name != OURS])
 def test_every_peer_that_is_installed_takes_a_mesh_and_gives_one_back(name):
     tool = FILLERS[name]
-    pytest.importorskip(tool.package, exc_type=ImportError)
+    require_peer(tool.package)
     hole = hole_over("plane", known_case("plane-square").loop(16))
     state = tool.prepare(hole)
     filled = tool.finish(state, tool.fill(state))

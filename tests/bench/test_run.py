@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.bench import page, runner, tables, worker
-from spinor_geom.bench.claims import claims, time_to_reach
+from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, time_to_reach
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.runner import DESCRIPTION, RECORDS, Run, Settings, measure, plan
 from spinor_geom.bench.scaling import fitted
@@ -65,6 +65,73 @@ def test_claims_are_kept_or_missed():
     assert not verdicts(loop_record(exact_curvature_median=None))[flat]
     reached = ("area right to 1e-06 at some sampling", "accuracy")
     assert not verdicts(loop_record(area_error=1e-5))[reached]
+
+
+def hole_record(method, **changed):
+    record = {
+        **{"suite": "hole", "status": "done", "case": "enneper-0.8", "method": method, "n": 64, "seconds": 1.0},
+        **{"area_error": 1e-3, "rim_kept": True, "old_faces_kept": True, "open_rim_edges": 0, "new_open_edges": 0},
+        "nonmanifold_edges": 0,
+    }
+    return {**record, **changed}
+
+
+def test_our_fill_is_measured_against_every_filler_that_closes_the_rim():
+    nearer = ("filled area at least 10000 times closer than every other filler's", "accuracy")
+    ours, other = hole_record("spinor-fill", area_error=1e-8), hole_record("cgal")
+    assert verdicts(ours, other)[nearer]
+    assert not verdicts(hole_record("spinor-fill", area_error=2e-7), other)[nearer]
+    # the least ratio counts, whoever it belongs to
+    assert not verdicts(ours, other, hole_record("vtk", area_error=9e-5))[nearer]
+    # neither a hole that was left open nor another sampling is an answer
+    for spared in (hole_record("vtk", area_error=0.0, open_rim_edges=3), hole_record("vtk", area_error=0.0, n=256)):
+        assert verdicts(ours, other, spared)[nearer]
+    # where there is nothing to compare, nothing is promised
+    assert nearer not in verdicts(ours)
+    # in a plane every triangulation is exact
+    assert nearer not in verdicts(*({**record, "case": "plane-l"} for record in (ours, other)))
+
+
+@pytest.mark.parametrize(
+    "broken", ["rim_kept", "old_faces_kept", "open_rim_edges", "new_open_edges", "nonmanifold_edges"]
+)
+def test_our_fill_closes_the_rim_and_keeps_the_mesh(broken):
+    closes = ("every fill closes the rim and keeps the mesh bit-equal", "accuracy")
+    assert verdicts(hole_record("spinor-fill"))[closes]
+    wrong = {"rim_kept": False, "old_faces_kept": False}.get(broken, 1)
+    assert not verdicts(hole_record("spinor-fill", **{broken: wrong}))[closes]
+    # other tools promise nothing here
+    assert not verdicts(hole_record("cgal", **{broken: wrong}))
+
+
+@pytest.mark.parametrize(("n", "share"), REFERENCE_SHARE.items())
+def test_a_whole_fill_has_its_share_of_the_reference_s_seconds(n, share):
+    claim = (f"whole fill of {n} points in at most {share:g} times the seconds of {REFERENCE}", "time")
+    reference = hole_record(REFERENCE, n=n, seconds=2.0)
+    assert verdicts(hole_record("spinor-fill", n=n, seconds=2.0 * share), reference)[claim]
+    assert not verdicts(hole_record("spinor-fill", n=n, seconds=2.1 * share), reference)[claim]
+    # on the reference's case and at its samplings alone
+    assert claim not in verdicts(hole_record("spinor-fill", n=n), hole_record(REFERENCE, n=n + 1))
+    assert claim not in verdicts(*(hole_record(m, n=n, case="scherk") for m in ("spinor-fill", REFERENCE)))
+
+
+def test_a_digit_that_was_not_reached_is_said():
+    text = "1e-06 in less time than the discrete methods take for 0.0001"
+    (told,) = (c for c in claims([loop_record(), libigl_record()]) if c.text == text)
+    assert (told.met, told.measured) == (True, "0.1 s against not reached, 2.0e-03 at best")
+    (told,) = (c for c in claims([loop_record(area_error=1e-5), libigl_record(area_error=1e-5)]) if c.text == text)
+    assert (told.met, told.measured) == (False, "not reached against 0.1 s")
+
+
+def test_fillers_get_fewer_rims_the_less_a_case_is_compared():
+    tasks = [task for group in plan(Settings(hole_points=(64, 256, 1000)), Path("run")) for task in group]
+    points = {
+        case: [task["n"] for task in tasks if (task["suite"], task["method"], task["case"]) == ("hole", "cgal", case)]
+        for case in ("enneper-0.8", "random-1", "scherk")
+    }
+    assert points == {"enneper-0.8": [64, 256, 1000], "random-1": [64, 256], "scherk": [64]}
+    assert {task["method"] for task in tasks if task["suite"] == "hole"} == set(runner.FILLERS)
+    assert {task["repeat"] for task in tasks if task["suite"] == "odd"} == {0}
 
 
 def test_the_cost_of_a_digit_is_that_of_the_quickest_sampling():

@@ -42,7 +42,9 @@ from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, rmsprop, t
 from spinor_geom.surface import SpinorSurface
 
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
+# steps too small to move anything, and steps that bring a small network near to its curve
 TINY_RMSPROP = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)
+TRAINED_RMSPROP = RMSprop(depth=2, width=8, learning_rate=2e-3, points=256, batch=64, epochs=12, order=16)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -101,11 +103,13 @@ def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
 
 
 def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
-    outcome = twisted_circle.measure(baselines.Trainings(rmsprop=TINY_RMSPROP, network=TINY_NETWORK))
+    outcome = twisted_circle.measure(baselines.Trainings(rmsprop=TRAINED_RMSPROP, network=TINY_NETWORK))
     rows = {row["method"]: row for row in outcome.rows}
-    assert rows[baselines.SPINOR]["steps"] == rows[baselines.ENNEPER]["steps"] == 3
-    ratio = rows[baselines.ENNEPER]["distance/diagonal"] / rows[baselines.SPINOR]["distance/diagonal"]
-    assert outcome.holds == (ratio >= 2)
+    assert rows[baselines.SPINOR]["steps"] == rows[baselines.ENNEPER]["steps"] == 12
+    # what the paper says: the spinors come near, the Weierstrass-Enneper form does not
+    assert rows[baselines.SPINOR]["distance/diagonal"] < 0.06
+    assert rows[baselines.ENNEPER]["distance/diagonal"] > 0.2
+    assert outcome.holds
     assert rows[baselines.NETWORK]["distance/diagonal"] < 1e-3
     assert rows[baselines.SERIES]["distance/diagonal"] < 1e-13
     assert abs(rows[baselines.SERIES]["area"] / 3.32087142904707 - 1) < 1e-12
@@ -120,6 +124,8 @@ def test_the_disks_of_a_seam_are_told_apart(tmp_path):
         parameters=(0.75,), trainings=baselines.Trainings(rmsprop=TINY_RMSPROP, network=TINY_NETWORK)
     )
     outcome = tennis_seam.measure(keeping(settings, tmp_path))
+    # neither form was trained enough to tell them apart
+    assert not outcome.holds
     disks = {row["method"]: row["disk"] for row in outcome.rows}
     assert disks[baselines.SERIES] == "unstable"
     assert disks[tennis_seam.LEFT] == "stable"
@@ -152,7 +158,13 @@ def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
     for weight in (0.0, 0.5):
         whole = train_by_rmsprop(gallery.twisted_circle(), options=replace(TINY_RMSPROP, tangent_weight=weight))
         assert rows[weight, 3]["distance/diagonal"] == whole.max_per_diagonal
-    assert outcome.holds == (rows[0.5, 3]["distance/diagonal"] < rows[0.0, 3]["distance/diagonal"])
+
+
+@pytest.mark.parametrize(("weights", "holds"), [((0.0, 0.5), True), ((0.5, 0.0), False)])
+def test_tangents_bring_the_boundary_nearer(weights, holds):
+    outcome = tangents.measure(tangents.TangentSettings(weights=weights, epochs=(12,), rmsprop=TRAINED_RMSPROP))
+    assert outcome.holds == holds
+    assert all(row["distance/diagonal"] < 0.06 for row in outcome.rows)
 
 
 @pytest.mark.parametrize(("steps", "holds"), [(100, True), (2, False)])

@@ -1,24 +1,64 @@
-"""Names of the gallery."""
+"""Names of the gallery: each makes the surface that it is called by."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from spinor_geom.errors import OptionError
-from spinor_geom.gallery import SURFACES, KnownSurface, named_surface
+from spinor_geom.gallery import SURFACES, KnownCurve, KnownPatch, KnownSurface, named_surface
+
+FORMULAS = ("associate", "catenoid", "enneper", "helicoid", "henneberg", "random-polynomial")
+# relative errors of the area that 96 points of the boundary allow
+BOUNDARIES = {
+    "twisted-circle": 1e-9,
+    "tennis-seam": 1e-8,
+    "schwarz-d-hexagon": 1e-7,
+    "schwarz-d-quadrilateral": 1e-7,
+    "schwarz-p-hexagon": 1e-7,
+    "schwarz-p-quadrilateral": 1e-7,
+    "scherk": 1e-6,
+    "schwarz-prism": 1e-6,
+    "schwarz-h": 1e-5,
+}
+WITHOUT_AREA = ("ellipse", "horseshoe", "l-shape")
+SECONDS_LONG = ("horseshoe", "scherk", "schwarz-d-hexagon", "schwarz-h", "schwarz-p-hexagon", "schwarz-prism")
 
 
-@pytest.mark.parametrize("name", SURFACES)
-def test_a_name_makes_its_surface(name: str) -> None:
+def some_slow(names: Iterable[str]) -> list[object]:
+    return [pytest.param(name, marks=pytest.mark.slow) if name in SECONDS_LONG else name for name in names]
+
+
+def test_every_name_is_tried() -> None:
+    assert sorted((*FORMULAS, *BOUNDARIES, *WITHOUT_AREA)) == sorted(SURFACES)
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_a_formula_has_its_area(name: str) -> None:
     known = SURFACES[name]()
-    if isinstance(known, KnownSurface):
-        assert named_surface(name).area() == pytest.approx(known.area, rel=1e-9)
+    assert isinstance(known, KnownSurface)
+    assert named_surface(name).area() == pytest.approx(known.area, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["tennis-seam", "schwarz-d-quadrilateral"])
-def test_a_curve_stands_for_the_disk_that_it_bounds(name: str) -> None:
+@pytest.mark.parametrize("name", some_slow(BOUNDARIES))
+def test_a_boundary_stands_for_the_disk_that_it_bounds(name: str) -> None:
     known = SURFACES[name]()
-    assert named_surface(name).area() == pytest.approx(known.disks[0].area, rel=1e-7)  # of 96 points
+    assert isinstance(known, (KnownCurve, KnownPatch))
+    area = known.area if isinstance(known, KnownPatch) else known.disks[0].area
+    assert named_surface(name).area() == pytest.approx(area, rel=BOUNDARIES[name])
+
+
+@pytest.mark.parametrize("name", some_slow(WITHOUT_AREA))
+def test_a_curve_whose_area_is_not_known_is_met(name: str) -> None:
+    curve = SURFACES[name]()
+    assert isinstance(curve, KnownCurve)
+    surface = named_surface(name)
+    met = surface.position(surface.domain.point(np.arange(512) / 512))
+    gamma = curve.point(np.arange(1 << 14) / (1 << 14))
+    assert cKDTree(gamma).query(met)[0].max() < 1e-3 * np.linalg.norm(np.ptp(gamma, axis=0))
 
 
 def test_an_unknown_name_lists_all() -> None:
