@@ -83,16 +83,16 @@ class DirichletForm:
     def __call__(self, x: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch n k"]:
         """Λ of each column, sampled at t = j/n."""
         n = x.shape[-2]
-        spectrum = torch.fft.rfft(x, dim=-2)
-        result = spectrum * torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)[:, None]
+        # along rows: of columns side by side some processors round a loop's otherwise when other loops are beside it
+        spectrum = torch.fft.rfft(x.mT.contiguous())
+        result = spectrum * torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)
         if self.correction is not None:
             count = len(self.correction)
             half = count // 2
-            low = torch.fft.irfft(spectrum[..., :half, :], n=count, dim=-2)
-            # the rows of a transpose: BLAS is far slower on narrow columns, and the matrix is symmetric
-            low = torch.fft.rfft((low.mT @ self.correction).mT, dim=-2)[..., :half, :]
-            result[..., :half, :] += low
-        values: Tensor = torch.fft.irfft(result, n=n, dim=-2)
+            # BLAS is far slower on narrow columns, and the matrix is symmetric
+            low = torch.fft.irfft(spectrum[..., :half], n=count) @ self.correction
+            result[..., :half] += torch.fft.rfft(low)[..., :half]
+        values: Tensor = torch.fft.irfft(result, n=n).mT.contiguous()
         return values
 
     def _error_on_coordinates(self, z: Complex[Tensor, " n"], dz: Complex[Tensor, " n"]) -> float:

@@ -429,6 +429,7 @@ def resampled(slide: Float[Tensor, " m"], n: int) -> Float[Tensor, " n"]:
 def band_limited(x: Float[Tensor, "*batch m k"], n: int) -> Float[Tensor, "*batch n k"]:
     """Trigonometric interpolation of samples at m equal steps on n equal steps."""
     m = x.shape[-2]
-    spectrum = torch.fft.rfft(x, dim=-2)[..., : min(m, n) // 2, :]
-    values: Tensor = torch.fft.irfft(spectrum * (n / m), n=n, dim=-2)
+    # along rows, as in DirichletForm
+    spectrum = torch.fft.rfft(x.mT.contiguous())[..., : min(m, n) // 2]
+    values: Tensor = torch.fft.irfft(spectrum * (n / m), n=n).mT.contiguous()
     return values
