@@ -225,6 +225,15 @@ class BoundaryCurve:
         """Γ″(s), in mesh units per squared unit of s; at a corner the side that starts there counts."""
         return self._horner(*self._local(s))[2]
 
+    def bulge(self) -> float:
+        """Largest distance of a piece from the straight edge between its vertices, in the curve's units of length."""
+        share = np.arange(1, 2 * SAMPLES_PER_PIECE) / (2 * SAMPLES_PER_PIECE)
+        vertices = self.coefficients[-1]
+        edge = np.roll(vertices, -1, axis=0) - vertices
+        away = self.point(self.breaks[:-1] + share[:, None] * np.diff(self.breaks)) - vertices
+        along = np.clip((away * edge).sum(axis=2) / (edge**2).sum(axis=1), 0, 1)
+        return float(np.linalg.norm(away - along[:, :, None] * edge, axis=2).max())
+
     def length(self) -> float:
         """Length of Γ in mesh units, by 16-point Gauss–Legendre quadrature on every piece."""
         nodes, weights = gauss_nodes(LENGTH_NODES)

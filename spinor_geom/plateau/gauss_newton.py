@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Complex, Float, Int
-from scipy.linalg.blas import dsyrk
+from scipy.linalg.blas import dsyrk, zherk
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
@@ -243,12 +243,13 @@ def normals_of(tangent: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n 3"], Flo
     return first, torch.linalg.cross(unit, first)
 
 
-def gram(rows: Float[Tensor, "m k"]) -> Float[Tensor, "k k"]:
-    """Lower triangle of rowsᵀ·rows, the costliest product of a fit."""
+def gram(rows: Float[Tensor, "m k"] | Complex[Tensor, "m k"]) -> Float[Tensor, "k k"] | Complex[Tensor, "k k"]:
+    """Lower triangle of rowsᴴ·rows, the costliest product of a fit."""
     if rows.is_cuda:
-        return rows.T @ rows
+        return rows.mH @ rows
     # torch has no symmetric product: BLAS's own does half the work. Its upper triangle by columns is the lower by rows.
-    return torch.from_numpy(dsyrk(1.0, rows.numpy().T).T)
+    product = zherk if rows.is_complex() else dsyrk
+    return torch.from_numpy(product(1.0, rows.numpy().T).T)
 
 
 def _displacement(

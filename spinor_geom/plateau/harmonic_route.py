@@ -117,13 +117,14 @@ class HarmonicSolver:
         return float(np.quantile(turning_angles(self.loop.points), 0.9)) - 3 * np.pi / len(self.loop)
 
     @property
-    def _rough(self) -> bool:
+    def is_rough(self) -> bool:
+        """Whether the loop bends at many of its points: its curve is a cubic spline, and one point in ten turns."""
         return self.curve.degree == min(DEGREES) and self._turning > _ROUGH_TURN
 
     @property
-    def is_promising(self) -> bool:
-        """Whether the loop is likelier to be met here than by a Cauchy network."""
-        return self._turning < _RAGGED_TURN or len(self.loop) > _LONG
+    def is_narrow(self) -> bool:
+        """Whether fingers of the loop want a fine ∂Ω."""
+        return self._domains.is_narrow
 
     @property
     def _last_step(self) -> int:
@@ -132,11 +133,11 @@ class HarmonicSolver:
     @property
     def suits_disk(self) -> bool:
         """Whether the unit disk is tried first."""
-        return not self._rough and self.loop.elongation < _DISK_ELONGATION
+        return not self.is_rough and self.loop.elongation < _DISK_ELONGATION
 
     @property
     def _first_per_edge(self) -> int:
-        if not self._rough:
+        if not self.is_rough:
             return 1
         wanted = self.allowed / self.loop.mean_edge_length
         return next((nodes for limit, nodes in _PER_EDGE_ROUGH if wanted >= limit), _PER_EDGE_ROUGH[-1][1])
@@ -158,7 +159,7 @@ class HarmonicSolver:
         """At which a slide along Γ itself stops."""
         if self.to_rounding:
             return _ROUNDING
-        share = _FINE_ROUGH if self._rough else _FINE_SMOOTH
+        share = _FINE_ROUGH if self.is_rough else _FINE_SMOOTH
         return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _FINEST, _COARSE))
 
     @property
@@ -171,14 +172,14 @@ class HarmonicSolver:
     @property
     def _negligible_energy(self) -> float:
         """Of a rough loop: a small share of what waves as long as an edge and as high as the distance allowed have."""
-        return _NEGLIGIBLE * 2 * np.pi * len(self.loop) * self.allowed**2 if self._rough else 0.0
+        return _NEGLIGIBLE * 2 * np.pi * len(self.loop) * self.allowed**2 if self.is_rough else 0.0
 
     @cached_property
     def _domains(self) -> DomainCandidates:
         return DomainCandidates(
             loop=self.loop,
             curve=self.curve,
-            is_rough=self._rough,
+            is_rough=self.is_rough,
             nodes_per_edge=self._first_per_edge,
             device=self.device,
             clock=self.clock,
@@ -287,14 +288,16 @@ class HarmonicSolver:
         nodes = max(len(slide), m * self._first_per_edge)
         fine = self._fine_gradient
         best: tuple[Lift, HarmonicDisk, DirichletForm] | None = None
-        per_edge = _MOST_PER_EDGE_ROUGH if self._rough else _MOST_PER_EDGE
+        per_edge = _MOST_PER_EDGE_ROUGH if self.is_rough else _MOST_PER_EDGE
         last_gain, most = 0, _even(min(max(4 * _FEWEST_NODES, per_edge * m), _MOST_NODES))
         limit = "more nodes on the domain's boundary do not help"
         for attempt in itertools.count():
             n = _even(nodes)
             disk = first
             if disk is None or attempt > 0:
-                disk = self._solved(self._exact, form, resampled(slide, n), fine, near=attempt > 0 and not self._rough)
+                disk = self._solved(
+                    self._exact, form, resampled(slide, n), fine, near=attempt > 0 and not self.is_rough
+                )
             if disk.crowded:
                 limit = "the nodes crowd on the domain's boundary"
                 break
@@ -309,7 +312,7 @@ class HarmonicSolver:
                     last_gain = attempt
                 best = lift, disk, form
             short = 1.0 if lift is None else self._excess(lift, self.allowed)
-            nodes = min(most, int(np.clip(short, _MORE_NODES, _MOST_MORE if self._rough else _MORE_NODES) * n))
+            nodes = min(most, int(np.clip(short, _MORE_NODES, _MOST_MORE if self.is_rough else _MORE_NODES) * n))
             if (best is not None and self._excess(best[0], self._enough) <= 1) or attempt - last_gain >= _PATIENCE:
                 break
             if n >= most:

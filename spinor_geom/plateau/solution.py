@@ -141,6 +141,11 @@ class RimMatch:
     boundary: Boundary
     matching: Float[np.ndarray, "n 2"]
 
+    @cached_property
+    def bulge(self) -> float:
+        """Largest distance of Γ from the loop's edges, each piece from its own, in mesh units."""
+        return self.curve.bulge()
+
     def points_in_domain(self) -> Complex[np.ndarray, " m"]:
         """The points of ∂Ω that the surface matches with the loop's points, in loop order."""
         t, s = self.matching.T
@@ -226,8 +231,9 @@ class PlateauSolution(Shown):
         domain: Ω.
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
         area: ½∮ r·Im(φ dz), in squared mesh units.
-        route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "disk",
-            "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the unfolded least-area
+        route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "vertices": of
+            the surfaces through a rough loop's points the one nearest to a discrete minimal disk; Γ between the points
+            is the surface's own boundary. "disk", "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the unfolded least-area
             triangulation, on a domain that grew with the loop from an average of it, or on a flattened discrete disk; p
             and q are a power series or Cauchy's formula. "network": Gauss-Newton for a Cauchy network. "trained":
             training of a complex-valued network. "annulus": Douglas's slides of two rims and the modulus between them;
@@ -347,6 +353,7 @@ class PlateauSolution(Shown):
                 "rms_per_diagonal": residual.rms_per_diagonal,
                 "max_per_diagonal": residual.max_per_diagonal,
             },
+            "bulge_per_edge": max(rim.bulge for rim in self.rims) / residual.mean_edge,
             "route": self.route,
             "iterations": len(self.history),
             "tolerance": self.tolerance,

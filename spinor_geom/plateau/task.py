@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -18,20 +18,23 @@ from spinor_geom.errors import (
     OptionError,
     SingularMatrixError,
     SpinorGeomError,
+    SurfaceError,
 )
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
 from spinor_geom.mesh.intersections import require_simple
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
-from spinor_geom.plateau.network_route import Budget, Cauchy, NetworkSolver, rim_indices
+from spinor_geom.plateau.network_route import Budget, Cauchy, NetworkSolver, rim_indices, roughness
 from spinor_geom.plateau.plane_route import plane_disk
 from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution, RimMatch
 from spinor_geom.plateau.solutions import MOST_DEPARTURES, Rim, leave_unstable, with_departures
 from spinor_geom.plateau.trained_route import Optimizer, optimizer_options, trained_disk
 from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop
+from spinor_geom.plateau.vertex_route import VertexSolver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,9 +59,12 @@ class Laurent:
 
 Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy | Laurent
 
-# A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the network.
-# So is a ragged loop that a network left at most so far: harmonic disks take long over it and seldom do better.
-_POOR, _POOR_RAGGED = 1e-2, 5e-2
+# A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the next domain.
+_POOR = 1e-2
+# Rough loops of more points go the harmonic route: the cost of the other grows like the cube of their number.
+_MOST_POINTS = 1500
+# So few points are a polygon; of more one in ten turns by this angle where they are no samples of a smooth curve.
+_FEW_POINTS, _ROUGH_TURN = 8, np.radians(12.0)
 # Share of the steps that harmonic disks may take: the rest is the network's.
 _HARMONIC_SHARE = 0.7
 
@@ -227,6 +233,28 @@ class Task:
         """Whether harmonic disks may be tried: kinks of Γ are singularities of p and q, which take a network."""
         return self.options.is_free and not self.loop.corners.any()
 
+    @property
+    def passes_through_points(self) -> bool:
+        """Whether Γ between the points is left to the surface: no smooth curve is seen in them."""
+        n = len(self.loop)
+        if n > _MOST_POINTS or self.network.curve.degree > min(DEGREES):
+            return False
+        # so few points do not show how smooth their curve is: less what the roundest loop of as many has
+        least = 3 * np.pi / n if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0
+        return n <= _FEW_POINTS or roughness(self.loop) - least > _ROUGH_TURN or self.harmonic.is_narrow
+
+    @property
+    def _vertices(self) -> VertexSolver:
+        network = self.network
+        return VertexSolver(
+            loop=network.loop,
+            allowed=network.budget.allowed,
+            max_steps=network.budget.max_iterations,
+            device=self.options.device,
+            clock=network.clock,
+            on_iteration=network.budget.on_iteration,
+        )
+
     def solved(self) -> PlateauSolution:
         """The solution: plane, or the first that is found, or one of less area where that is unstable."""
         return self.in_plane() or self.curved()
@@ -245,8 +273,10 @@ class Task:
         solution = self.first()
         if self.options.is_series and self.options.leaves_unstable:
             solution = self._left_on_disk(solution)
-        # whether a disk far from Γ is stable says nothing of those over Γ
-        if self.options.leaves_unstable and solution.boundary_residual.rms_per_edge <= _POOR_RAGGED:
+        # whether a disk far from Γ is stable says nothing of those over Γ; one through a rough loop's points is next to
+        # a discrete disk of least area
+        is_near = solution.boundary_residual.rms_per_edge <= _POOR and solution.route != "vertices"
+        if self.options.leaves_unstable and is_near:
             down = self.down_from_disk if self.options.is_free else self.from_disk
             solution = leave_unstable(solution, self.rim, down, max_iterations=self.options.max_iterations)
         return solution
@@ -286,17 +316,15 @@ class Task:
             return self.solution(self._on_network(()))
         best: Found | None = None
         error: SpinorGeomError | None = None
-        for on_network in (False, True) if self.harmonic.is_promising else (True, False):
+        for route in self._routes():
             if is_out_of_time():
                 break
-            history = tuple(self.harmonic.history) if best is None else best.history
             try:
-                tries = [self._on_network(history)] if on_network else self._harmonic_tries(history)
-                for found in tries:
+                for found in route(tuple(self.harmonic.history) if best is None else best.history):
                     best = _nearer(best, found)
-            except (DomainError, FirstFillError, SingularMatrixError) as failure:
+            except (DomainError, FirstFillError, SingularMatrixError, SurfaceError) as failure:
                 error = failure
-            if best is not None and self._is_near(best):
+            if best is not None and best.misfit.rms <= self.network.budget.allowed:
                 break
         if best is None:
             require_time()
@@ -304,6 +332,16 @@ class Task:
                 "no minimal disk was found over the loop; check that it does not cross itself"
             )
         return self.solution(best)
+
+    def _routes(self) -> tuple[Callable[[tuple[Iteration, ...]], Iterable[Found]], ...]:
+        """The ways to a disk over a loop without corners, in their order."""
+        if self.passes_through_points:
+            return (self._through_points,)
+        last = (self._through_points,) if len(self.loop) <= _MOST_POINTS else ()
+        return (self._harmonic_tries, *last)
+
+    def _through_points(self, history: tuple[Iteration, ...]) -> Iterable[Found]:
+        return (self._vertices.found(history),)
 
     def _on_network(self, history: tuple[Iteration, ...]) -> Found:
         with self.network.clock.stage("first fill"):
@@ -314,12 +352,8 @@ class Task:
         """Harmonic disks up to the first that is near to Γ."""
         for found in replace(self.harmonic, history=list(history)).tries():
             yield found
-            if self._is_near(found):
+            if found.misfit.rms <= max(self.network.budget.allowed, _POOR * self.network.loop.mean_edge_length):
                 return
-
-    def _is_near(self, found: Found) -> bool:
-        poor = _POOR if self.harmonic.is_promising else _POOR_RAGGED
-        return found.misfit.rms <= max(self.network.budget.allowed, poor * self.network.loop.mean_edge_length)
 
     def from_disk(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
         """The minimal disk nearest to a discrete one in the loop's coordinates, saddles included, timed by itself."""

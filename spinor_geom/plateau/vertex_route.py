@@ -24,6 +24,7 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
+from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
@@ -56,6 +57,12 @@ _BELOW_ALLOWED = 0.3
 _KEEP = 0.1
 # A step is halved so many times at most, and the last one is that which leaves more than this share.
 _HALVINGS, _STALL = 6, 0.98
+# A start that is as many edges away from the points has never led to a surface through them.
+_FAR = 4.0
+# A surface whose boundary leaves the loop's edges by so many edges would cross what is beside them.
+_LARGEST_BULGE = 2.0
+# Linearisations in all: rims that are met take one to ten.
+_MOST_LINEARISATIONS = 12
 # Quadrature nodes on each piece of a path in Ω.
 _PATH_ORDER = 16
 
@@ -90,6 +97,7 @@ class VertexSolver:
             FirstFillError: no discrete disk over the loop was found.
             DomainError: it has no simple flattening.
             SingularMatrixError: the discrete disk is degenerate.
+            SurfaceError: no surface near the discrete one comes near to the points.
         """
         points = self.loop.points
         with self.clock.stage("first fill"):
@@ -113,11 +121,19 @@ class VertexSolver:
         goal = n * (_BELOW_ALLOWED * self.allowed) ** 2
         readout, steps = start, list[Iteration]()
         error = basis.rim(readout).centred(points)
+        if not float(error.square().sum()) <= n * (_FAR * self.loop.mean_edge_length) ** 2:
+            raise SurfaceError(
+                "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
+                f"{float(error.square().sum() / n) ** 0.5 / self.loop.mean_edge_length:.0f} edges away from the points"
+            )
         linear: _Linear | None = None
+        linearised = 0
         while float(error.square().sum()) > goal and len(steps) < self.max_steps and not is_out_of_time():
             fresh = linear is None
             if linear is None:
-                linear = _Linear.at(basis, readout)
+                if linearised == _MOST_LINEARISATIONS:
+                    break
+                linear, linearised = _Linear.at(basis, readout), linearised + 1
             # far from the points the step is the one to the solution nearest to the start, not to where it is
             step = linear.step(error, readout - start if fresh else None)
             square, length = error.square().sum(), 1.0
@@ -154,6 +170,11 @@ class VertexSolver:
         told = basis.rim_of(raw, _NODES_TOLD)
         error = told.centred(torch.tensor(points, device=self.device)).cpu().numpy()
         curve = told.curve_through(points, error)
+        bulge = curve.bulge() / self.loop.mean_edge_length
+        if not bulge <= _LARGEST_BULGE:
+            raise SurfaceError(
+                f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
+            )
         network = basis.network(raw)
         surface = SpinorSurface(network, domain, order=_PATH_ORDER).to(self.device)
         place = np.array([domain.boundary.vertices[0]])
@@ -231,7 +252,7 @@ class _Basis:
         place = torch.as_tensor(rule("gauss", _NODES).nodes[kept], device=device)
         slope = torch.diff(at_kept, dim=1) * (edge[:, None] / edge.sum() / torch.diff(place)).sqrt()[..., None]
         rows = torch.cat([mass, slope.reshape(-1, mass.shape[1])])
-        matrix = rows.mH @ rows
+        matrix = gram(rows)
         matrix.diagonal().add_(_RIDGE * matrix.diagonal().real.mean())
         return cls(
             polygon=polygon,
@@ -253,7 +274,7 @@ class _Basis:
     def nearest(self, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
         """Orthonormal read-outs of the least-squares approximation to values on the edges."""
         wanted = spinors.repeat_interleave(len(_NORM_NODES), dim=0) * self.weights[:, None]
-        matrix = self.mass.mH @ self.mass
+        matrix = gram(self.mass)
         matrix.diagonal().add_(1e2 * _RIDGE * matrix.diagonal().real.mean())
         raw = torch.cholesky_solve(self.mass.mH @ wanted, torch.linalg.cholesky(matrix))
         return self.norm.mH @ raw
