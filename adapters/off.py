@@ -124,11 +124,8 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
     vertex_lines, face_lines = chosen[:vertex_count], chosen[vertex_count:]
     table = _table(records[:vertex_count], vertex_lines, path)
     columns = _columns(keyword, table.shape[1], vertex_lines[0], path)
-    attributes: dict[str, Float[np.ndarray, "v _"]] = {}
-    at = 3
-    for name, width in columns.items():
-        attributes[name] = table[:, at : at + width]
-        at += width
+    points, *values, _ = np.split(table, np.cumsum([3, *columns.values()]), axis=1)
+    attributes = dict(zip(columns, values, strict=True))
     source = OffSource(
         lines=tuple(lines),
         counts_line=counts_line,
@@ -142,13 +139,13 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
         color_scale = 255.0 if source.integer_colors else color_scale_of(attributes["color"])
     polygons = _polygons(records[vertex_count:], face_lines, vertex_count, path)
     appearance = [attributes[name] for name in ("uv", "normal") if name in attributes]
-    wrong = nonfinite_rows(table[:, :3])
+    wrong = nonfinite_rows(points)
     return FileContents(
-        vertices=table[:, :3],
+        vertices=points,
         polygons=polygons,
         attributes=attributes,
         color_scale=color_scale,
-        representatives=seam_representatives(table[:, :3], polygons, appearance),
+        representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=f"line {vertex_lines[wrong[0]] + 1}" if len(wrong) else "",
         source=source if is_one_a_line else None,
     )

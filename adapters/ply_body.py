@@ -84,11 +84,13 @@ def _walk(
     """
     places = [array("q") for _ in element.properties]
     sizes = [array("q") for _ in element.properties]
+    first = position
     for index, item in enumerate(element.properties if len(equal) else ()):
-        shape = equal.dtype[item.name].shape
-        first = position + equal.dtype.fields[item.name][1]
+        kind = equal.dtype[item.name]
+        first += item.count_dtype.itemsize if item.count_dtype is not None else 0
         places[index].extend(range(first, first + equal.nbytes, equal.itemsize))
-        sizes[index].extend([shape[0] if shape else 1] * len(equal))
+        sizes[index].extend([kind.shape[0] if kind.shape else 1] * len(equal))
+        first += kind.itemsize
     position += equal.nbytes
     little = all(item.dtype.byteorder != ">" for item in element.properties)
     layout = [

@@ -6,6 +6,7 @@ import os
 import struct
 import sys
 import tempfile
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +114,7 @@ def changed_json(draw: st.DrawFn) -> bytes:
             if draw(st.integers(0, 4)) == 0:
                 del node[key]
             else:
-                node[key] = draw(st.sampled_from(VALUES))
+                node[key] = deepcopy(draw(st.sampled_from(VALUES)))
             if not tree:
                 return
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -311,3 +312,16 @@ def test_attributes_of_other_formats_survive_in_ply(tmp_path: Path) -> None:
     file = parsed(ply("ascii", CUBE_POINTS, QUADS, extra={"heat": ("double", np.arange(8.0))}))
     closed = file.extended(lid_for(file.mesh)).merged()
     assert again(closed, tmp_path).mesh.vertex_attributes["heat"][8].tolist() == [3.5]
+
+
+def test_faces_of_other_sizes_after_a_run_of_equal_ones_are_read_as_they_stand() -> None:
+    faces = [[0, 1, 2], [2, 1, 3], [0, 1, 3, 2], [3, 1, 0], [0, 2, 3, 1]]
+    body = b"".join(struct.pack(f"<B{len(face)}iB", len(face), *face, 7 + len(face)) for face in faces)
+    header = (
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 5\nproperty list uchar int vertex_indices\nproperty uchar flag\nend_header\n"
+    )
+    points = struct.pack("<12f", 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0)
+    contents = read_ply(header.encode() + points + body, None)
+    assert contents.polygons.rows() == faces
+    assert contents.source.faces.scalars["flag"].tolist() == [10, 10, 11, 10, 11]
