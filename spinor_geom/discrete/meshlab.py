@@ -1,4 +1,4 @@
-"""The discrete baseline by MeshLab's filters: closed hole, isotropic remeshing, cotangent smoothing."""
+"""The discrete baseline by MeshLab's filters: isotropic remeshing and cotangent smoothing."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface
 from spinor_geom.errors import FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -17,8 +18,8 @@ from spinor_geom.mesh.topology import HalfEdges, face_components, is_watertight
 if TYPE_CHECKING:
     import pymeshlab
 
-# The closed hole is far from minimal. It is remeshed and smoothed first with about so many edges across, then with
-# edges half as long, and so on: coarse meshes move far in few steps.
+# Triangles without inner vertices are far from minimal. They are remeshed and smoothed first with about so many edges
+# across, then with edges half as long, and so on: coarse meshes move far in few steps.
 _EDGES_ACROSS = 6
 # Remeshing and smoothing take turns until the area falls by less than this share, at most so often per edge length.
 _ROUND_CHANGE = 3e-3
@@ -40,12 +41,12 @@ def meshlab_minimal_surface(
 ) -> DiscreteMinimalSurface:
     """A disk over a loop by MeshLab's filters, as near to minimal as its cotangent smoothing brings it.
 
-    A collar of triangles around the loop makes it a hole; the filter that closes holes fills it by cutting off ears,
-    and the collar is dropped. The inside is remeshed isotropically and smoothed in turns, with edges of halving length
-    down to the target. Then the inner vertices are smoothed with cotangent weights, in batches of 25 steps, until a
-    batch lowers the area by less than `relative_change`; after 100 batches, or when the area rises, it ends with
-    converged=False. The smoothing also creeps along the surface itself and degenerates triangles in the long run, so
-    changes below about 1e-6 are seldom met but on plane loops. `area_history` has an entry a batch.
+    The loop's triangulation of least area, as fillers of holes make it, is remeshed isotropically and smoothed in
+    turns, with edges of halving length down to the target. Then the inner vertices are smoothed with cotangent weights,
+    in batches of 25 steps, until a batch lowers the area by less than `relative_change`; after 100 batches, or when the
+    area rises, it ends with converged=False. The smoothing also creeps along the surface itself and degenerates
+    triangles in the long run, so changes below about 1e-6 are seldom met but on plane loops. `area_history` has an
+    entry a batch.
 
     Time grows with the square of the loop's number of points, as the number of vertices does.
 
@@ -57,7 +58,7 @@ def meshlab_minimal_surface(
 
     Raises:
         OptionError: the edge length would take more than 500,000 vertices.
-        FirstFillError: MeshLab does not fill the loop, or not with a disk.
+        FirstFillError: MeshLab's remeshing or smoothing fails, or tears the disk.
 
     Source: Pinkall & Polthier (1993) for cotangent weights; Liepa (2003), "Filling holes in meshes", for its way.
     """
@@ -66,7 +67,7 @@ def meshlab_minimal_surface(
     start = time.perf_counter()
     boundary = (loop.points - loop.centroid) / loop.diagonal
     try:
-        faces = _closed(boundary)
+        faces = disk_without_inner_points(boundary)
         size = _edge_length(target_edge_length, loop, area=_area(boundary, faces))
         vertices, faces = _remeshed(boundary, faces, size)
         vertices, areas, converged = _smoothed(vertices, faces, len(loop), relative_change)
@@ -100,58 +101,6 @@ def _edge_length(target: float | None, loop: BoundaryLoop, *, area: float) -> fl
             f"target_edge_length {target:g} takes more than {_MOST_VERTICES} vertices; give at least {shortest:.2g}"
         )
     return size
-
-
-# --- the hole closed --------------------------------------------------------------------------------------------------
-
-
-def _closed(boundary: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "f 3"]:
-    """Triangles on the boundary's vertices alone that fill it.
-
-    Raises:
-        FirstFillError: the filter leaves the hole open.
-    """
-    m = len(boundary)
-    # the filter that refuses intersecting triangles often ends without a fill, the other one folds over reflex corners
-    found = [_close_holes(boundary, refuse_intersections=refuse) for refuse in (True, False)]
-    disks = [faces for faces in found if faces.max(initial=0) < m and _is_disk(faces, vertices=m, boundary_size=m)]
-    if not disks:
-        raise FirstFillError(f"MeshLab's filter for closing holes left a loop of {m} points open")
-    return min(disks, key=lambda faces: _area(boundary, faces))
-
-
-def _close_holes(boundary: Float[np.ndarray, "m 3"], *, refuse_intersections: bool) -> Int[np.ndarray, "f 3"]:
-    m = len(boundary)
-    here, there = np.arange(m), np.roll(np.arange(m), -1)
-    collar = np.concatenate([np.stack([there, here, here + m], axis=1), np.stack([there, here + m, there + m], axis=1)])
-    # only the hole beside the first m faces is closed, not the collar's outer rim
-    inner = np.arange(2 * m) < m
-    meshes = _mesh_set(np.concatenate([boundary, _collar_rim(boundary)]), collar, selected=inner)
-    meshes.meshing_close_holes(
-        maxholesize=m + 1,
-        selected=True,
-        newfaceselected=True,
-        selfintersection=refuse_intersections,
-        refinehole=False,
-    )
-    return _arrays(meshes)[1][2 * m :]
-
-
-def _collar_rim(boundary: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
-    """Points a local edge outside the boundary, across its tangent and its vector area.
-
-    The filter takes angles at the hole from the normals of the faces beside it: the collar must lie on the outside.
-    """
-    ahead = np.roll(boundary, -1, axis=0) - boundary
-    length = np.linalg.norm(ahead, axis=1)
-    local = (length + np.roll(length, 1)) / 2
-    direction = ahead / np.maximum(length, 1e-300)[:, None]
-    axis = np.cross(boundary, np.roll(boundary, -1, axis=0)).sum(axis=0)
-    outward = np.cross(direction + np.roll(direction, 1, axis=0), axis / max(float(np.linalg.norm(axis)), 1e-300))
-    # a boundary that runs along its vector area has no outside there: away from the centre
-    lost = np.linalg.norm(outward, axis=1) < 1e-3
-    outward[lost] = boundary[lost]
-    return np.asarray(boundary + outward * (local / np.maximum(np.linalg.norm(outward, axis=1), 1e-300))[:, None])
 
 
 # --- remeshing --------------------------------------------------------------------------------------------------------

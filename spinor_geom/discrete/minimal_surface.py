@@ -55,11 +55,6 @@ class DiscreteMinimalSurface(Shown):
     method: DiscreteMethod
     seconds: float
 
-    @property
-    def iterations(self) -> int:
-        """Steps of the last descent."""
-        return len(self.area_history) - 1
-
 
 def discrete_minimal_surface(
     loop: BoundaryLoop | Sequence[BoundaryLoop],
@@ -81,7 +76,7 @@ def discrete_minimal_surface(
     Loops without a simple plane domain like them, as ragged rims and loops that cross or touch themselves may be, start
     from a round one; where that leaves more area than triangles without inner vertices do, these are the result. The
     result's `reason` says so.
-    "pymeshlab": its close-holes filter, isotropic remeshing, and cotangent smoothing of the inner vertices.
+    "pymeshlab": isotropic remeshing of the minimum-area triangulation, and cotangent smoothing of the inner vertices.
 
     Two loops start from the strip of least area between them; their triangles always grow inwards, and there is no
     "pymeshlab" for them.

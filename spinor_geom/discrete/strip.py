@@ -83,7 +83,6 @@ def discrete_annulus(
 
     Raises:
         DomainError: the rims lie so that no round annulus can be meshed with their vertices.
-        SingularMatrixError: faces without area.
 
     Source: Pinkall & Polthier, Experim. Math. 2 (1993), for the descent.
     """

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
@@ -183,7 +182,7 @@ def _candidates(
         normal = slope.T @ (ds[:, None] * slope)
         load = slope.T @ (ds * (2 * np.pi / length - smooth @ turning))
         for strength in _STRENGTHS:
-            yield scipy.linalg.solve(normal + strength * size, load, assume_a="pos")
+            yield np.linalg.solve(normal + strength * size, load)
 
 
 def lay_out(

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.errors import OptionError
+from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.operators import mass_matrix
 
 MAX_SUBDIVISIONS = 8
@@ -113,15 +114,14 @@ def mesh_samples(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3
     """The vertices of a mesh whose faces are divided into four, equally often, until it has at least `count` faces."""
     import igl
 
-    vertices, faces = np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
     times = int(np.clip(np.ceil(np.log(count / len(faces)) / np.log(4)), 1, MAX_SUBDIVISIONS))
-    fine, fine_faces = igl.upsample(vertices, faces, times)
+    fine, fine_faces = igl.upsample(*igl_arrays(vertices, faces), times)
     fine_faces = fine_faces.astype(np.int64)  # libigl's own kind of 64-bit integers is not numpy's int64
     used = np.unique(fine_faces)
     corners = fine[fine_faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
     return SurfaceSamples(
-        points=np.ascontiguousarray(fine[used]),
+        points=fine[used],
         areas=mass_matrix(fine, fine_faces, "barycentric").diagonal()[used],
         # a triangle with longest edge l is covered by disks of radius l/√3 about its corners
         spacing=float(longest / np.sqrt(3)),
@@ -135,9 +135,7 @@ def distances_to_mesh(
     import igl
 
     squared, _, _ = igl.point_mesh_squared_distance(
-        np.ascontiguousarray(points, dtype=np.float64),
-        np.ascontiguousarray(vertices, dtype=np.float64),
-        np.ascontiguousarray(faces, dtype=np.int64),
+        np.ascontiguousarray(points, dtype=np.float64), *igl_arrays(vertices, faces)
     )
     # round-off may leave a tiny negative square where the meshes touch
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))

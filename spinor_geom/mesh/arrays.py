@@ -128,3 +128,10 @@ def _as_array(values: ArrayLike, *, name: str, shape: str) -> np.ndarray:
 def _read_only(array: np.ndarray) -> np.ndarray:
     array.setflags(write=False)
     return array
+
+
+def igl_arrays(
+    vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f c"]
+) -> tuple[Float[np.ndarray, "v d"], Int[np.ndarray, "f c"]]:
+    """Vertices and faces as libigl takes them: contiguous, of 64 bits."""
+    return np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)

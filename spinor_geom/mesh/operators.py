@@ -10,6 +10,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from spinor_geom.errors import SingularMatrixError
+from spinor_geom.mesh.arrays import igl_arrays
 
 # igl is imported inside the functions: reading meshes and finding loops does not need it
 
@@ -28,7 +29,7 @@ def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarra
     """
     import igl
 
-    return csc_array(-igl.cotmatrix(*_for_igl(vertices, faces)))
+    return csc_array(-igl.cotmatrix(*igl_arrays(vertices, faces)))
 
 
 def mollified_edge_lengths(
@@ -55,7 +56,7 @@ def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Int[np.ndarray
     """The cotangent Laplacian, as `cotangent_laplacian`, of faces whose edges opposite to the corners are so long."""
     import igl
 
-    return csc_array(-igl.cotmatrix_intrinsic(*_for_igl(lengths, faces)))
+    return csc_array(-igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
 
 
 def mollified_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
@@ -106,14 +107,14 @@ def mass_matrix(
         "barycentric": igl.MASSMATRIX_TYPE_BARYCENTRIC,
         "full": igl.MASSMATRIX_TYPE_FULL,
     }
-    return csc_array(igl.massmatrix(*_for_igl(vertices, faces), kinds[kind]))
+    return csc_array(igl.massmatrix(*igl_arrays(vertices, faces), kinds[kind]))
 
 
 def face_areas(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
     """Area of every face, (F,), in squared mesh units."""
     import igl
 
-    return np.asarray(igl.doublearea(*_for_igl(vertices, faces)), dtype=np.float64).reshape(-1) / 2
+    return np.asarray(igl.doublearea(*igl_arrays(vertices, faces)), dtype=np.float64).reshape(-1) / 2
 
 
 def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "v 3"]:
@@ -133,10 +134,4 @@ def internal_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "
     """Angle of every face at each of its corners, (F, 3), in radians."""
     import igl
 
-    return np.asarray(igl.internal_angles(*_for_igl(vertices, faces)), dtype=np.float64)
-
-
-def _for_igl(
-    vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]
-) -> tuple[Float[np.ndarray, "v d"], Int[np.ndarray, "f 3"]]:
-    return np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
+    return np.asarray(igl.internal_angles(*igl_arrays(vertices, faces)), dtype=np.float64)

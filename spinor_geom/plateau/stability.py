@@ -11,9 +11,10 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
 
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.domain.triangulation import PlaneTriangulation
-from spinor_geom.mesh.operators import factor_symmetric
+from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Points on ∂Ω for the total curvature, at least, and how often they are doubled while 2π lies within the error.
@@ -233,19 +234,12 @@ class _Mesh:
 
 def _stiffness(points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
     """∫ ∇u·∇v of linear elements."""
-    corner = points[faces]
-    opposite = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
-    local = np.real(np.conj(opposite[:, :, None]) * opposite[:, None, :]) / (4 * _areas(points, faces)[:, None, None])
-    return _assembled(local, faces, len(points))
+    return cotangent_laplacian(plane_coordinates(points), faces)
 
 
 def _mass(areas: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], n: int) -> csc_array:
     """∫ |dn|²uv of linear elements, |dn|² being constant on each face: twice the area of its Gauss image."""
     local = areas[:, None, None] / 6 * (np.ones((3, 3)) + np.eye(3))
-    return _assembled(local, faces, n)
-
-
-def _assembled(local: Float[np.ndarray, "f 3 3"], faces: Int[np.ndarray, "f 3"], n: int) -> csc_array:
     rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
     return csc_array(coo_array((local.ravel(), (rows, columns)), shape=(n, n)))
 

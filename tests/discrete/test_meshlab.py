@@ -27,7 +27,7 @@ def test_area_falls_with_the_change_asked_for():
     )
     assert loose.converged
     assert tight.converged
-    assert tight.iterations > loose.iterations
+    assert len(tight.area_history) > len(loose.area_history)
     assert tight.area < loose.area
 
 
@@ -39,7 +39,7 @@ def test_strongly_folded_loops_come_near_to_the_other_baseline(seed):
     loop = BoundaryLoop.from_points(sum(waves))
     surface = meshlab_minimal_surface(loop, target_edge_length=None, relative_change=1e-5)
     assert is_disk_on(loop, surface.vertices, surface.faces)
-    # MeshLab cuts off ears greedily: the fill may start, and end, at another local minimum, but not far from it
+    # another start may end at another local minimum, but not far from it
     assert abs(surface.area / discrete_minimal_surface(loop).area - 1) < 1e-2
 
 
@@ -52,12 +52,6 @@ def test_long_loop_is_not_given_more_vertices_than_it_can_use(monkeypatch):
 def test_edge_length_that_takes_too_many_vertices_is_refused():
     with pytest.raises(OptionError, match=r"more than 500000 vertices; give at least 0\.0"):
         meshlab_minimal_surface(SEAM.sample(24), target_edge_length=1e-4, relative_change=1e-5)
-
-
-def test_hole_that_stays_open_is_an_error(monkeypatch):
-    monkeypatch.setattr(meshlab, "_close_holes", lambda boundary, **options: np.empty((0, 3), dtype=np.int64))
-    with pytest.raises(FirstFillError, match="loop of 24 points open"):
-        meshlab_minimal_surface(SEAM.sample(24), target_edge_length=None, relative_change=1e-5)
 
 
 def test_torn_disk_is_an_error(monkeypatch):

@@ -102,13 +102,12 @@ def test_rough_loops_give_disks_on_their_own_boundary(points, method):
     assert is_disk_on(loop, surface.vertices, surface.faces)
     assert (np.diff(surface.area_history) <= 0).all()
     assert surface.area == surface.area_history[-1]
-    assert surface.iterations == len(surface.area_history) - 1
 
 
 def test_noisy_rim_converges():
     surface = discrete_minimal_surface(noisy_ellipse(amount=0.3))
     assert surface.converged
-    assert surface.iterations < 40
+    assert len(surface.area_history) <= 40
 
 
 @both
