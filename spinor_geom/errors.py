@@ -422,7 +422,7 @@ class MissingPackageError(SpinorGeomError, ImportError):
 
     def __init__(self, *, package: str, extra: str) -> None:
         super().__init__(
-            f"{package} is not installed; install it with: pip install 'spinor-geom[{extra}]'",
+            f"{package} is not installed; install it, in a clone, with: pip install '.[{extra}]'",
             package=package,
             extra=extra,
         )

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Complex
 from matplotlib.image import imsave
 
+from spinor_geom.adapters import MeshFile
 from spinor_geom.comparison import Comparison
 from spinor_geom.files import atomic_path
 from spinor_geom.fill.result import FillResult, LoopOutcome
@@ -89,10 +90,13 @@ def report(
     compared = comparisons or {}
     details = [loop_views(outcome, exact=outcome.index in compared) for outcome in exact[:MOST_LOOPS]]
     views = Views()
+    source = result.mesh.path if isinstance(result.mesh, MeshFile) else None
+    name = "a mesh" if source is None else source.name
     text = document(
-        "spinor-geom fill",
+        f"spinor-geom fill: {name}",
         [
-            "<h1>Holes filled with minimal surfaces</h1>",
+            f"<h1>Holes of {html.escape(name)}, filled with minimal surfaces</h1>",
+            *([] if source is None else [f"<p>{html.escape(str(source))}</p>"]),
             f"<p>{html.escape(_summary(result))}</p>",
             *_left_open(result.loops),
             *_pictures(result, details, views),

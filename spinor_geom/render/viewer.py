@@ -257,8 +257,8 @@ class Views:
     def script(self) -> str:
         """The data of all views and the program that shows them."""
         colours = json.dumps({"stops": VIRIDIS, "unknown": UNKNOWN_COLOUR})
-        # "</" would end the script element
-        data = ("[" + ",".join(self._views) + "]").replace("</", "<\\/")
+        # "</script" would end the script element, "<!--" with a "<script" after it hide its end
+        data = ("[" + ",".join(self._views) + "]").replace("<", "\\u003c")
         program = files("spinor_geom.render").joinpath("viewer.js").read_text(encoding="utf-8")
         return "\n".join(
             [

@@ -390,7 +390,7 @@ def test_an_unknown_name_is_refused_before_anything_runs(tmp_path, capsys):
 def test_without_the_package_that_draws_nothing_runs(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     assert main(["reproduce", "catenoid", "-o", str(tmp_path / "out")]) == 2
-    assert "pip install 'spinor-geom[experiments]'" in capsys.readouterr().err
+    assert "pip install '.[experiments]'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

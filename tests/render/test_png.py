@@ -80,7 +80,7 @@ def test_a_drawing_that_hangs_is_a_typed_error(
 
 
 def test_a_missing_package_is_named_with_its_extra() -> None:
-    with pytest.raises(MissingPackageError, match=r"pip install 'spinor-geom\[render\]'"):
+    with pytest.raises(MissingPackageError, match=r"pip install '\.\[render\]'"):
         require("no_such_package_at_all", extra="render")
 
 

@@ -272,3 +272,13 @@ def test_a_bridge_is_shown_with_both_rims_and_its_discrete_annulus() -> None:
     assert (np.linalg.norm(start - end, axis=1) < 0.3 * np.linalg.norm(start, axis=1)).all()
     assert np.isfinite(views.fields[DISTANCE]).all()
     assert views.fields[DISTANCE].max() < 0.05
+
+
+def test_the_page_names_the_file_it_is_about(page: Path, tmp_path: Path) -> None:
+    assert "<h1>Holes of a mesh, filled" in page.read_text(encoding="utf-8")
+    source = tmp_path / "a&b.obj"
+    source.write_bytes((ROOT / "data" / "trimesh_reference.obj").read_bytes())
+    _, result = spinor_geom.fill_hole(source, loop=[], return_report=True)
+    text = spinor_geom.report(result)
+    assert "<title>spinor-geom fill: a&amp;b.obj</title>" in text
+    assert f"<p>{tmp_path}/a&amp;b.obj</p>" in text

@@ -5,6 +5,7 @@ import json
 import re
 
 import numpy as np
+import pytest
 
 from spinor_geom.render.page import document, picture
 from spinor_geom.render.viewer import MeshView, Views
@@ -37,12 +38,13 @@ def test_a_page_holds_its_meshes_and_their_colours():
     assert 1 <= view["scales"]["distance"]["low"] < view["scales"]["distance"]["high"] <= 3
 
 
-def test_no_title_ends_the_script_or_the_page():
+@pytest.mark.parametrize("evil", ["</script><script>alert(1)</script>", "<!--<script>"])
+def test_no_title_ends_the_script_or_the_page_or_hides_their_end(evil):
     views = Views()
-    evil = "</script><script>alert(1)</script>"
     figure = views.figure(MeshView(title=evil, vertices=VERTICES, faces=FACES))
     text = document(evil, [figure, views.script()])
-    assert text.count("</script>") == 4
+    assert text.count("</script>") == text.count("<script") == 4
+    assert "<!--" not in text
     assert "<title></script>" not in text
     assert views_of(text)[0]["title"] == evil
 
