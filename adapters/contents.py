@@ -57,6 +57,7 @@ class FileContents:
         polygons: the faces as the file has them, over the file's own vertices.
         attributes: (V, k) float64 per-vertex values: "color" in the file's own scale, "normal", "uv" (origin at the
             lower left), and others by their names in the file.
+        labels: names of the attributes whose values name classes.
         color_scale: what full intensity is in "color": 1, 255 or 65535.
         representatives: (V,) int64, the vertex that stands for the place of each; differs from the vertex itself at
             texture and normal seams only.
@@ -70,6 +71,7 @@ class FileContents:
     vertices: Float[np.ndarray, "v 3"]
     polygons: Polygons
     attributes: Mapping[str, Float[np.ndarray, "v _"]] = field(default_factory=dict)
+    labels: frozenset[str] = frozenset()
     color_scale: float = 1.0
     representatives: Int[np.ndarray, " v"]
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()

@@ -55,11 +55,10 @@ def extend_mesh(mesh: TriangleMesh, extension: MeshExtension) -> TriangleMesh:
         np.concatenate([mesh.vertices, extension.vertices]),
         np.concatenate([mesh.faces, extension.faces]),
         vertex_attributes={
-            name: np.concatenate([values, attribute_rows(extension, name, width=widths[name])]).astype(
-                np.int64 if name in mesh.labels else np.float64
-            )
+            name: np.concatenate([values, attribute_rows(extension, name, width=widths[name])])
             for name, values in mesh.vertex_attributes.items()
         },
+        labels=mesh.labels,
     )
 
 

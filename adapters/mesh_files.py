@@ -72,7 +72,7 @@ class MeshFile(Shown):
             raise NonFiniteVertexError(vertex=int(wrong[0]), place=place)
         triangles, polygons = contents.polygons.triangulated(contents.vertices)
         faces, kept = close_seams(triangles, contents.representatives)
-        mesh = TriangleMesh(contents.vertices, faces, vertex_attributes=contents.attributes)
+        mesh = TriangleMesh(contents.vertices, faces, vertex_attributes=contents.attributes, labels=contents.labels)
         return cls(
             path=path,
             contents=contents,

@@ -37,7 +37,7 @@ class MeshSetAdapter:
         return TriangleMesh(mesh.vertex_matrix(), mesh.face_matrix(), vertex_attributes=_carried(mesh))
 
     def extend(self, obj: pymeshlab.MeshSet, extension: MeshExtension) -> pymeshlab.MeshSet:
-        """A new `MeshSet` that holds one mesh: the current one with the extension appended.
+        """A new `MeshSet` whose current mesh is the old one with the extension appended; copies of the others follow.
 
         Label, transform, vertex colours, scalars and texture coordinates, face colours and scalars, and wedge texture
         coordinates are kept; new faces get the face colour and scalar that occur most often, and wedge texture
@@ -72,6 +72,9 @@ class MeshSetAdapter:
         result.add_mesh(pymeshlab.Mesh(np.concatenate([vertices, extension.vertices]), faces, **arrays), mesh.label())
         if not np.array_equal(mesh.transform_matrix(), np.eye(4)):
             result.set_matrix(transformmatrix=mesh.transform_matrix(), freeze=False)
+        for other in obj:
+            if other.id() != mesh.id():
+                result.add_mesh(other, other.label(), set_as_current=False)
         return result
 
 

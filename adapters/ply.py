@@ -168,6 +168,11 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
         vertices=points,
         polygons=polygons,
         attributes=attributes,
+        labels=frozenset(
+            attribute
+            for attribute, names in groups.items()
+            if attribute != "color" and all(vertices.scalars[name].dtype.kind in "iu" for name in names)
+        ),
         color_scale=_color_scale(vertices, groups),
         representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=f"line {line_of_record(text, vertices.start, wrong[0])}" if is_text and len(wrong) else "",

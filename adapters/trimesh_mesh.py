@@ -47,6 +47,7 @@ class TrimeshAdapter:
             np.asarray(obj.vertices),
             faces,
             vertex_attributes={name: real_columns(values) for name, values in carried.items()},
+            labels=[name for name, values in carried.items() if name != "color" and values.dtype.kind in "iu"],
         )
         visual: Any = obj.visual
         if visual.kind != "texture":
@@ -55,7 +56,7 @@ class TrimeshAdapter:
         closed, _ = close_seams(
             mesh.faces, seam_representatives(mesh.vertices, Polygons.of_triangles(mesh.faces), appearance)
         )
-        return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes)
+        return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes, labels=mesh.labels)
 
     def extend(self, obj: trimesh.Trimesh, extension: MeshExtension) -> trimesh.Trimesh:
         """A new `Trimesh` with the extension appended; material, metadata and attributes are copied.

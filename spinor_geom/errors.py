@@ -61,6 +61,16 @@ class NoFacesError(MeshError):
         )
 
 
+class MeshExtentError(MeshError):
+    """Lengths whose powers are no numbers."""
+
+    def __init__(self, *, extent: float) -> None:
+        super().__init__(
+            f"the mesh has an extent of {extent:.1e}, and powers of such lengths are no numbers; scale the mesh",
+            extent=extent,
+        )
+
+
 class DegenerateFaceError(MeshError):
     """A face uses one vertex more than once."""
 
@@ -396,13 +406,18 @@ class ImperfectFillWarning(UserWarning):
 # --- adapters and files -----------------------------------------------------------------------------------------------
 
 
+_REMEDIES = {
+    "trimesh.Scene": "join its meshes first, by scene.to_mesh() or trimesh.load_mesh(path)",
+    "trimesh.PointCloud": "points have no holes: make faces first, or span a closed curve of points with solve_plateau",
+}
+
+
 class UnknownMeshTypeError(SpinorGeomError, TypeError):
     """No adapter knows this type."""
 
     def __init__(self, *, found: str, known: Sequence[str]) -> None:
-        super().__init__(
-            f"{found} is not a mesh type known here; give one of: {', '.join(known)}", found=found, known=tuple(known)
-        )
+        what_to_do = _REMEDIES.get(found, f"give one of: {', '.join(known)}")
+        super().__init__(f"{found} is not a mesh type known here; {what_to_do}", found=found, known=tuple(known))
 
 
 class MeshFileError(SpinorGeomError, ValueError):

@@ -14,6 +14,7 @@ from spinor_geom.cli.main import main
 from spinor_geom.errors import (
     DuplicateVertexError,
     ImperfectFillWarning,
+    MeshExtentError,
     MeshFileError,
     MeshShapeError,
     NoFacesError,
@@ -85,6 +86,14 @@ def points_alone() -> Pair:
     return tube()[0], np.empty((0, 3), dtype=int)
 
 
+def far_too_small() -> Pair:
+    return tube()[0] * 1e-150, tube()[1]
+
+
+def far_too_large() -> Pair:
+    return tube()[0] * 1e100, tube()[1]
+
+
 def with_flat_vertices() -> Pair:
     vertices, faces = tube()
     return vertices[:, :2], faces
@@ -102,6 +111,8 @@ REFUSED: list[tuple[Callable[[], Pair], type[SpinorGeomError], str]] = [
     (with_negative_index, VertexIndexError, "face 7 names vertex -1"),
     (as_soup, DuplicateVertexError, "--merge"),
     (points_alone, NoFacesError, "48 vertices and no faces"),
+    (far_too_small, MeshExtentError, "extent of 2.0e-150"),
+    (far_too_large, MeshExtentError, "scale the mesh"),
     (with_flat_vertices, MeshShapeError, "vertices"),
     (with_real_faces, MeshShapeError, "faces"),
 ]

@@ -87,8 +87,12 @@ class ConstrainedDelaunay:
         try:
             yield
         except RuntimeError as error:
-            reason = str(error).partition("\n")[0]
-            raise DomainError(f"the boundary is not simple ({reason})", vertices=self._m) from error
+            # what the library says is of its own numbering
+            raise DomainError(
+                "the boundary of the plane domain is not simple: two of its edges cross, or two of its points are "
+                "equal; check that the loop does not nearly touch itself",
+                vertices=self._m,
+            ) from error
 
 
 def constrained_delaunay(points: Complex[np.ndarray, " n"], rims: Rims) -> Int[np.ndarray, "t 3"]:

@@ -234,8 +234,12 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
 
 
 def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
-    """Whether a closed polygon runs counter-clockwise and does not cross itself."""
-    return bool(np.imag(np.conj(polygon) * np.roll(polygon, -1)).sum() > 0) and not len(crossing_edges(polygon))
+    """Whether a closed polygon runs counter-clockwise, stands still nowhere and does not cross itself."""
+    after = np.roll(polygon, -1)
+    edges = np.abs(after - polygon)
+    # a shorter edge is lost in the arc length around
+    moves = bool((edges > np.finfo(np.float64).eps * edges.sum()).all())
+    return moves and bool(np.imag(np.conj(polygon) * after).sum() > 0) and not len(crossing_edges(polygon))
 
 
 def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] | None:

@@ -76,13 +76,26 @@ class _Piece:
         # axis by axis: one is compared after the other
         self._lows, self._highs = (np.ascontiguousarray(x.T) for x in (corners.min(axis=1), corners.max(axis=1)))
         self.low, self.high = self._lows.min(axis=1, initial=np.inf), self._highs.max(axis=1, initial=-np.inf)
+        # along the longest axis faces are looked for by bisection
+        self._axis = int(np.argmax(self.high - self.low)) if len(faces) else 0
+        self._order = np.argsort(self._lows[self._axis], kind="stable")
+        self._ordered = self._lows[self._axis][self._order]
+        self._widest = (self._highs - self._lows)[self._axis].max(initial=0.0)
 
     def crossings(self, other: _Piece) -> Int[np.ndarray, "k 2"]:
         """Pairs of a face of this and one of another piece that cross."""
-        near = _meeting(other._lows, other._highs, self)
+        near = other._faces_near(self)
         corners = other.vertices[other.faces[near]].reshape(-1, 3)
         pairs = intersections_between(self.vertices, self.faces, corners, np.arange(len(corners)).reshape(-1, 3))
         return np.stack([self.start + pairs[:, 0], other.start + near[pairs[:, 1]]], axis=1)
+
+    def _faces_near(self, piece: _Piece) -> Int[np.ndarray, " k"]:
+        """The faces whose boxes meet that of another piece, ascending."""
+        # a little wider than needed: the sum is rounded
+        first = np.searchsorted(self._ordered, piece.low[self._axis] - 2 * self._widest)
+        last = np.searchsorted(self._ordered, piece.high[self._axis], side="right")
+        some = np.sort(self._order[first:last])
+        return some[_meeting(self._lows[:, some], self._highs[:, some], piece)]
 
 
 def _meeting(lows: Float[np.ndarray, "3 f"], highs: Float[np.ndarray, "3 f"], piece: _Piece) -> Int[np.ndarray, " k"]:

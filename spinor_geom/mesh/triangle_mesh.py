@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import VertexIndexError
@@ -29,8 +29,8 @@ class TriangleMesh(Shown):
         vertices: (V, 3) float64 positions, in mesh units.
         faces: (F, 3) int64 vertex indices.
         vertex_attributes: (V, k) float64 values by name ("color", "normal", ...), in the source's own scale.
-        labels: names of the attributes that were given as integers and are no colours: values that name classes and
-            must not be averaged.
+        labels: names of the attributes whose values name classes and must not be averaged; where they are not given,
+            those of integers that are no colours.
 
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
@@ -44,7 +44,12 @@ class TriangleMesh(Shown):
     labels: frozenset[str]
 
     def __init__(
-        self, vertices: ArrayLike, faces: ArrayLike, *, vertex_attributes: Mapping[str, ArrayLike] | None = None
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        vertex_attributes: Mapping[str, ArrayLike] | None = None,
+        labels: Collection[str] | None = None,
     ) -> None:
         points = freeze_points(vertices, name="vertices")
         corners = freeze_faces(faces)
@@ -53,15 +58,9 @@ class TriangleMesh(Shown):
         object.__setattr__(self, "faces", corners)
         given = vertex_attributes or {}
         object.__setattr__(self, "vertex_attributes", freeze_attributes(given, vertices=len(points)))
-        whole = (name for name, values in given.items() if name != COLOR and np.asarray(values).dtype.kind in "iu")
-        object.__setattr__(self, "labels", frozenset(whole))
-
-    def attributes_at(self, which: Bool[np.ndarray, " v"]) -> dict[str, np.ndarray]:
-        """The attributes of some vertices, labels as integers."""
-        return {
-            name: values[which].astype(np.int64) if name in self.labels else values[which]
-            for name, values in self.vertex_attributes.items()
-        }
+        if labels is None:
+            labels = [name for name, values in given.items() if name != COLOR and np.asarray(values).dtype.kind in "iu"]
+        object.__setattr__(self, "labels", frozenset(labels))
 
     def merged(self) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
         """The same surface with vertices of exactly equal position made one.
@@ -79,7 +78,8 @@ class TriangleMesh(Shown):
         mesh = TriangleMesh(
             self.vertices[kept],
             new_index[self.faces],
-            vertex_attributes=self.attributes_at(kept),
+            vertex_attributes={name: values[kept] for name, values in self.vertex_attributes.items()},
+            labels=self.labels,
         )
         return mesh, new_index
 

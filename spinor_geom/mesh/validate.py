@@ -9,12 +9,16 @@ from spinor_geom.errors import (
     DegenerateFaceError,
     DuplicateFaceError,
     InconsistentOrientationError,
+    MeshExtentError,
     NoFacesError,
     NonManifoldEdgeError,
 )
 from spinor_geom.mesh.sheets import repeated_faces, repeats_a_vertex
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+# Fourth powers of lengths have to be numbers.
+SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70
 
 
 def validate(mesh: TriangleMesh) -> None:
@@ -38,13 +42,19 @@ def validate(mesh: TriangleMesh) -> None:
 
 
 def require_faces(mesh: TriangleMesh) -> None:
-    """Checks that vertices are no bare points.
+    """Checks that vertices are no bare points, and as far from each other as numbers can tell.
 
     Raises:
         NoFacesError: there are vertices and no faces.
+        MeshExtentError: areas would under- or overflow.
     """
-    if len(mesh.vertices) and not len(mesh.faces):
+    if not len(mesh.vertices):
+        return
+    if not len(mesh.faces):
         raise NoFacesError(vertices=len(mesh.vertices))
+    extent = float(np.ptp(mesh.vertices, axis=0).max())
+    if extent and not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
+        raise MeshExtentError(extent=extent)
 
 
 def require_proper_faces(faces: Int[np.ndarray, "f 3"]) -> None:

@@ -223,6 +223,7 @@ def test_only_counter_clockwise_polygons_without_crossings_are_simple():
     assert is_simple(circle(20))
     assert not is_simple(circle(20)[::-1])
     assert not is_simple(np.array([0, 1 + 1j, 1, 1j]))
+    assert not is_simple(np.repeat(circle(20), [1] * 19 + [2]))
 
 
 # --- untangling -------------------------------------------------------------------------------------------------------

@@ -86,3 +86,36 @@ def test_a_patch_without_inner_vertices_has_no_new_values(sides: int) -> None:
     attributes = {"color": np.ones((sides, 3)), "normal": np.ones((sides, 3))}
     inner = patch_attributes(attributes, loop.vertex_ids, fan(loop), FlatSurface())  # type: ignore[arg-type]
     assert {name: values.shape for name, values in inner.items()} == {"color": (0, 3), "normal": (0, 3)}
+
+
+def test_labels_are_those_of_the_nearest_rim_vertex_and_never_averaged(disk: Patch) -> None:
+    rim = disk.boundary_size
+    label = np.where(disk.points[:rim].real > 0, 10.0, 7.0)[:, None]
+    attributes = {"label": label, "weight": label}
+    inner = patch_attributes(attributes, np.arange(rim), disk, FlatSurface(), labels={"label"})  # type: ignore[arg-type]
+    assert set(np.unique(inner["label"])) == {7.0, 10.0}
+    distance = np.abs(disk.points[rim:, None] - disk.points[:rim])
+    nearest = distance < distance.min(axis=1, keepdims=True) + 1e-9  # several in the middle
+    assert ((inner["label"] == label[:, 0]) & nearest).any(axis=1).all()
+    assert len(np.unique(inner["weight"])) > 2
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_value_that_is_not_finite_spoils_no_other(disk: Patch, bad: float) -> None:
+    rim = disk.boundary_size
+    values = np.column_stack([disk.points[:rim].real, disk.points[:rim].imag])
+    spoilt = values.copy()
+    spoilt[7, 0] = bad
+    inner = harmonic_values(disk, spoilt)
+    # the neighbour's value in its place, an edge away
+    assert np.abs(inner - harmonic_values(disk, values)).max() < 0.15
+    assert np.isnan(harmonic_values(disk, np.full((rim, 1), np.nan))).all()
+
+
+def test_a_discrete_patch_has_the_normals_of_its_faces_and_harmonic_values(disk: Patch) -> None:
+    rim = disk.boundary_size
+    attributes = {"normal": np.ones((rim, 3)), "value": disk.points[:rim].real[:, None]}
+    inner = patch_attributes(attributes, np.arange(rim), disk, None)
+    np.testing.assert_allclose(inner["normal"], np.tile([0.0, 0.0, 1.0], (len(disk.points) - rim, 1)), atol=1e-12)
+    assert (np.abs(inner["value"]) < attributes["value"].max()).all()
+    assert np.corrcoef(inner["value"][:, 0], disk.points[rim:].real)[0, 1] > 0.99

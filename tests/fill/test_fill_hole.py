@@ -239,6 +239,14 @@ def test_a_missed_tolerance_is_filled_and_said() -> None:
         {"target_edge_length": "fine"},
         {"model": "spline"},
         {"loop": "largest"},
+        {"tolerance": "1e-3"},
+        {"tolerance": None},
+        {"tolerance": True},
+        {"max_perimeter": "1"},
+        {"max_perimeter": float("inf")},
+        {"target_edge_length": None},
+        {"time_limit": 0},
+        {"time_limit": "soon"},
     ],
 )
 def test_options_that_make_no_sense_are_refused(options: dict[str, object]) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pymeshlab
 import pytest
 import torch
 import trimesh
 
 from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
+from spinor_geom.errors import UnknownMeshTypeError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.mesh.topology import is_watertight
@@ -132,3 +134,48 @@ def test_an_stl_path_is_merged_filled_and_written_back(tmp_path: Path, kind: str
     back = read_mesh(tmp_path / "b.stl")
     assert np.array_equal(back.mesh.vertices[back.mesh.faces[: len(faces)]], corners[:-1])
     assert is_watertight(back.mesh.faces)
+
+
+@pytest.mark.parametrize("kind", ["trimesh", "ply", "TriangleMesh"])
+def test_integer_labels_stay_classes_that_exist(tmp_path: Path, kind: str) -> None:
+    vertices, faces = tube()
+    labels = np.where(vertices[:, 0] > 0, 10, 3)
+    mesh: object = TriangleMesh(vertices, faces, vertex_attributes={"label": labels})
+    if kind == "trimesh":
+        mesh = trimesh.Trimesh(vertices, faces, process=False, vertex_attributes={"label": labels})
+    if kind == "ply":
+        lines = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}", *(f"property double {x}" for x in "xyz")]
+        lines += ["property int label", f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        lines += ["end_header", *(f"{x} {y} {z} {n}" for (x, y, z), n in zip(vertices.tolist(), labels, strict=True))]
+        lines += [f"3 {a} {b} {c}" for a, b, c in faces]
+        (tmp_path / "labels.ply").write_text("\n".join([*lines, ""]))
+        mesh = tmp_path / "labels.ply"
+    filled = fill_hole(mesh)
+    found = to_mesh(filled).vertex_attributes["label"][:, 0]
+    assert len(found) > len(vertices)
+    np.testing.assert_array_equal(found[: len(labels)], labels)
+    assert set(found) == {3.0, 10.0}
+    assert to_mesh(filled).labels == {"label"}
+
+
+def test_a_scene_and_a_point_cloud_are_refused_with_what_to_do() -> None:
+    scene = trimesh.Scene([trimesh.Trimesh(*tube(), process=False)])
+    with pytest.raises(UnknownMeshTypeError, match=r"trimesh.Scene .* scene.to_mesh\(\)"):
+        fill_hole(scene)
+    assert len(fill_hole(scene.to_mesh()).faces) > 64
+    with pytest.raises(UnknownMeshTypeError, match=r"PointCloud .* make faces first"):
+        fill_hole(trimesh.PointCloud(tube()[0]))
+
+
+def test_the_other_meshes_of_a_set_stay() -> None:
+    vertices, faces = tube()
+    meshes = pymeshlab.MeshSet()
+    for k, name in enumerate("abc"):
+        meshes.add_mesh(pymeshlab.Mesh(vertices + 9 * k, faces), name)
+    meshes.set_current_mesh(1)
+    filled = fill_hole(meshes)
+    assert filled.mesh_number() == 3
+    assert filled.current_mesh().label() == "b"
+    assert filled.current_mesh().face_number() > len(faces)
+    others = {mesh.label(): mesh.face_number() for mesh in filled if mesh.label() != "b"}
+    assert others == {"a": len(faces), "c": len(faces)}

@@ -1,0 +1,74 @@
+"""The border of a sheet is no hole: a patch over it would lie on the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from spinor_geom.errors import ImperfectFillWarning
+from spinor_geom.fill.fill_hole import fill_hole
+from tests.fill.shapes import tube
+
+
+def sheet(height: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda x, _: 0 * x) -> tuple[np.ndarray, np.ndarray]:
+    """A square sheet of 21 × 21 vertices with a round hole in its middle."""
+    x, y = np.meshgrid(np.arange(-10.0, 11.0), np.arange(-10.0, 11.0))
+    a = np.add.outer(np.arange(20) * 21, np.arange(20)).ravel()
+    faces = np.concatenate([np.stack([a, a + 1, a + 22], axis=1), np.stack([a, a + 22, a + 21], axis=1)])
+    vertices = np.column_stack([x.ravel(), y.ravel(), height(x, y).ravel()])
+    return vertices, faces[np.linalg.norm(vertices[faces].mean(axis=1)[:, :2], axis=1) > 3]
+
+
+def turned(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    return mesh[0] @ np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0], mesh[1]
+
+
+SHEETS = {
+    "plane": sheet(),
+    "tilted": turned(sheet()),
+    "hilly": sheet(lambda x, y: 2 * np.sin(x / 3) * np.cos(y / 4)),
+    "of two faces": (np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1.0, 0]]), np.array([[0, 1, 2], [0, 2, 3]])),
+}
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_the_border_of_a_sheet_stays_open_with_the_reason(name: str) -> None:
+    _, report = fill_hole(SHEETS[name], return_report=True)
+    border, *holes = report.loops
+    assert border.is_border
+    assert (border.requested, border.filled, border.kind) == (False, False, None)
+    assert "border of a sheet" in border.reason
+    assert "name it in loop=" in border.reason
+    assert all(hole.converged for hole in holes)
+    assert report.closed
+    assert report.complete
+    assert report.intersection_free
+    assert not report.watertight
+    assert border.to_dict()["border"]
+    with pytest.warns(ImperfectFillWarning, match="was left open: it is the border of a sheet"):
+        fill_hole(SHEETS[name])
+
+
+def test_a_border_is_filled_where_it_is_named() -> None:
+    _, report = fill_hole(sheet(), [0, 1], return_report=True)
+    assert report.watertight
+    assert report.loops[0].mesh_intersections > 0
+    assert not any(outcome.is_border for outcome in report.loops)
+
+
+def test_a_border_left_open_takes_no_edges_and_meets_no_patches() -> None:
+    vertices, faces = SHEETS["plane"]
+    alone = fill_hole((vertices, faces), 1, return_report=True)[0]
+    beside = fill_hole((vertices, faces), return_report=True)[0]
+    np.testing.assert_array_equal(beside[1], alone[1])
+
+
+@pytest.mark.parametrize(
+    "mesh", [tube(), sheet(lambda x, y: -0.03 * (x**2 + y**2))], ids=["the ends of a tube", "the lid of a cap"]
+)
+def test_lids_that_keep_clear_of_the_mesh_are_no_borders(mesh: tuple[np.ndarray, np.ndarray]) -> None:
+    _, report = fill_hole(mesh, return_report=True)
+    assert report.watertight
+    assert report.complete

@@ -1,0 +1,117 @@
+"""Loops without an exact surface: discrete minimal surfaces, triangles over the loop's points, limits of time."""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spinor_geom.discrete.first_fill import minimum_area_triangulation, spanning_triangulation
+from spinor_geom.errors import FirstFillError, OutOfTimeError, TooManyPointsError
+from spinor_geom.fill import discrete_patch as module
+from spinor_geom.fill.discrete_patch import discrete_patch, graph_laplacian
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import face_areas
+from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.solve import solve_plateau_batch
+from tests.fill.shapes import collar, cone
+
+
+def wavy(count: int, *, noise: float = 0.0) -> np.ndarray:
+    t = 2 * np.pi * np.arange(count) / count
+    points = np.column_stack([np.cos(t), np.sin(t), 0.4 * np.cos(3 * t)])
+    return points + noise * (2 * np.pi / count) * np.random.default_rng(0).normal(size=points.shape)
+
+
+@given(count=st.integers(3, 12))
+def test_short_curves_are_spanned_by_triangles_of_least_area(count: int) -> None:
+    points = wavy(count)
+    np.testing.assert_array_equal(spanning_triangulation(points), minimum_area_triangulation(points))
+
+
+@pytest.mark.parametrize("count", [200, 201, 1000, 2500])
+def test_long_curves_are_spanned_once_by_triangles_oriented_like_them(count: int) -> None:
+    loop = BoundaryLoop.from_points(wavy(count))
+    faces = spanning_triangulation(loop.points)
+    assert len(faces) == count - 2
+    # with a cone from the other side it closes
+    assert is_watertight(np.vstack([faces, cone(loop).faces[:, ::-1]]))
+    least = face_areas(wavy(200), spanning_triangulation(wavy(200))).sum()
+    assert face_areas(loop.points, faces).sum() == pytest.approx(least, rel=1e-2)
+
+
+def test_a_discrete_patch_has_the_loop_as_its_rim_and_lies_over_the_disk() -> None:
+    loop = BoundaryLoop.from_points(wavy(40))
+    patch, what = discrete_patch(loop, loop.mean_edge_length, seconds=60.0)
+    assert what == "a discrete minimal surface"
+    np.testing.assert_array_equal(patch.vertices[:40], loop.points)
+    assert np.abs(patch.points[:40]) == pytest.approx(1.0)
+    assert (np.abs(patch.points[40:]) < 1).all()
+    corners = patch.points[patch.faces]
+    # every vertex in the middle of its neighbours: no face is turned over
+    assert (((corners[:, 1] - corners[:, 0]).conj() * (corners[:, 2] - corners[:, 0])).imag > 0).all()
+
+
+def test_the_laplacian_of_a_graph_has_degrees_on_its_diagonal_and_rows_of_sum_zero() -> None:
+    laplacian = graph_laplacian(np.array([[0, 1, 2], [0, 2, 3]]), 4).toarray()
+    np.testing.assert_array_equal(np.diag(laplacian), [3, 2, 3, 2])
+    np.testing.assert_array_equal(laplacian.sum(axis=1), 0)
+    assert laplacian[1, 3] == 0
+
+
+def test_where_the_descent_fails_triangles_over_the_points_close_the_hole(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise FirstFillError("it does not unfold")
+
+    monkeypatch.setattr(module, "discrete_minimal_surface", fails)
+    _, report = fill_hole(collar(wavy(40), np.array([0, 0, 0.3])), time_limit=1e-9, return_report=True)
+    assert report.watertight
+    for outcome in report.loops:
+        assert outcome.vertices_added == outcome.edges_split
+        assert outcome.faces_added == 38 + 2 * outcome.edges_split
+        assert outcome.reason.startswith("a triangulation without inner vertices, as it does not unfold, because: no")
+
+
+def test_without_time_a_loop_has_no_exact_surface() -> None:
+    loop = BoundaryLoop.from_points(wavy(40))
+    (answer,) = solve_plateau_batch([loop], time_limit=1e-9)
+    assert isinstance(answer, OutOfTimeError)
+    (answer,) = solve_plateau_batch([loop], time_limit=60.0)
+    assert isinstance(answer, PlateauSolution)
+    assert answer.converged
+
+
+def test_without_time_a_loop_with_corners_has_what_its_start_gives() -> None:
+    loop = BoundaryLoop.from_points(wavy(40), corners=[0, 20])
+    (answer,) = solve_plateau_batch([loop], time_limit=1e-9)
+    assert isinstance(answer, PlateauSolution)
+    assert answer.history == ()
+    assert "the limit on steps or on time" in answer.reason
+
+
+def test_a_plane_loop_needs_no_time() -> None:
+    loop = BoundaryLoop.from_points(wavy(40) * [1, 1, 0])
+    (answer,) = solve_plateau_batch([loop], time_limit=1e-9)
+    assert isinstance(answer, PlateauSolution)
+
+
+def test_a_loop_that_would_take_minutes_is_closed_when_its_time_is_over() -> None:
+    mesh = collar(wavy(150, noise=1.5), np.array([0, 0, 0.5]))
+    start = perf_counter()
+    _, report = fill_hole(mesh, 0, time_limit=1.0, return_report=True)
+    assert perf_counter() - start < 60  # two seconds and the steps that were under way, on any machine
+    assert report.loops[0].filled
+
+
+def test_a_discrete_patch_of_too_many_points_is_refused_before_it_is_made() -> None:
+    loop = BoundaryLoop.from_points(wavy(40))
+    with pytest.raises(TooManyPointsError, match=r"about .*e\+10 vertices.*longer target_edge_length"):
+        discrete_patch(loop, 1e-5, seconds=60.0)
+    for mesh in (collar(wavy(40), np.array([0, 0, 0.5])), collar(wavy(40) * [1, 1, 0], np.array([0, 0, 0.5]))):
+        with pytest.raises(TooManyPointsError):
+            fill_hole(mesh, target_edge_length=1e-5)
