@@ -258,10 +258,10 @@ class PlateauSolution(Shown):
         return self.evidence.area_in_domain
 
     @property
-    def self_intersections(self) -> int:
+    def self_intersections(self) -> int | None:
         """Pairs of triangles that cross in the surface's mesh over Ω's triangulation; 0 where it shows no crossing.
 
-        Every disk over a knotted loop crosses itself.
+        Every disk over a knotted loop crosses itself. None where the mesh is not finite, so that nothing is known.
         """
         return self.evidence.self_intersections
 

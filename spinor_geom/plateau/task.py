@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -55,9 +55,8 @@ class Laurent:
 
 Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy | Laurent
 
-# A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the network.
-# So is a ragged loop that a network left at most so far: harmonic disks take long over it and seldom do better.
-_POOR, _POOR_RAGGED = 1e-2, 5e-2
+# A disk that is farther from Γ than this, in mean edges, is not left where it is unstable.
+_POOR = 5e-2
 # Share of the steps that harmonic disks may take: the rest is the network's.
 _HARMONIC_SHARE = 0.7
 
@@ -234,7 +233,10 @@ class Task:
         """The only solution where the loop is a simple curve in a plane."""
         if not self.options.is_free:
             return None
-        found = plane_disk(self.network.loop, self.network.curve, self.options.device, self.network.clock)
+        network = self.network
+        found = plane_disk(
+            network.loop, network.curve, self.options.device, network.clock, allowed=network.budget.allowed
+        )
         return None if found is None else self.solution(found)
 
     def curved(self) -> PlateauSolution:
@@ -242,10 +244,10 @@ class Task:
         if self.options.optimizer is not None:
             return self._trained(self.options.optimizer)
         solution = self.first()
-        if self.options.is_series and self.options.leaves_unstable:
-            solution = self._left_on_disk(solution)
+        if self.options.is_series:
+            return self._left_on_disk(solution) if self.options.leaves_unstable else solution
         # whether a disk far from Γ is stable says nothing of those over Γ
-        if self.options.leaves_unstable and solution.boundary_residual.rms_per_edge <= _POOR_RAGGED:
+        if self.options.leaves_unstable and solution.boundary_residual.rms_per_edge <= _POOR:
             down = self.down_from_disk if self.options.is_free else self.from_disk
             solution = leave_unstable(solution, self.rim, down, max_iterations=self.options.max_iterations)
         return solution
@@ -260,7 +262,11 @@ class Task:
                 break
             left.append(solution.area)
             solution = better
-        return with_departures(solution, left)
+        solution = with_departures(solution, left)
+        if solution.stability.verdict == "unstable":
+            reason = f"{solution.reason}; the disk is unstable, and no better one was found in power series"
+            return replace(solution, reason=f"{reason}: model='auto' looks among others")
+        return solution
 
     def _trained(self, optimizer: LevenbergMarquardt | RMSprop) -> PlateauSolution:
         """The solution of a trained network."""
@@ -282,40 +288,35 @@ class Task:
         if self.options.is_series:
             return self.solution(self.harmonic.on_disk())
         if not self.is_harmonic:
-            return self.solution(self._on_network(()))
+            return self.solution(self._on_network())
         best: Found | None = None
         error: SpinorGeomError | None = None
         for on_network in (False, True) if self.harmonic.is_promising else (True, False):
-            history = tuple(self.harmonic.history) if best is None else best.history
             try:
-                tries = [self._on_network(history)] if on_network else self._harmonic_tries(history)
-                for found in tries:
+                for found in [self._on_network()] if on_network else self.harmonic.tries():
                     best = _nearer(best, found)
+                    if self._is_met(found):
+                        break
             except (DomainError, FirstFillError, SingularMatrixError) as failure:
                 error = failure
-            if best is not None and self._is_near(best):
+            if best is not None and self._is_met(best):
                 break
         if best is None:
             raise error or FirstFillError(
                 "no minimal disk was found over the loop; check that it does not cross itself"
             )
-        return self.solution(best)
+        return self.solution(replace(best, history=tuple(self.harmonic.history)))
 
-    def _on_network(self, history: tuple[Iteration, ...]) -> Found:
+    def _on_network(self) -> Found:
+        """The disk of a Cauchy network; the harmonic route's history takes its steps, even where it finds none."""
         with self.network.clock.stage("first fill"):
             disk = first_disk(self.network.loop.points[self.network.rim])
-        return self.network.found_from(disk, history)
+        budget = replace(self.network.budget, on_iteration=self.harmonic.hear)
+        return replace(self.network, budget=budget).found_from(disk, tuple(self.harmonic.history))
 
-    def _harmonic_tries(self, history: tuple[Iteration, ...]) -> Iterator[Found]:
-        """Harmonic disks up to the first that is near to Γ."""
-        for found in replace(self.harmonic, history=list(history)).tries():
-            yield found
-            if self._is_near(found):
-                return
-
-    def _is_near(self, found: Found) -> bool:
-        poor = _POOR if self.harmonic.is_promising else _POOR_RAGGED
-        return found.misfit.rms <= max(self.network.budget.allowed, poor * self.network.loop.mean_edge_length)
+    def _is_met(self, found: Found) -> bool:
+        budget = self.network.budget
+        return found.misfit.excess(allowed=budget.allowed, tolerance=budget.tolerance) <= 1
 
     def from_disk(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
         """The minimal disk nearest to a discrete one in the loop's coordinates, saddles included, timed by itself."""
@@ -327,7 +328,7 @@ class Task:
         timed, best = self._timed_anew(history), None
         if not self.loop.corners.any():
             best = next(timed.harmonic.tries_from(self._at_unit_size(disk), self.network.rim), None)
-            if best is not None and best.misfit.rms <= self.network.budget.allowed:
+            if best is not None and self._is_met(best):
                 return timed.solution(best)
         return timed.solution(_nearer(best, timed.network.found_from(self._at_unit_size(disk), history)))
 
