@@ -411,7 +411,10 @@ def _graded_triangulation(vertices: bytes, rims: Rims) -> PlaneTriangulation:
     """The triangulation inside polygons given as the bytes of their complex vertices, with edges that grow inwards."""
     points = np.frombuffer(vertices, dtype=np.complex128)
     outer, *holes = np.split(points, np.cumsum(rims)[:-1])
-    return triangulate_polygon(outer, graded_size(points, rims=rims), holes=holes)
+    mesh = triangulate_polygon(outer, graded_size(points, rims=rims), holes=holes)
+    for shared in (mesh.points, mesh.faces):
+        shared.setflags(write=False)
+    return mesh
 
 
 def _levels(root: int, parent: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, "_"], ...]:

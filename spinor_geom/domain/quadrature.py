@@ -36,19 +36,19 @@ def rule(name: RuleName, n: int) -> Rule:
         raise OptionError(f"a quadrature rule needs n of at least 1, got {n}")
     if name == "gauss":
         x, w = np.polynomial.legendre.leggauss(n)
-        return Rule((x + 1) / 2, w / 2)
+        return Rule(_frozen((x + 1) / 2), _frozen(w / 2))
     nodes = np.linspace(0.0, 1.0, n + 1)
     if name == "trapezoid":
         weights = np.full(n + 1, 1.0 / n)
         weights[[0, -1]] /= 2
-        return Rule(nodes, weights)
+        return Rule(_frozen(nodes), _frozen(weights))
     if name == "simpson":
         if n % 2:
             raise OptionError(f"Simpson's rule needs an even number of intervals, got {n}")
         weights = np.full(n + 1, 2.0 / (3 * n))
         weights[1::2] *= 2
         weights[[0, -1]] /= 2
-        return Rule(nodes, weights)
+        return Rule(_frozen(nodes), _frozen(weights))
     raise OptionError(f"unknown quadrature rule {name!r}; choose 'trapezoid', 'simpson' or 'gauss'")
 
 
@@ -67,4 +67,10 @@ def cumulative_matrix(order: int, ends: tuple[float, ...] | None = None) -> Floa
         [np.polynomial.legendre.legval(x, np.polynomial.legendre.legint(unit, lbnd=-1)) for unit in np.eye(order)],
         axis=1,
     )
-    return np.asarray(integrals @ np.linalg.inv(values) / 2)
+    return _frozen(integrals @ np.linalg.inv(values) / 2)
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    """The array itself, which may be shared because it can no longer be written to."""
+    array.setflags(write=False)
+    return array

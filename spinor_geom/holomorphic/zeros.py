@@ -119,7 +119,7 @@ def count_zeros(function: HolomorphicFunction, centre: complex, radius: float) -
 
 
 def _evaluate(function: HolomorphicFunction, z: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-    flat = torch.from_numpy(np.ascontiguousarray(z).reshape(-1))
+    flat = torch.tensor(np.ascontiguousarray(z)).reshape(-1)
     with torch.no_grad():
         values = torch.cat([function(block) for block in torch.split(flat, _BLOCK)])
     return np.asarray(values.cpu().resolve_conj().numpy().reshape(z.shape))

@@ -41,6 +41,8 @@ FEWEST_PIECES, MOST_PIECES = 64, 4096
 # Largest gap between the end of a piece and the start of the next, as a share of the extent.
 CLOSING_ERROR = 1e-12
 DERIVATIVE_ERROR = 1e-5
+# Where Γ is slower than this share of its largest speed it may stand still, and below that it does.
+SLOW, STANDSTILL = 0.1, 1e-9
 KINK = "has a jump or a kink that corners= does not name"
 
 
@@ -148,7 +150,9 @@ class BoundaryCurve:
         if turn.max() > DERIVATIVE_ERROR * np.abs(slopes).max():
             raise CurveError(reason=KINK, parameter=float(breaks[1:][turn.argmax()]))
         _require_own_derivatives(fitted, curve, between)
-        return replace(fitted, slopes=_formula_coefficients(curve.derivative, breaks))
+        fitted = replace(fitted, slopes=_formula_coefficients(curve.derivative, breaks))
+        _require_speed(fitted, between)
+        return fitted
 
     def reversed(self) -> BoundaryCurve:
         """The same curve run the other way, from the same vertex."""
@@ -367,6 +371,23 @@ def _formula_coefficients(function: CurveFunction, breaks: Float[np.ndarray, " m
     if values.shape != (len(width), len(x), 3):
         raise CurveError(reason=f"gives arrays of shape {values.shape} for {len(width), len(x)} points", parameter=0.0)
     return through(np.moveaxis(values, 1, 0), width)
+
+
+def _require_speed(curve: BoundaryCurve, s: Float[np.ndarray, "m k"]) -> None:
+    """Checks that Γ′ is 0 nowhere: where it is, the curve has no tangent."""
+    s = np.concatenate([curve.breaks[:-1], s.ravel()])
+    speed = np.linalg.norm(curve.derivative(s), axis=1)
+    largest, reach = speed.max(), np.diff(curve.breaks).max()
+    s = s[speed < SLOW * largest]
+    start = s
+    # to where |Γ′|² is least, by Gauss-Newton steps: near a zero Γ′ is about Γ″ times the distance to it
+    for _ in range(MAX_NEWTON_STEPS if len(s) else 0):
+        slope, bend = curve.derivative(s), curve.second_derivative(s)
+        size = np.maximum((bend * bend).sum(axis=1), np.finfo(np.float64).tiny)
+        s = np.clip(s - (slope * bend).sum(axis=1) / size, start - reach, start + reach)
+    speed = np.linalg.norm(curve.derivative(s), axis=1)
+    if (speed < STANDSTILL * largest).any():
+        raise CurveError(reason="stands still, its derivative is 0", parameter=float(s[speed.argmin()] % 1.0))
 
 
 def _require_own_derivatives(fitted: BoundaryCurve, curve: ClosedCurve, s: Float[np.ndarray, "m k"]) -> None:

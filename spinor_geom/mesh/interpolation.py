@@ -104,6 +104,8 @@ def by_arcs(points: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " m_plus_1"]:
 def gauss_nodes(count: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Nodes and weights of Gauss-Legendre quadrature on [−1, 1]."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
+    for shared in (nodes, weights):
+        shared.setflags(write=False)
     return nodes, weights
 
 

@@ -82,8 +82,6 @@ _PATH_ORDER = 16
 # Nodes on the cylinder beyond which a domain is made for the rims; where the largest gap is fewer times the least, and
 # the mean gap wants few nodes, so many are never needed.
 _CROWDED, _EVEN, _FEW_NODES = 1200.0, 4.0, 128.0
-# An annulus this near to its rims, in mean edges, is not sought on another domain.
-_NEAR = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,7 +169,7 @@ class AnnulusTask:
         fitted: PlateauSolution | None = None
         if not self.options.is_free or self._crowds:
             fitted = self._on_network()
-            if fitted is not None and (not self.options.is_free or self._is_near(fitted)):
+            if fitted is not None and (not self.options.is_free or self._is_kept(fitted)):
                 return fitted
         if not self.options.is_free:
             raise SurfaceError("no minimal annulus was found: none was made of triangles and flattened")
@@ -182,10 +180,17 @@ class AnnulusTask:
             if fitted is None:
                 raise
             return fitted
-        if isinstance(answer, NoAnnulus) or self._is_near(answer):
+        if isinstance(answer, NoAnnulus) or answer.converged:
             return answer
         fitted = fitted or self._on_network()
-        return answer if fitted is None else min(answer, fitted, key=lambda one: one.boundary_residual.rms)
+        if fitted is None:
+            return answer
+        return min(answer, fitted, key=lambda one: (not self._is_kept(one), one.boundary_residual.rms))
+
+    def _is_kept(self, annulus: PlateauSolution) -> bool:
+        """Whether an annulus near enough to the rims is not to be left for a stable one."""
+        leaves = self.options.leaves_unstable
+        return annulus.converged and not (leaves and annulus.stability.verdict == "unstable")
 
     def _on_cylinder(self) -> PlateauSolution | NoAnnulus:
         """Douglas's annulus of least area, or that there is none."""
@@ -193,9 +198,6 @@ class AnnulusTask:
         if best is None:
             best = min(self._stable(), key=lambda pair: pair[1].energy, default=None)
         return self._none(_RUNS_AWAY) if best is None else self._solution(*best)
-
-    def _is_near(self, solution: PlateauSolution) -> bool:
-        return solution.converged or solution.boundary_residual.rms_per_edge <= _NEAR
 
     def _on_network(self) -> PlateauSolution | None:
         """The annulus of a Cauchy network on a domain made for the rims; none where no domain was found."""
@@ -212,7 +214,7 @@ class AnnulusTask:
             self.curves,
             options=self.options.cauchy,
             budget=Budget(
-                allowed=self.options.tolerance * self._mean_edge / self.scale,
+                allowed=self._allowed,
                 tolerance=self.options.tolerance,
                 max_iterations=self.options.max_iterations,
                 on_iteration=self._heard_of,
@@ -245,7 +247,7 @@ class AnnulusTask:
 
     def _in_plane(self) -> PlateauSolution | None:
         with self.clock.stage("surface"):
-            plane = plane_annulus(self.curves, self.options.device)
+            plane = plane_annulus(self.curves, self.options.device, allowed=self._allowed)
         return None if plane is None else self._told(plane)
 
     def _obstacle(self) -> str | None:
@@ -379,8 +381,12 @@ class AnnulusTask:
         """Distance at which no more nodes are taken."""
         if self.options.is_series:
             return 0.0
-        allowed = self.options.tolerance * self._mean_edge / self.scale
-        return allowed * (_WELL_BELOW if annulus.slides.shape[1] < _CHEAP_NODES else 1.0)
+        return self._allowed * (_WELL_BELOW if annulus.slides.shape[1] < _CHEAP_NODES else 1.0)
+
+    @property
+    def _allowed(self) -> float:
+        """RMS distance from the rims that is asked for, at unit size."""
+        return self.options.tolerance * self._mean_edge / self.scale
 
     @property
     def _mean_edge(self) -> float:
@@ -420,7 +426,6 @@ class AnnulusTask:
             annulus = finer
 
     def _settled(self, problem: AnnulusProblem, annulus: HarmonicAnnulus, n: int, *, near: bool) -> HarmonicAnnulus:
-        allowed = self.options.tolerance * self._mean_edge / self.scale
         edges = max(map(len, self.loops))
         return problem.settled(
             annulus,
@@ -428,7 +433,7 @@ class AnnulusTask:
             tolerance=_FINE_ROUGH * self.options.tolerance if self._is_rough else _FOUND,
             max_steps=max(0, min(_MOST_STEPS, self.options.max_iterations - len(self.history))),
             near=near,
-            negligible=_NEGLIGIBLE * 2 * math.pi * edges * allowed**2 if self._is_rough else 0.0,
+            negligible=_NEGLIGIBLE * 2 * math.pi * edges * self._allowed**2 if self._is_rough else 0.0,
         )
 
     def _found(self, lift: AnnularLift, annulus: HarmonicAnnulus, *, reverse: bool, limit: str) -> FoundAnnulus:

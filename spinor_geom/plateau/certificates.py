@@ -29,10 +29,11 @@ def area_in_domain(surface: SpinorSurface) -> float:
     return float(weights @ surface.conformal_factor(z) ** 2)
 
 
-def crossing_faces(surface: SpinorSurface) -> int:
+def crossing_faces(surface: SpinorSurface) -> int | None:
     """Pairs of triangles that cross in the surface's mesh over Ω's triangulation.
 
-    0 says that the surface does not cross itself where that mesh would show it: over a knotted loop it has to.
+    0 says that the surface does not cross itself where that mesh would show it: over a knotted loop it has to. None
+    says that nothing is known, because the mesh has positions that are not finite.
     """
     mesh = surface.domain.triangulation
     # whether triangles cross does not hang on the last digits
@@ -41,7 +42,7 @@ def crossing_faces(surface: SpinorSurface) -> int:
     )
     vertices = rough.position(mesh.points)
     if not np.isfinite(vertices).all():
-        return 0
+        return None
     if not mesh.hole_sizes and is_graph(vertices, mesh.faces, mesh.boundary_size):
         return 0
     return len(self_intersections(vertices, mesh.faces))

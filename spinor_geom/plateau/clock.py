@@ -17,8 +17,10 @@ class Clock:
     def stage(self, name: str) -> Iterator[None]:
         """Counts the time of a `with` block for a stage."""
         start = time.perf_counter()
-        yield
-        self.add(name, time.perf_counter() - start)
+        try:
+            yield
+        finally:
+            self.add(name, time.perf_counter() - start)
 
     def add(self, name: str, seconds: float) -> None:
         """Counts time that was measured elsewhere."""

@@ -138,12 +138,13 @@ def minimise_dirichlet_energies(
         gauge = problem.gauge(state)
         gradient = gauge.left_out_of(problem.gradient(state) / state.speed)
         size = (gradient.square().mean(-1) / state.normal_derivative.square().sum(-1).mean(-1)).sqrt()
-        crowded = state.increments.amax(-1) * slides.shape[1] > _CROWDED
+        # nor does what is not finite lead anywhere
+        crowded = (state.increments.amax(-1) * slides.shape[1] > _CROWDED) | ~size.isfinite()
         # what is left once it stays as it is is rounding error
         stays = (size < _SMALL_GRADIENT) & (size > recent.amin(-1) / 2)
         # near a solution the energy has no more digits to tell
         still = (size > _SMALL_GRADIENT) & (lowest[:, 0] - lowest[:, -1] < negligible)
-        finished = ~(size > limits) | stays | still | stuck | crowded
+        finished = (size <= limits) | stays | still | stuck | crowded
         if steps >= max_steps or is_out_of_time():
             finished[:] = True
         for i in finished.nonzero()[:, 0].tolist():

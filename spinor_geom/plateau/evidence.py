@@ -39,7 +39,7 @@ class Evidence:
             return area_in_domain(self.surface)
 
     @cached_property
-    def self_intersections(self) -> int:
+    def self_intersections(self) -> int | None:
         """Pairs of triangles that cross in the surface's mesh: see `certificates.crossing_faces`."""
         with one_thread(), self.clock.stage("certificates"):
             return 0 if self.is_plane else crossing_faces(self.surface)

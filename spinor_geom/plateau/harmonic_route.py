@@ -368,7 +368,10 @@ class HarmonicSolver:
 
     def _heard(self, gradient: float) -> None:
         """Takes down a step of Newton's method."""
-        step = Iteration(index=len(self.history) + 1, method="Douglas-Newton", residual=gradient)
+        self.hear(Iteration(index=len(self.history) + 1, method="Douglas-Newton", residual=gradient))
+
+    def hear(self, step: Iteration) -> None:
+        """Takes down a step, its own or of another route to the same disk, and tells the caller."""
         self.history.append(step)
         if self.on_iteration is not None:
             self.on_iteration(step)

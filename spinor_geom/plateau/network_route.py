@@ -40,8 +40,6 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
 _MAX_ROUNDS = 3
-# A fit that is left farther from Γ than this, in mean edges, is tried again from a finer discrete disk.
-_POOR = 1e-2
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
 # Ω's polygon comes no nearer to a pole than this share of what ∂Ω does beside it, at so many points of a chord; pieces
@@ -114,9 +112,9 @@ class NetworkSolver:
             SingularMatrixError: the discrete disk or the fit is degenerate.
         """
         fitted = self._fitted_from(disk, history)
-        poor = fitted.residual.misfit.rms > max(self.budget.allowed, _POOR * self.loop.mean_edge_length)
+        missed = fitted.residual.misfit.excess(allowed=self.budget.allowed, tolerance=self.budget.tolerance) > 1
         # another start does not help where the loop's roughness is too much for the network
-        if poor and self._turning <= _RAGGED_TURN and not self.budget.is_spent(fitted.history):
+        if missed and self._turning <= _RAGGED_TURN and not self.budget.is_spent(fitted.history):
             fitted = self._improved(fitted, disk)
         with self.clock.stage("surface"):
             surface, astray = fitted_surface(fitted)

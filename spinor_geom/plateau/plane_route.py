@@ -22,14 +22,17 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface.frames import spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Loops that leave a plane by less than this share of their diagonal lie in it.
-_PLANE = 1e-12
+# Loops that leave a plane by less than this share of their diagonal lie in it: rounding errors, and where so much is
+# allowed what float32 rounds points by.
+_PLANE, _PLANE_IN_FLOAT32 = 1e-12, 2.0**-24
 # Points on each piece of Γ for the residual, between its vertices.
 _PER_PIECE = 4
 _LIMIT = "it is at rounding error"
 
 
-def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, clock: Clock) -> Found | None:
+def plane_disk(
+    loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, clock: Clock, *, allowed: float
+) -> Found | None:
     """The region that a plane loop bounds, with itself as Ω and constant p and q; it is the only minimal disk over it.
 
     Args:
@@ -37,6 +40,7 @@ def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, c
         curve: Γ.
         device: of the surface.
         clock: of the stages.
+        allowed: RMS distance from Γ; loops that were rounded to float32 lie in a plane if it is not less than that.
 
     Returns:
         The disk; None where the loop does not lie in a plane to round-off, or Γ crosses itself between the points.
@@ -44,7 +48,7 @@ def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, c
     Source: the convex hull property of minimal surfaces (Osserman, "A Survey of Minimal Surfaces" (1986), section 7).
     """
     plane = loop.plane
-    if plane.rms_distance > _PLANE * loop.diagonal:
+    if plane.rms_distance > _round_off(allowed) * loop.diagonal:
         return None
     with clock.stage("surface"):
         if len(loop_crossings(_between(curve, _PER_PIECE))):
@@ -64,7 +68,7 @@ def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, c
         )
 
 
-def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device) -> FoundAnnulus | None:
+def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device, *, allowed: float) -> FoundAnnulus | None:
     """The region between two loops of one plane, with itself as Ω and constant p and q.
 
     It lies on the left of the first loop.
@@ -72,6 +76,7 @@ def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device) -> Foun
     Args:
         curves: the first at unit size, the second, and the second reversed.
         device: of the surface.
+        allowed: RMS distance from them, as for `plane_disk`.
 
     Returns:
         The annulus; None where the loops do not lie in one plane to round-off, neither is inside the other, or the
@@ -79,7 +84,7 @@ def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device) -> Foun
 
     Source: as `plane_disk`; Ω is the only minimal surface that is an annulus.
     """
-    frame = _common_plane(curves[:2])
+    frame = _common_plane(curves[:2], _round_off(allowed))
     if frame is None:
         return None
     outer_first = _is_inside(curves[1], curves[0], frame)
@@ -117,16 +122,21 @@ def beside_in_plane(first: BoundaryCurve, second: BoundaryCurve) -> bool:
     Then no minimal annulus spans them: it would lie in that plane and cover the inside of both curves once, and nothing
     in between.
     """
-    frame = _common_plane((first, second))
+    frame = _common_plane((first, second), _PLANE_IN_FLOAT32)
     return frame is not None and not (_is_inside(first, second, frame) or _is_inside(second, first, frame))
 
 
-def _common_plane(curves: Sequence[BoundaryCurve]) -> _PlaneFrame | None:
+def _round_off(allowed: float) -> float:
+    """Distance of a loop from its plane, in diagonals, that is rounding error."""
+    return max(_PLANE, min(_PLANE_IN_FLOAT32, allowed))
+
+
+def _common_plane(curves: Sequence[BoundaryCurve], round_off: float) -> _PlaneFrame | None:
     """Coordinates in the plane of two curves; None where there is none, or they cross between their points."""
     loop = BoundaryLoop.from_points(curves[0].coefficients[-1], corners=())
     normal = loop.plane.normal
     offset = np.concatenate([curve.coefficients[-1] for curve in curves]) - loop.centroid
-    if np.sqrt(np.mean((offset @ normal) ** 2)) > _PLANE:
+    if np.sqrt(np.mean((offset @ normal) ** 2)) > round_off:
         return None
     fine = [_between(curve, _PER_PIECE) for curve in curves]
     if any(len(loop_crossings(points)) for points in fine) or len(crossings_between(*fine)):

@@ -233,12 +233,12 @@ class PlateauSolution(Shown):
         area: ½∮ r·Im(φ dz), in squared mesh units.
         route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "vertices": of
             the surfaces through a rough loop's points the one nearest to a discrete minimal disk; Γ between the points
-            is the surface's own boundary. "disk", "unfolded", "deformed", "flattened": Douglas's slide on the unit disk, on the unfolded least-area
-            triangulation, on a domain that grew with the loop from an average of it, or on a flattened discrete disk; p
-            and q are a power series or Cauchy's formula. "network": Gauss-Newton for a Cauchy network. "trained":
-            training of a complex-valued network. "annulus": Douglas's slides of two rims and the modulus between them;
-            p and q are Laurent series. "annular network": Gauss-Newton for a Cauchy network on a flattened discrete
-            annulus.
+            is the surface's own boundary. "disk", "unfolded", "deformed", "flattened": Douglas's slide on the unit
+            disk, on the unfolded least-area triangulation, on a domain that grew with the loop from an average of it,
+            or on a flattened discrete disk; p and q are a power series or Cauchy's formula. "network": Gauss-Newton for
+            a Cauchy network. "trained": training of a complex-valued network. "annulus": Douglas's slides of two rims
+            and the modulus between them; p and q are Laurent series. "annular network": Gauss-Newton for a Cauchy
+            network on a flattened discrete annulus.
         history: the steps.
         solve_timings: wall time of each stage of the solve, in seconds.
         tolerance: RMS residual per mean edge that was asked for.
@@ -274,10 +274,10 @@ class PlateauSolution(Shown):
         return self.evidence.area_in_domain
 
     @property
-    def self_intersections(self) -> int:
+    def self_intersections(self) -> int | None:
         """Pairs of triangles that cross in the surface's mesh over Ω's triangulation; 0 where it shows no crossing.
 
-        Every disk over a knotted loop crosses itself.
+        Every disk over a knotted loop crosses itself. None where the mesh is not finite, so that nothing is known.
         """
         return self.evidence.self_intersections
 

@@ -16,6 +16,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.annulus import AnnulusTask
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
+from spinor_geom.plateau.network_route import Cauchy
 from spinor_geom.plateau.solution import Iteration, NoAnnulus, PlateauSolution
 from spinor_geom.plateau.solutions import find_disks
 from spinor_geom.plateau.task import Model, Options, Task
@@ -124,8 +125,8 @@ def solve_plateau(
             those after the first annulus is found. Training has limits of its own among the optimizer's options.
         unstable: "keep" returns an unstable surface, which is only a critical point of the area, as it was found;
             between two curves with the start that `Laurent(modulus=...)` gives.
-        all_solutions: look for several disks over the loop, or annuli, unstable ones too; see `find_disks`. It takes
-            several times as long, and more may exist than are found.
+        all_solutions: look for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
+            unstable ones too; see `find_disks`. It takes several times as long, and more may exist than are found.
         device: where the linear algebra runs; the surface is returned there.
         on_iteration: called after each step.
 
@@ -151,8 +152,8 @@ def solve_plateau(
     options = Options.checked(
         model, tolerance, max_iterations, unstable, device, optimizer=optimizer, warm_start=warm_start
     )
-    if all_solutions and options.optimizer is not None:
-        raise OptionError("a network is trained for one disk only; use all_solutions with model='auto'")
+    if all_solutions:
+        _require_model_for_all(model, rims=1 if isinstance(loop, (BoundaryLoop, ClosedCurve)) else 2)
     with one_thread():
         if not isinstance(loop, (BoundaryLoop, ClosedCurve)):
             pair = AnnulusTask.of(_two_of(loop), options, on_iteration)
@@ -162,6 +163,20 @@ def solve_plateau(
             return task.solved()
         plane = task.in_plane()
         return find_disks(task.rim, task.from_disk) if plane is None else (plane,)
+
+
+def _require_model_for_all(model: Model, *, rims: int) -> None:
+    """Checks that the search for all disks, or all annuli, knows a model.
+
+    Raises:
+        OptionError: it does not.
+    """
+    if model == "mlp":
+        raise OptionError("a network is trained for one disk only; use all_solutions with model='auto'")
+    if rims == 1 and model == "series":
+        raise OptionError("all_solutions looks for disks as Cauchy networks; use it with model='auto' or 'cauchy'")
+    if rims == 2 and (model == "cauchy" or isinstance(model, Cauchy)):
+        raise OptionError("all_solutions looks for annuli as Laurent series; use it with model='auto' or 'series'")
 
 
 def _two_of(

@@ -59,8 +59,10 @@ class Laurent:
 
 Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy | Laurent
 
-# A harmonic disk that is left farther from Γ than this, in mean edges, does not spare the next domain.
-_POOR = 1e-2
+# A disk that is farther from Γ than this, in mean edges, is not left where it is unstable.
+_POOR = 5e-2
+# One of the harmonic route's that is as near needs no other domain.
+_NEAR = 1e-2
 # Rough loops of more points go the harmonic route: the cost of the other grows like the cube of their number.
 _MOST_POINTS = 1500
 # So few points are a polygon; of more one in ten turns by this angle where they are no samples of a smooth curve.
@@ -243,18 +245,6 @@ class Task:
         least = 3 * np.pi / n if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0
         return n <= _FEW_POINTS or roughness(self.loop) - least > _ROUGH_TURN or self.harmonic.is_narrow
 
-    @property
-    def _vertices(self) -> VertexSolver:
-        network = self.network
-        return VertexSolver(
-            loop=network.loop,
-            allowed=network.budget.allowed,
-            max_steps=network.budget.max_iterations,
-            device=self.options.device,
-            clock=network.clock,
-            on_iteration=network.budget.on_iteration,
-        )
-
     def solved(self) -> PlateauSolution:
         """The solution: plane, or the first that is found, or one of less area where that is unstable."""
         return self.in_plane() or self.curved()
@@ -263,7 +253,10 @@ class Task:
         """The only solution where the loop is a simple curve in a plane."""
         if not self.options.is_free:
             return None
-        found = plane_disk(self.network.loop, self.network.curve, self.options.device, self.network.clock)
+        network = self.network
+        found = plane_disk(
+            network.loop, network.curve, self.options.device, network.clock, allowed=network.budget.allowed
+        )
         return None if found is None else self.solution(found)
 
     def curved(self) -> PlateauSolution:
@@ -271,8 +264,8 @@ class Task:
         if self.options.optimizer is not None:
             return self._trained(self.options.optimizer)
         solution = self.first()
-        if self.options.is_series and self.options.leaves_unstable:
-            solution = self._left_on_disk(solution)
+        if self.options.is_series:
+            return self._left_on_disk(solution) if self.options.leaves_unstable else solution
         # whether a disk far from Γ is stable says nothing of those over Γ; one through a rough loop's points is next to
         # a discrete disk of least area
         is_near = solution.boundary_residual.rms_per_edge <= _POOR and solution.route != "vertices"
@@ -291,7 +284,11 @@ class Task:
                 break
             left.append(solution.area)
             solution = better
-        return with_departures(solution, left)
+        solution = with_departures(solution, left)
+        if solution.stability.verdict == "unstable":
+            reason = f"{solution.reason}; the disk is unstable, and no better one was found in power series"
+            return replace(solution, reason=f"{reason}: model='auto' looks among others")
+        return solution
 
     def _trained(self, optimizer: LevenbergMarquardt | RMSprop) -> PlateauSolution:
         """The solution of a trained network."""
@@ -313,47 +310,62 @@ class Task:
         if self.options.is_series:
             return self.solution(self.harmonic.on_disk())
         if not self.is_harmonic:
-            return self.solution(self._on_network(()))
+            return self.solution(self._on_network())
         best: Found | None = None
         error: SpinorGeomError | None = None
         for route in self._routes():
             if is_out_of_time():
                 break
             try:
-                for found in route(tuple(self.harmonic.history) if best is None else best.history):
+                for found in route():
                     best = _nearer(best, found)
             except (DomainError, FirstFillError, SingularMatrixError, SurfaceError) as failure:
                 error = failure
-            if best is not None and best.misfit.rms <= self.network.budget.allowed:
+            if best is not None and self._is_met(best):
                 break
         if best is None:
             require_time()
             raise error or FirstFillError(
                 "no minimal disk was found over the loop; check that it does not cross itself"
             )
-        return self.solution(best)
+        return self.solution(replace(best, history=tuple(self.harmonic.history)))
 
-    def _routes(self) -> tuple[Callable[[tuple[Iteration, ...]], Iterable[Found]], ...]:
+    def _routes(self) -> tuple[Callable[[], Iterable[Found]], ...]:
         """The ways to a disk over a loop without corners, in their order."""
         if self.passes_through_points:
             return (self._through_points,)
         last = (self._through_points,) if len(self.loop) <= _MOST_POINTS else ()
         return (self._harmonic_tries, *last)
 
-    def _through_points(self, history: tuple[Iteration, ...]) -> Iterable[Found]:
-        return (self._vertices.found(history),)
+    def _through_points(self) -> Iterable[Found]:
+        network = self.network
+        solver = VertexSolver(
+            loop=network.loop,
+            allowed=network.budget.allowed,
+            max_steps=network.budget.max_iterations,
+            device=self.options.device,
+            clock=network.clock,
+            on_iteration=self.harmonic.hear,
+        )
+        return (solver.found(tuple(self.harmonic.history)),)
 
-    def _on_network(self, history: tuple[Iteration, ...]) -> Found:
+    def _harmonic_tries(self) -> Iterator[Found]:
+        """Harmonic disks up to the first that is near to Γ."""
+        for found in self.harmonic.tries():
+            yield found
+            if self._is_met(found) or found.misfit.rms <= _NEAR * self.network.loop.mean_edge_length:
+                return
+
+    def _on_network(self) -> Found:
+        """The disk of a Cauchy network; the harmonic route's history takes its steps, even where it finds none."""
         with self.network.clock.stage("first fill"):
             disk = first_disk(self.network.loop.points[self.network.rim])
-        return self.network.found_from(disk, history)
+        budget = replace(self.network.budget, on_iteration=self.harmonic.hear)
+        return replace(self.network, budget=budget).found_from(disk, tuple(self.harmonic.history))
 
-    def _harmonic_tries(self, history: tuple[Iteration, ...]) -> Iterator[Found]:
-        """Harmonic disks up to the first that is near to Γ."""
-        for found in replace(self.harmonic, history=list(history)).tries():
-            yield found
-            if found.misfit.rms <= max(self.network.budget.allowed, _POOR * self.network.loop.mean_edge_length):
-                return
+    def _is_met(self, found: Found) -> bool:
+        budget = self.network.budget
+        return found.misfit.excess(allowed=budget.allowed, tolerance=budget.tolerance) <= 1
 
     def from_disk(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
         """The minimal disk nearest to a discrete one in the loop's coordinates, saddles included, timed by itself."""
@@ -365,7 +377,7 @@ class Task:
         timed, best = self._timed_anew(history), None
         if not self.loop.corners.any():
             best = next(timed.harmonic.tries_from(self._at_unit_size(disk), self.network.rim), None)
-            if best is not None and best.misfit.rms <= self.network.budget.allowed:
+            if best is not None and self._is_met(best):
                 return timed.solution(best)
         return timed.solution(_nearer(best, timed.network.found_from(self._at_unit_size(disk), history)))
 

@@ -203,15 +203,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         Raises:
             ZeroOnContourError: a zero of a combination of p and q lies on ∂Ω or too near to it.
         """
-
-        def spinors(z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-            values = self._spinors(z)
-            if isinstance(self.model, (CauchyNetwork, LaurentSeries)):
-                # it has no zero in Ω and changes its sign where they do
-                values = values * self.model.sign_changing(z)[:, None]
-            return values
-
-        return branch.branch_points(self._on_cpu(spinors), self._on_cpu(self._phi), self.domain)
+        return branch.branch_points(self._on_cpu(self._single_valued), self._on_cpu(self._phi), self.domain)
 
     def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
         """The zeros of p and those of q in Ω, with their orders: where n = −e₃, and where n = e₃ and g has its poles.
@@ -219,8 +211,15 @@ class SpinorSurface(Shown, torch.nn.Module):
         Raises:
             ZeroOnContourError: p or q is 0 on ∂Ω or too near to it, for example everywhere.
         """
-        p, q = (lambda z: self._pair(z)[0]), (lambda z: self._pair(z)[1])
+        p, q = (lambda z: self._single_valued(z)[:, 0]), (lambda z: self._single_valued(z)[:, 1])
         return find_zeros(self._on_cpu(p), self.domain), find_zeros(self._on_cpu(q), self.domain)
+
+    def _single_valued(self, z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
+        """P and q times a function without zeros in Ω that changes its sign around a hole where they do."""
+        values = self._spinors(z)
+        if isinstance(self.model, (CauchyNetwork, LaurentSeries)):
+            values = values * self.model.sign_changing(z)[:, None]
+        return values
 
     def loop_invariant(self, z: Complex[np.ndarray, " n"]) -> Literal[0, 1]:
         """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
@@ -363,7 +362,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         index = self._anchors.nearest_tensor(z).reshape(-1)
         # in a transform of torch.func the values of the index are not known
         wanted = index.cpu().numpy() if outside_transforms else np.arange(len(self.domain.paths.parent))
-        vertices = torch.from_numpy(self.domain.triangulation.points).to(z.device)
+        vertices = torch.tensor(self.domain.triangulation.points).to(z.device)
         # index_select and not indexing, which vmap cannot batch for a single point
         start, anchored = vertices.index_select(0, index), self._anchor_positions(wanted).index_select(0, index)
         end = z.reshape(-1)
@@ -380,7 +379,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         with torch.no_grad():
             integrand = self._in_blocks(self._phi, z) * dz[:, None]
         width = torch.from_numpy(np.diff(panels.breaks)).to(weight)
-        inner = torch.from_numpy(panels.cumulative).to(weight)
+        inner = torch.tensor(panels.cumulative).to(weight)
         step = integrand.real.reshape(len(width), -1, 3)
         total = (step * weight.reshape(len(width), -1, 1)).sum(dim=1)
         before = torch.cumsum(total, dim=0) - total
@@ -403,7 +402,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         tree = self.domain.paths
         device = self.spinor_map.device
         visited = torch.from_numpy(tree.visited(wanted)).to(device)
-        vertices = torch.from_numpy(self.domain.triangulation.points).to(device)
+        vertices = torch.tensor(self.domain.triangulation.points).to(device)
         before = torch.from_numpy(tree.parent).to(device)
         steps = self._integrate(vertices[before[visited]], vertices[visited])
         total = steps.new_zeros(len(vertices), 3).index_copy(0, visited, steps)
@@ -414,8 +413,8 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def _integrate(self, start: Complex[Tensor, "*pts"], end: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
         chosen = rule(self.quadrature, self.order)
-        nodes = torch.from_numpy(chosen.nodes).to(start.device)
-        weights = torch.from_numpy(chosen.weights).to(start.device)
+        nodes = torch.tensor(chosen.nodes).to(start.device)
+        weights = torch.tensor(chosen.weights).to(start.device)
 
         def segments(a: Complex[Tensor, " n"], b: Complex[Tensor, " n"]) -> Float[Tensor, "n 3"]:
             step = b - a
@@ -432,7 +431,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         return torch.cat([function(*some) for some in zip(*(torch.split(z, block) for z in points), strict=True)])
 
     def _mean_curvature(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
-        vertices = torch.from_numpy(self.domain.triangulation.points).to(z.device)
+        vertices = torch.tensor(self.domain.triangulation.points).to(z.device)
         anchor = vertices[self._anchors.nearest_tensor(z)]
 
         def block(start: Complex[Tensor, " n"], end: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:

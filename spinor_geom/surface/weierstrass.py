@@ -71,7 +71,7 @@ class WeierstrassSurface(torch.nn.Module):
     def position(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Positions r(z), shape (*pts, 3)."""
         chosen = rule(self.quadrature, self.order)
-        nodes, weights = (torch.from_numpy(a).to(self.constant.device) for a in chosen)
+        nodes, weights = (torch.tensor(a).to(self.constant.device) for a in chosen)
         flat = self._tensor(z).reshape(-1)
         parts = []
         for some in torch.split(flat, max(1, _BLOCK // len(nodes))):

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numpy.polynomial import polynomial as poly
 
+from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.errors import OptionError
+from spinor_geom.mesh.interpolation import gauss_nodes
 
 
 def error(name, n):
@@ -62,3 +64,9 @@ def test_cumulative_integration_is_exact_for_polynomials(order):
 def test_bad_rules_are_refused(name, n, message):
     with pytest.raises(OptionError, match=message):
         rule(name, n)
+
+
+def test_shared_arrays_cannot_be_written_to():
+    shared = [*(part for name in ("gauss", "trapezoid", "simpson") for part in rule(name, 4)), cumulative_matrix(4)]
+    shared += [PlaneDomain.disk().triangulation.points, PlaneDomain.disk().triangulation.faces, *gauss_nodes(4)]
+    assert not any(array.flags.writeable for array in shared)

@@ -82,3 +82,37 @@ def test_wrong_formulas_are_refused_with_the_place(wrong, reason):
     with np.errstate(divide="ignore", invalid="ignore"), pytest.raises(CurveError, match=reason) as error:
         BoundaryCurve.from_formula(wrong)
     assert 0 <= error.value.parameter <= 1
+
+
+def ellipse_run(depth: float, start: float) -> ClosedCurve:
+    """An ellipse run through at the speed 1 − depth·cos 2π(s − start), in shares of the mean."""
+
+    def angles(s):
+        turn = 2 * np.pi * (np.asarray(s) - start)
+        return (
+            2 * np.pi * np.asarray(s) - depth * np.sin(turn),
+            2 * np.pi * (1 - depth * np.cos(turn)),
+            4 * np.pi**2 * depth * np.sin(turn),
+        )
+
+    def point(s):
+        a, _, _ = angles(s)
+        return np.stack([2 * np.cos(a), np.sin(a), 0 * a], axis=-1)
+
+    def derivative(s):
+        a, b, _ = angles(s)
+        return np.stack([-2 * np.sin(a) * b, np.cos(a) * b, 0 * a], axis=-1)
+
+    def second_derivative(s):
+        a, b, c = angles(s)
+        return np.stack([-2 * np.cos(a) * b**2 - 2 * np.sin(a) * c, -np.sin(a) * b**2 + np.cos(a) * c, 0 * a], axis=-1)
+
+    return ClosedCurve(point=point, derivative=derivative, second_derivative=second_derivative)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.1234567, 0.7])
+def test_a_curve_that_stands_still_is_refused_with_the_place(start):
+    with pytest.raises(CurveError, match="stands still") as caught:
+        BoundaryCurve.from_formula(ellipse_run(1.0, start))
+    assert abs((caught.value.fields["parameter"] - start + 0.5) % 1 - 0.5) < 1e-4
+    assert BoundaryCurve.from_formula(ellipse_run(0.999, start)).length() == pytest.approx(9.68844822054768, rel=1e-9)

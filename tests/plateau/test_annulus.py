@@ -12,6 +12,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoAnnulus
+from spinor_geom.plateau.annulus import AnnulusTask
 from spinor_geom.plateau.douglas_annulus import AnnulusProblem
 from spinor_geom.plateau.problem import CurveTensors
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
@@ -121,6 +122,14 @@ def test_unstable_catenoid_on_request():
     assert abs(kept.area / unstable.area - 1) < 1e-12
     left = solve_plateau(coaxial(0.5), model=Laurent(modulus=4.0))
     assert abs(left.area / stable.area - 1) < 1e-12
+
+
+def test_an_unstable_annulus_of_a_network_is_left_for_a_stable_one(monkeypatch):
+    stable, unstable = solve_plateau(coaxial(0.5), all_solutions=True)
+    monkeypatch.setattr(AnnulusTask, "_crowds", True)
+    monkeypatch.setattr(AnnulusTask, "_on_network", lambda _: unstable)
+    assert abs(solve_plateau(coaxial(0.5)).area / stable.area - 1) < 1e-12
+    assert solve_plateau(coaxial(0.5), unstable="keep") is unstable
 
 
 @pytest.mark.parametrize("h", [0.5, 0.66])

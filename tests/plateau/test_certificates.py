@@ -48,3 +48,8 @@ def test_loop_that_crosses_itself_is_refused_with_its_edges():
     eight = np.column_stack([np.sin(t), np.sin(2 * t + 0.3) * np.cos(0.1), np.zeros(40)])
     with pytest.raises(SelfCrossingLoopError, match="edges"):
         solve_plateau(BoundaryLoop.from_points(eight, corners=()))
+
+
+def test_nothing_is_known_of_crossings_where_positions_are_not_finite():
+    surface = gallery.plane_disk().surface.transform(translation=(np.nan, 0.0, 0.0))
+    assert crossing_faces(surface) is None

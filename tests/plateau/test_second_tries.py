@@ -19,7 +19,6 @@ def test_first_fit_stands_where_no_finer_disk_can_be_made(monkeypatch, error):
         raise error
 
     loop = gallery.twisted_circle().sample(32)
-    monkeypatch.setattr(network_route, "_POOR", 0.0)
     monkeypatch.setattr(network_route, "finer_disk", fails)
     solution = solve_plateau(loop, model="cauchy", tolerance=1e-13)
     assert not solution.converged
@@ -96,14 +95,37 @@ def test_poor_harmonic_disk_stands_where_there_is_no_first_fill(monkeypatch):
     assert solve_plateau(SMALL).route != "network"
 
 
-def test_harmonic_disk_near_the_loop_spares_the_network(monkeypatch):
-    """A tolerance that nothing meets: within a hundredth of an edge the network would gain little for its time."""
+@pytest.mark.parametrize("factor", [1.0, 1e8], ids=["met", "missed by less than a hundredth of an edge"])
+def test_network_is_asked_where_the_tolerance_is_missed_and_only_there(monkeypatch, factor):
+    asked = []
 
     def fails(*_):
-        raise AssertionError("the network was asked")
+        asked.append(1)
+        raise DomainError("folded")
 
+    monkeypatch.setattr(HarmonicSolver, "tries", poor_tries(factor))
     monkeypatch.setattr(NetworkSolver, "found_from", fails)
-    solution = solve_plateau(SMALL, tolerance=1e-17)
-    assert not solution.converged
-    assert solution.boundary_residual.rms_per_edge < 1e-6
-    assert "above the tolerance 1.0e-17" in solution.reason
+    solution = solve_plateau(SMALL, tolerance=1e-6)
+    assert solution.boundary_residual.rms_per_edge < 1e-2
+    assert solution.converged == (factor == 1)
+    assert len(asked) == (factor > 1)
+
+
+def test_steps_of_routes_that_found_nothing_count(monkeypatch):
+    tries = HarmonicSolver.tries
+
+    def in_vain(self):
+        for _ in tries(self):
+            pass
+        yield from ()
+
+    monkeypatch.setattr(HarmonicSolver, "tries", in_vain)
+    heard = []
+    solution = solve_plateau(SMALL, unstable="keep", on_iteration=heard.append)
+    assert solution.route == "network"
+    assert tuple(heard) == solution.history
+    assert {step.method for step in heard} == {"Douglas-Newton", "Gauss-Newton"}
+    assert [step.index for step in heard] == list(range(1, len(heard) + 1))
+    limited = solve_plateau(SMALL, unstable="keep", max_iterations=5)
+    assert len(limited.history) == 5
+    assert "limit on steps" in limited.reason

@@ -50,11 +50,11 @@ def test_an_unstable_disk_is_left_for_the_known_one():
     assert "left an unstable disk of area 4.66976" in solution.reason
 
 
-def test_an_unstable_disk_is_left_for_another_domain_where_the_disk_crowds():
+def test_series_stay_series_where_the_unit_disk_has_no_room_for_a_stable_one():
     solution = solve_plateau(gallery.tennis_seam(0.6), model="series")
-    assert solution.stability.verdict == "stable"
-    assert solution.route == "network"
-    assert abs(solution.area / 4.9899 - 1) < 1e-5
+    assert isinstance(solution.surface.model, PowerSeries)
+    assert solution.stability.verdict == "unstable"
+    assert "no better one was found in power series: model='auto' looks among others" in solution.reason
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from spinor_geom import gallery
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau import PlateauSolution, Stability, solutions, solve, solve_plateau, task
+from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, solutions, solve, solve_plateau, task
 from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable
 from tests.exact_solutions import ENNEPER, exact_solution, with_stability
 from tests.loops import noisy_ellipse
@@ -156,6 +156,15 @@ def test_round_positions_converge_to_the_surface():
     # triangles that grow inwards: between order 1 and 2
     assert errors[1] < 0.65 * errors[0]
     assert errors[2] < 0.65 * errors[1]
+
+
+@pytest.mark.parametrize(
+    ("rims", "model"), [(1, "series"), (2, "cauchy"), (2, Cauchy(degree=20))], ids=["disks", "annuli", "options"]
+)
+def test_a_model_that_the_search_does_not_know_is_refused(rims, model):
+    loops = [seam(0.75, 32), BoundaryLoop.from_points(seam(0.75, 32).points + 5.0)]
+    with pytest.raises(OptionError, match="all_solutions looks for"):
+        solve_plateau(loops[0] if rims == 1 else loops, model=model, all_solutions=True)
 
 
 # --- leaving ----------------------------------------------------------------------------------------------------------

@@ -1,13 +1,18 @@
 """The start of a fit, and the limit on its threads."""
 
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+
 import numpy as np
 import pytest
 import torch
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from spinor_geom import gallery
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
+from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.start import lifted_spinors
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.formulas import phi
@@ -51,3 +56,42 @@ def test_one_thread_holds_inside_and_restores_outside():
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
+
+
+def test_overlapping_threads_leave_every_setting_as_it_was():
+    before = torch.get_num_threads()
+    inside, out = Event(), Event()
+
+    def second():
+        with one_thread():
+            inside.set()
+            out.wait()  # until the first has left
+            assert torch.get_num_threads() == 1
+
+    def blas():
+        return [library["num_threads"] for library in threadpool_info()]
+
+    try:
+        torch.set_num_threads(2)
+        with threadpool_limits(2), ThreadPoolExecutor() as pool:
+            settings = blas()
+            with one_thread():
+                other = pool.submit(second)
+                inside.wait()
+                assert set(blas()) == {1}
+            assert torch.get_num_threads() == 2
+            out.set()
+            other.result()
+            assert blas() == settings
+            assert pool.submit(torch.get_num_threads).result() == 2
+        with ThreadPoolExecutor() as fresh:
+            assert fresh.submit(torch.get_num_threads).result() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_a_stage_that_fails_is_timed():
+    clock = Clock()
+    with pytest.raises(ValueError, match="in vain"), clock.stage("fit"):
+        raise ValueError("in vain")
+    assert clock.seconds["fit"] >= 0
