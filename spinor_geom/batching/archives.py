@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import errno
 import gzip
 import lzma
 import os
@@ -93,8 +94,8 @@ def _damage_of(path: str | os.PathLike[str], name: str = "") -> Iterator[None]:
     try:
         yield
     except DAMAGE as error:
-        # an ArchiveError is a ValueError
-        if isinstance(error, ArchiveError) or getattr(error, "errno", None) is not None:
+        # an ArchiveError is a ValueError; a place before the file's start is an invalid argument
+        if isinstance(error, ArchiveError) or getattr(error, "errno", errno.EINVAL) not in (None, errno.EINVAL):
             raise
         where = f"{os.fspath(path)}: {name}: " if name else f"{os.fspath(path)}: "
         raise ArchiveError(f"{where}cannot be read as an archive ({error}); check that it is complete") from error
@@ -213,11 +214,13 @@ class _Header(tarfile.TarInfo):
     """A header of a tar archive: one that is damaged is no end, and none is read that is as long as a mesh."""
 
     @classmethod
-    def frombuf(cls, *arguments: Any) -> Any:
+    def frombuf(cls, buf: Any, *arguments: Any) -> Any:
         try:
-            return super().frombuf(*arguments)
-        except (tarfile.InvalidHeaderError, tarfile.TruncatedHeaderError) as error:
-            # else tarfile takes it for the archive's end
+            return super().frombuf(buf, *arguments)
+        except tarfile.HeaderError as error:
+            if not buf.strip(b"\0"):  # the archive's end
+                raise
+            # which tarfile takes this for, too
             raise tarfile.ReadError(f"a header is damaged: {error}") from error
 
     def _proc_member(self, archive: tarfile.TarFile) -> Any:

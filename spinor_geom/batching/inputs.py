@@ -6,6 +6,7 @@ import csv
 import glob
 import json
 import os
+import re
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,6 +25,8 @@ SUFFIX = ".obj"
 MANIFESTS = (".csv", ".jsonl")
 # The last part of the key of what is no OBJ file: such a part has no suffix, so that no file's key can be the same.
 PROBLEM = "problem"
+# Halves of characters, which no name has; those that stand for single bytes are others.
+HALVES = re.compile("[\ud800-\udc7f\udd00-\udfff]")
 LONGEST_LINE = 1 << 20  # of a manifest
 # Files of so many bytes together are read at once, and their loops solved side by side.
 SMALL = 1 << 20
@@ -261,7 +264,7 @@ def _json_rows(file: Iterable[str]) -> Iterator[tuple[int, str]]:
         if line.strip():
             row = json.loads(line)
             path = row.get("path") if isinstance(row, dict) else row
-            yield number, path if isinstance(path, str) else ""
+            yield number, path if isinstance(path, str) and not HALVES.search(path) else ""
 
 
 def _short_lines(file: Any) -> Iterator[str]:

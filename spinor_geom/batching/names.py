@@ -22,7 +22,7 @@ def safe_name(parts: Iterable[str]) -> str:
     *folders, last = map(_safe_part, parts)
     # folders of results are named after files: one inside the other would be removed with it
     name = "/".join([*(f"{part}%" if part.lower().endswith(".obj") else part for part in folders), last])
-    return name if len(os.fsencode(name)) <= LONGEST_NAME else _shortened(name, LONGEST_PART).replace("/", "%2F")
+    return name if len(os.fsencode(name)) <= LONGEST_NAME else _shortened(name, LONGEST_PART)
 
 
 def _safe_part(part: str) -> str:
@@ -32,4 +32,5 @@ def _safe_part(part: str) -> str:
 
 def _shortened(name: str, length: int) -> str:
     digest = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
-    return f"{os.fsencode(name)[:length].decode('utf-8', 'ignore')}{ADDED}{digest}"
+    start = os.fsencode(name.replace("/", "%2F"))[:length].decode("utf-8", "ignore")
+    return f"{start}{ADDED}{digest}"

@@ -27,8 +27,8 @@ def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
     return {
         "source": key,
         "status": status,
-        # names of files may hold bytes that are no text
-        "reason": reason.encode("utf-8", "replace").decode("utf-8"),
+        # names of files may hold bytes that are no text, or that terminals obey
+        "reason": "".join(character if character.isprintable() else "?" for character in reason),
         "vertices": None,
         "faces": None,
         "curves": None,

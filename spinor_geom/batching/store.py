@@ -55,7 +55,7 @@ class Store:
         return record if isinstance(record, dict) else None
 
     def commit(
-        self, source: Source, record: Mapping[str, Any], files: Mapping[str, Callable[[Path], None]]
+        self, source: Source, record: dict[str, Any], files: Mapping[str, Callable[[Path], None]]
     ) -> dict[str, Any]:
         """Writes the results of a source: all of them, or none.
 

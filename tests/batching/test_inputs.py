@@ -147,7 +147,7 @@ def test_manifests_name_files_from_where_they_are(folder: Path) -> None:
     table = folder / "list.csv"
     table.write_text("\ufeffid,path\n1,b.obj\n2,deep/er/c.obj\n3,\n4,gone.obj\n5,b.obj\n", encoding="utf-8")
     lines = folder / "list.jsonl"
-    lines.write_text('{"path": "b.obj"}\n\n"deep/er/c.obj"\n{"file": 3}\n')
+    lines.write_text('{"path": "b.obj"}\n\n"deep/er/c.obj"\n{"file": 3}\n"\\ud800"\n"\\u0000"\n')
     found = list(listed([str(table)]))
     assert [(source.key, bool(source.problem)) for source in found] == [
         ("list.csv/1/b.obj", False),
@@ -162,6 +162,8 @@ def test_manifests_name_files_from_where_they_are(folder: Path) -> None:
         "list.jsonl/1/b.obj",
         "list.jsonl/3/deep/er/c.obj",
         "list.jsonl/4/problem",
+        "list.jsonl/5/problem",
+        "list.jsonl/6/%00",
     ]
 
 
@@ -408,6 +410,17 @@ def test_a_zip_that_lies_about_sizes_gives_no_more_than_it_says(tmp_path: Path) 
         stream.read()
 
 
+def test_a_zip_whose_members_begin_before_it_is_damaged(tmp_path: Path) -> None:
+    path = packed_zip(tmp_path / "a.zip", [GOOD])
+    data = bytearray(path.read_bytes())
+    end = data.rindex(b"PK\x05\x06")
+    struct.pack_into("<I", data, end + 16, struct.unpack_from("<I", data, end + 16)[0] + 1000)
+    path.write_bytes(data)
+    # that lasts, so it is no trouble of the disk
+    with pytest.raises(ArchiveError, match="cannot be read as an archive"):
+        ArchiveReader().open(str(path), Member(name=GOOD[0], size=len(GOOD[1]), place=0))
+
+
 @pytest.mark.parametrize("suffix", [*PACKERS, ".zip"])
 def test_every_truncated_archive_is_a_problem(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
@@ -439,6 +452,8 @@ def test_long_and_undecodable_names_stay_short_and_different() -> None:
     deep = [safe_name([*("b" * 100 for _ in range(20)), str(number)]) for number in range(2)]
     assert deep[0] != deep[1]
     assert max(map(len, deep)) <= 700
+    # a separator takes three bytes where folders become one name
+    assert max(map(len, safe_name([*"a" * 500, "b.obj"]).split("/"))) <= 255
     # no name can be that of a shortened one
     assert safe_name([long[0]]) != long[0]
     assert safe_name([os.fsdecode(b"\xff.obj")]) == "%FF.obj"

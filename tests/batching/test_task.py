@@ -418,13 +418,22 @@ def test_names_that_are_no_text_reach_tables_log_and_page(tmp_path: Path) -> Non
     folder, output = tmp_path / "in", tmp_path / "out"
     folder.mkdir()
     (folder / os.fsdecode(b"\xff.obj")).symlink_to("nowhere")
+    (folder / "\x1b[2J.obj").symlink_to("nowhere")
     (folder / os.fsdecode(b"\xfe=1.obj")).write_text("g =1+1\n" + curve_text(circle(9)))
     solved([folder], output)
     with opened_journal(output, BatchOptions(), resume=True) as journal:
         paths = write_summary(journal, Inputs([folder], output=output, limits=LIMITS), BatchOptions(), {"seconds": 1.0})
         log = journal.log.read_text(encoding="utf-8")
-    assert log.startswith("failed\tin/%FF.obj\t")
-    assert [row["source"] for row in pq.read_table(paths["table"]).to_pylist()] == ["in/%FE=1.obj", "in/%FF.obj"]
+    assert [line.split("\t")[:2] for line in log.splitlines()] == [
+        ["failed", "in/%1B[2J.obj"],
+        ["failed", "in/%FF.obj"],
+    ]
+    assert "\x1b" not in log
+    assert [row["source"] for row in pq.read_table(paths["table"]).to_pylist()] == [
+        "in/%1B[2J.obj",
+        "in/%FE=1.obj",
+        "in/%FF.obj",
+    ]
     # no formula for a spreadsheet
     assert "in/%FE=1.obj,0,'=1+1," in paths["table_csv"].read_text(encoding="utf-8")
     assert paths["page"].read_text(encoding="utf-8").count("<svg") >= 1
