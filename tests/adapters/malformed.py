@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -512,10 +513,10 @@ CASES: Files = {
 }
 
 
-def tried(path: Path) -> dict[str, object]:
+def tried(path: Path) -> dict[str, Any]:
     """What comes of reading a file, and of writing it with a triangle more."""
     start = time.perf_counter()
-    outcome: dict[str, object]
+    outcome: dict[str, Any]
     try:
         file = read_mesh(path)
         outcome = {"read": [len(file.mesh.vertices), len(file.mesh.faces)]}
