@@ -204,7 +204,7 @@ def island_figures() -> list[Figure]:
     case, mesh = "island of spot_cut.obj", to_mesh(read_mesh(SPOT))
     ((hole, (piece,)),) = find_islands(mesh, boundary_loops(SPOT)).items()
     start = time.perf_counter()
-    _, report = fill_hole(SPOT, (hole, piece), return_report=True)
+    _, report = fill_hole(SPOT, bridge=(hole, piece), return_report=True)
     seconds = time.perf_counter() - start
     solution = report.loops[hole].solution
     residual = float("inf") if solution is None else solution.boundary_residual.rms_per_edge

@@ -13,12 +13,12 @@ OURS = "spinor-fill"
 
 
 def _prepare(hole: Hole) -> Any:
-    return (hole.vertices, hole.faces), tuple(hole.places) if hole.facing else hole.places
+    return (hole.vertices, hole.faces), {"bridge" if hole.facing else "loop": hole.places}
 
 
 def _fill(state: Any) -> Any:
-    mesh, places = state
-    return fill_hole(mesh, places, islands="join", return_report=True)
+    mesh, which = state
+    return fill_hole(mesh, **which, islands="join", return_report=True)
 
 
 def _finish(state: Any, answer: Any) -> Filled:
@@ -33,7 +33,7 @@ def _finish(state: Any, answer: Any) -> Filled:
         told="; ".join([f"{filled} of {len(requested)} filled", *dict.fromkeys(said)]),
         succeeded=all(outcome.converged for outcome in requested) and report.intersection_free,
         # a surface between two rims counts once, at the rim that its faces are counted at
-        area=sum(o.solution.area for o in requested if o.solution is not None and o.faces_added),
+        area=sum(o.area for o in requested if o.area is not None and o.faces_added),
     )
 
 

@@ -106,8 +106,8 @@ class RimEdges:
         """
         sides = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         apexes = np.roll(patch.faces, -2, axis=1).reshape(-1)
-        on_rim = (sides < patch.boundary_size).all(axis=1)
-        on_rim[on_rim] = rim_successors(patch.rims)[sides[on_rim, 0]] == sides[on_rim, 1]
+        on_rim = np.flatnonzero((sides < patch.boundary_size).all(axis=1))
+        on_rim = on_rim[rim_successors(patch.rims)[sides[on_rim, 0]] == sides[on_rim, 1]]
         sides = sides[on_rim]
         place, known = self._places(self._keys(rim[sides]))
         start, along = patch.vertices[sides[:, 0]], patch.vertices[sides[:, 1]] - patch.vertices[sides[:, 0]]

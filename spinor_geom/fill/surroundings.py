@@ -95,7 +95,7 @@ class _Piece:
         first = np.searchsorted(self._ordered, piece.low[self._axis] - 2 * self._widest)
         last = np.searchsorted(self._ordered, piece.high[self._axis], side="right")
         some = np.sort(self._order[first:last])
-        return some[_meeting(self._lows[:, some], self._highs[:, some], piece)]
+        return np.asarray(some[_meeting(self._lows[:, some], self._highs[:, some], piece)])
 
 
 def _meeting(lows: Float[np.ndarray, "3 f"], highs: Float[np.ndarray, "3 f"], piece: _Piece) -> Int[np.ndarray, " k"]:

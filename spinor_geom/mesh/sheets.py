@@ -75,13 +75,13 @@ class Sheets:
             across = self.twin[here]
             reached[turning] = np.where(across < 0, here, across)
             turning = turning[across >= 0]
-        return 2 * reached + (target[reached] == vertex)
+        return np.asarray(2 * reached + (target[reached] == vertex))
 
 
 def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
     """Which faces use one vertex more than once."""
     a, b, c = faces.T
-    return (a == b) | (b == c) | (c == a)
+    return np.asarray((a == b) | (b == c) | (c == a))
 
 
 def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
@@ -105,11 +105,11 @@ def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
         by_apex = np.lexsort((members, apex, edge))
         same = (np.diff(edge[by_apex]) == 0) & (np.diff(apex[by_apex]) == 0)
         found.append(np.stack([members[by_apex][:-1][same], members[by_apex][1:][same]], axis=1))
-    return np.unique(np.sort(np.concatenate(found) // 3, axis=1), axis=0)
+    return np.asarray(np.unique(np.sort(np.concatenate(found) // 3, axis=1), axis=0))
 
 
 def _previous_in_face(half_edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    return half_edges + np.where(half_edges % 3 == 0, 2, -1)
+    return np.asarray(half_edges + np.where(half_edges % 3 == 0, 2, -1))
 
 
 def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " h"]:

@@ -148,7 +148,7 @@ def test_two_islands_in_one_hole_are_refused_by_name() -> None:
 
 def test_what_is_no_pair_is_refused() -> None:
     with pytest.raises(TooManyRimsError, match="got 3"):
-        fill_hole(island(), bridge=(0, 1, 2))  # type: ignore[call-overload]
+        fill_hole(island(), bridge=(0, 1, 2))
     with pytest.raises(OptionError, match="loop 1 twice"):
         fill_hole(island(), bridge=(1, 1))
     with pytest.raises(OptionError, match="exclude each other"):
