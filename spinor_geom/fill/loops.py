@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from spinor_geom.adapters import to_mesh
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.validate import require_faces
+from spinor_geom.plateau.plane_route import is_plane
 
 LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 
@@ -72,6 +74,21 @@ def with_corners_of(given: BoundaryLoop, own: BoundaryLoop) -> BoundaryLoop:
         obstacle=own.obstacle,
         remarks=own.remarks,
     )
+
+
+def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
+    """The rim of a mesh without the corners that were seen in it: they are corners of triangles, Γ is free beside them.
+
+    Corners that somebody gave the loop stay, and those of a plane one, whose sides bound the plane region.
+
+    Args:
+        loop: the rim.
+        tolerance: RMS distance from Γ, in mean edges.
+    """
+    seen = np.array_equal(loop.corners, detect_corners(loop.points))
+    if not loop.corners.any() or not seen or is_plane(loop, allowed=tolerance * loop.mean_edge_length / loop.diagonal):
+        return loop
+    return replace(loop, corners=np.zeros(len(loop), dtype=bool))
 
 
 def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int]:

@@ -48,7 +48,7 @@ def plane_disk(
     Source: the convex hull property of minimal surfaces (Osserman, "A Survey of Minimal Surfaces" (1986), section 7).
     """
     plane = loop.plane
-    if plane.rms_distance > _round_off(allowed) * loop.diagonal:
+    if not is_plane(loop, allowed=allowed):
         return None
     with clock.stage("surface"):
         if len(loop_crossings(_between(curve, _PER_PIECE))):
@@ -66,6 +66,16 @@ def plane_disk(
             history=(),
             limit=_LIMIT,
         )
+
+
+def is_plane(loop: BoundaryLoop, *, allowed: float) -> bool:
+    """Whether a loop lies in a plane, but for rounding errors.
+
+    Args:
+        loop: of any size.
+        allowed: RMS distance from Γ, in diagonals; see `plane_disk`.
+    """
+    return bool(loop.plane.rms_distance <= _round_off(allowed) * loop.diagonal)
 
 
 def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device, *, allowed: float) -> FoundAnnulus | None:

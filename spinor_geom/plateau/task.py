@@ -20,7 +20,7 @@ from spinor_geom.errors import (
     SpinorGeomError,
     SurfaceError,
 )
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
 from spinor_geom.mesh.intersections import require_simple
@@ -243,7 +243,8 @@ class Task:
             return False
         # so few points do not show how smooth their curve is: less what the roundest loop of as many has
         least = 3 * np.pi / n if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0
-        return n <= _FEW_POINTS or roughness(self.loop) - least > _ROUGH_TURN or self.harmonic.is_narrow
+        is_rough = n <= _FEW_POINTS or roughness(self.loop) - least > _ROUGH_TURN
+        return is_rough or bool(detect_corners(self.loop.points).any()) or self.harmonic.is_narrow
 
     def solved(self) -> PlateauSolution:
         """The solution: plane, or the first that is found, or one of less area where that is unstable."""
