@@ -204,7 +204,7 @@ class VertexSolver:
 
 def _nodes(polygon: Complex[Tensor, " n"], count: int) -> Complex[Tensor, "n g"]:
     """Gauss-Legendre nodes on the edges of a polygon."""
-    place = torch.as_tensor(rule("gauss", count).nodes, device=polygon.device)
+    place = torch.tensor(rule("gauss", count).nodes, device=polygon.device)
     nodes: Tensor = polygon[:, None] + place * (polygon.roll(-1) - polygon)[:, None]
     return nodes
 
@@ -249,7 +249,7 @@ class _Basis:
         at_kept = features.reshape(n, _NODES, -1)[:, kept]
         mass = at_kept.reshape(len(coarse), -1) * weight.sqrt()[:, None]
         # ∫|f'|² from node to node, an edge as the unit of length
-        place = torch.as_tensor(rule("gauss", _NODES).nodes[kept], device=device)
+        place = torch.tensor(rule("gauss", _NODES).nodes[kept], device=device)
         slope = torch.diff(at_kept, dim=1) * (edge[:, None] / edge.sum() / torch.diff(place)).sqrt()[..., None]
         rows = torch.cat([mass, slope.reshape(-1, mass.shape[1])])
         matrix = gram(rows)
@@ -316,7 +316,7 @@ class _Rim:
     @cached_property
     def starts(self) -> Float[Tensor, "n 3"]:
         """R at the vertices of ∂Ω, 0 at the first."""
-        weights = torch.as_tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
+        weights = torch.tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
         length = torch.einsum("g,ngk->nk", weights, self.velocity.real)
         return length.cumsum(0) - length
 
@@ -328,9 +328,9 @@ class _Rim:
     @property
     def area(self) -> float:
         """½∮ r·Im(φ dz)."""
-        inner = torch.as_tensor(cumulative_matrix(self.nodes), device=self.polygon.device)
+        inner = torch.tensor(cumulative_matrix(self.nodes), device=self.polygon.device)
         r = self.starts[:, None] + torch.einsum("hg,ngk->nhk", inner, self.velocity.real)
-        weights = torch.as_tensor(rule("gauss", self.nodes).weights, device=r.device)
+        weights = torch.tensor(rule("gauss", self.nodes).weights, device=r.device)
         return 0.5 * float(torch.einsum("g,ngk,ngk->", weights, r, self.velocity.imag))
 
     def curve_through(self, points: Float[np.ndarray, "n 3"], error: Float[np.ndarray, "n 3"]) -> BoundaryCurve:
@@ -358,7 +358,7 @@ class _Linear:
     @classmethod
     def at(cls, basis: _Basis, readout: Complex[Tensor, "k 2"]) -> _Linear:
         rim = basis.rim(readout)
-        weights = torch.as_tensor(rule("gauss", rim.nodes).weights, device=rim.polygon.device)
+        weights = torch.tensor(rule("gauss", rim.nodes).weights, device=rim.polygon.device)
         step = rim.polygon.roll(-1) - rim.polygon
         features = basis.features.reshape(len(step), rim.nodes, -1)
         parts = []

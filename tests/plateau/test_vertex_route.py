@@ -1,0 +1,163 @@
+"""Rough rims: exact minimal surfaces through their points, with Γ between them left to the surface."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+import spinor_geom as sg
+from spinor_geom.domain.quadrature import cumulative_matrix, rule
+from spinor_geom.errors import SurfaceError
+from spinor_geom.gallery.surfaces import enneper
+from spinor_geom.holomorphic.poles import polygon_poles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.vertex_route import VertexSolver
+
+
+def cap(subdivisions: int, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """A sphere whose faces above a height are removed: its rim runs along triangles, in zigzags."""
+    ball = trimesh.creation.icosphere(subdivisions)
+    return np.asarray(ball.vertices), np.asarray(ball.faces[ball.triangles_center[:, 2] < height])
+
+
+def rim_of(subdivisions: int, height: float) -> BoundaryLoop:
+    vertices, faces = cap(subdivisions, height)
+    (loop,) = sg.boundary_loops((vertices, faces))
+    return loop
+
+
+def zigzag(n: int, *, teeth: float, seed: int = 0) -> np.ndarray:
+    """A wavy circle whose points lie to and fro, by a share of the edge, in random directions."""
+    random = np.random.default_rng(seed)
+    t = 2 * np.pi * np.arange(n) / n
+    points = np.column_stack([np.cos(t), np.sin(t), 0.2 * np.sin(2 * t)])
+    return points + teeth * 2 * np.pi / n * random.standard_normal((n, 3))
+
+
+def distance_of_points(solution: sg.PlateauSolution) -> np.ndarray:
+    """Distances of the loop's points from the surface at their places in Ω, in mean edges, measured from outside."""
+    found = np.asarray(solution.surface.position(solution.loop_points_in_domain()))
+    return np.linalg.norm(found - solution.loop.points, axis=1) / solution.loop.mean_edge_length
+
+
+@pytest.mark.parametrize(("subdivisions", "height"), [(2, 0.5), (3, 0.7), (3, 0.5), (4, 0.85), (4, 0.7)])
+def test_the_rims_of_caps_cut_along_triangles_are_met(subdivisions: int, height: float) -> None:
+    solution = sg.solve_plateau(rim_of(subdivisions, height))
+    assert solution.route == "vertices"
+    assert solution.converged
+    assert solution.boundary_residual.rms_per_edge < 1e-3
+    # the residual is measured on other nodes than the fit's, and positions by other paths than along ∂Ω
+    assert np.sqrt(np.mean(distance_of_points(solution) ** 2)) < 1e-3
+    assert solution.rims[0].bulge < 1.0 * solution.loop.mean_edge_length
+
+
+@pytest.mark.parametrize("teeth", [0.1, 0.3])
+@pytest.mark.parametrize("n", [20, 40, 90])
+def test_noisy_loops_are_met(n: int, teeth: float) -> None:
+    solution = sg.solve_plateau(BoundaryLoop.from_points(zigzag(n, teeth=teeth), corners=[]))
+    assert solution.route == "vertices"
+    assert solution.converged
+    assert distance_of_points(solution).max() < 1e-2
+
+
+def test_the_surface_is_minimal_and_its_two_areas_agree() -> None:
+    solution = sg.solve_plateau(rim_of(3, 0.7))
+    z = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
+    # |H| times the size of the surface, by automatic differentiation
+    assert np.abs(solution.surface.mean_curvature(z)).max() * solution.loop.diagonal < 1e-8
+    # that over Ω is by quadrature on its triangles, which the poles beside its edges limit
+    assert solution.area_in_domain == pytest.approx(solution.area, rel=1e-3)
+
+
+def test_gamma_passes_through_the_points_and_keeps_beside_the_edges() -> None:
+    loop = rim_of(3, 0.5)
+    solution = sg.solve_plateau(loop)
+    curve = solution.curve
+    np.testing.assert_array_equal(curve.point(curve.breaks[:-1]), loop.points)
+    # Γ is the surface's boundary but for the distances at the points, and the polynomials that stand for it
+    share = np.array([0.25, 0.5, 0.75])
+    boundary = solution.domain.boundary
+    t = boundary.parameters[:-1] + share[:, None] * np.diff(boundary.parameters)
+    s = curve.breaks[:-1] + share[:, None] * np.diff(curve.breaks)
+    away = np.linalg.norm(np.asarray(solution.surface.position(boundary.point(t))) - curve.point(s), axis=-1)
+    assert away.max() < solution.boundary_residual.max + 2e-3 * loop.mean_edge_length
+
+
+def test_rigid_motions_and_scale_move_the_surface_along() -> None:
+    loop = rim_of(3, 0.7)
+    rotation = trimesh.transformations.random_rotation_matrix(np.array([0.3, 0.6, 0.2]))[:3, :3]
+    moved = BoundaryLoop.from_points(1e3 * loop.points @ rotation.T + [5e3, 0, -2e3], corners=[])
+    there, here = sg.solve_plateau(moved), sg.solve_plateau(loop)
+    assert there.area == pytest.approx(1e6 * here.area, rel=1e-3)
+    assert there.converged
+
+
+def test_a_smooth_rim_keeps_its_smooth_curve() -> None:
+    known = enneper(0.8)
+    solution = sg.solve_plateau(known.rim(48))
+    assert solution.route != "vertices"
+    assert solution.area == pytest.approx(known.area, rel=1e-9)
+
+
+def test_a_filled_cap_is_watertight_and_crosses_nothing() -> None:
+    vertices, faces = cap(3, 0.7)
+    filled, report = sg.fill_hole((vertices, faces), return_report=True)
+    assert report.watertight
+    assert report.intersection_free
+    assert report.loops[0].converged
+    np.testing.assert_array_equal(filled[0][: len(vertices)], vertices)
+
+
+def test_steps_are_told_and_bounded() -> None:
+    loop = rim_of(3, 0.7)
+    heard: list[int] = []
+    solution = sg.solve_plateau(loop, on_iteration=lambda step: heard.append(step.index))
+    assert heard == list(range(1, len(solution.history) + 1))
+    assert {step.method for step in solution.history} == {"Newton"}
+    short = sg.solve_plateau(loop, max_iterations=1)
+    assert len(short.history) == 1
+    assert not short.converged
+    assert "residual" in short.reason
+
+
+def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = rim_of(3, 0.7)
+    unit = BoundaryLoop.from_points((loop.points - loop.centroid) / loop.diagonal, corners=[])
+    solver = VertexSolver(
+        loop=unit, allowed=1e-3 * unit.mean_edge_length, max_steps=20, device=torch.device("cpu"), clock=Clock()
+    )
+    assert solver.found().misfit.rms < 1e-3 * unit.mean_edge_length
+    monkeypatch.setattr("spinor_geom.plateau.vertex_route._FAR", 1e-3)
+    with pytest.raises(SurfaceError, match="edges away from the points"):
+        solver.found()
+    monkeypatch.undo()
+    monkeypatch.setattr("spinor_geom.plateau.vertex_route._LARGEST_BULGE", 1e-3)
+    with pytest.raises(SurfaceError, match="from the edges between them"):
+        solver.found()
+
+
+def test_poles_beside_a_polygon_keep_every_edge_at_a_distance() -> None:
+    # a star: convex tips and deep notches
+    t = 2 * np.pi * np.arange(24) / 24
+    polygon = (1 + 0.35 * (-1.0) ** np.arange(24)) * np.exp(1j * t)
+    poles = polygon_poles(polygon, most=100)
+    step = np.roll(polygon, -1) - polygon
+    share = np.clip(((poles.positions[:, None] - polygon) * step.conj()).real / np.abs(step) ** 2, 0, 1)
+    distance = np.abs(poles.positions[:, None] - polygon - share * step)
+    assert (distance / np.abs(step)).min() >= 0.35
+    np.testing.assert_allclose(distance.min(axis=1), poles.scales)
+    winding = np.angle((np.roll(polygon, -1) - poles.positions[:, None]) / (polygon - poles.positions[:, None])).sum(1)
+    assert np.abs(winding).max() < 1e-6
+    assert len(polygon_poles(polygon, most=24).positions) <= 24
+    assert len(poles.positions) > 24
+
+
+@pytest.mark.parametrize("order", [4, 9])
+def test_integrals_to_any_place_are_exact_for_polynomials(order: int) -> None:
+    nodes, ends = rule("gauss", order).nodes, (0.1, 0.5, 1.0)
+    for power in range(order):
+        found = cumulative_matrix(order, ends) @ nodes**power
+        np.testing.assert_allclose(found, np.array(ends) ** (power + 1) / (power + 1), atol=1e-14)
