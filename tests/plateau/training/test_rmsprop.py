@@ -94,7 +94,7 @@ def test_seconds_are_those_of_the_training_alone(tmp_path, monkeypatch):
         return timed
 
     monkeypatch.setattr(rmsprop.time, "perf_counter", lambda: clock[0])
-    for name, seconds in (("_epoch", 1.0), ("_boundary_error", 100.0), ("save", 1000.0)):
+    for name, seconds in (("_epoch", 1.0), ("_diverged", 100.0), ("save", 1000.0)):
         monkeypatch.setattr(rmsprop._Training, name, takes(seconds, getattr(rmsprop._Training, name)))
     options = replace(SMALL, epochs=2, checkpoint=tmp_path / "state.safetensors", checkpoint_every=1)
     first = train_by_rmsprop(CURVE, options=options)
