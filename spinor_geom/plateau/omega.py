@@ -30,6 +30,8 @@ _SHARES = (0.4, 0.3, 0.3)
 _FACING, _FACING_SAMPLES, _MOST_IN_NARROW = 2.0, 4, 8.0
 # Where ∂Ω comes as near to itself as so many of its steps, Λ is never resolved; the way round is so many times longer.
 _STEPS_ACROSS, _WAY_AROUND = 1.0, 3.0
+# Most steps of ∂Ω: Λ takes 16 bytes for each pair of them, and as much again several times while it is made.
+_MOST_STEPS = 4096
 # Rows of a table of distances made at once.
 _ROWS = 512
 
@@ -166,8 +168,14 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> Di
         device: of Λ.
 
     Raises:
-        DomainError: ∂Ω crosses itself, or Ω is so narrow somewhere that n steps do not resolve Λ.
+        DomainError: ∂Ω crosses itself, or Ω is so narrow somewhere that n steps do not resolve Λ, or that it asks for
+            more steps than memory has room for.
     """
+    if n > _MOST_STEPS:
+        raise DomainError(
+            f"the domain is so narrow somewhere that it asks for {n} steps around it, at most {_MOST_STEPS} are tried",
+            vertices=len(boundary.vertices),
+        )
     polygon = boundary.grid(n)[0]
     # the quick tests first: Λ costs n³
     is_wide = _steps_across(polygon) > _STEPS_ACROSS

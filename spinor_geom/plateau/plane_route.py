@@ -204,8 +204,9 @@ def _misfit(surface: SpinorSurface, boundary: SplineBoundary, curve: BoundaryCur
     t = _parameters(curve, _PER_PIECE)[:, 1:]
     arcs = np.linalg.norm(curve.derivative(t), axis=-1) * np.diff(curve.breaks)[:, None] / t.shape[1]
     distance = np.linalg.norm(surface.position(boundary.point(t.ravel())) - curve.point(t.ravel()), axis=1)
-    parts = (torch.as_tensor(part.ravel()) for part in (distance, t, arcs))
-    return Misfit.from_distances(*parts, CurveTensors.of(curve, torch.device("cpu")), length=float(arcs.sum()))
+    away, slide, weights = (torch.as_tensor(part.ravel()) for part in (distance, t, arcs))
+    tensors = CurveTensors.of(curve, torch.device("cpu"))
+    return Misfit.from_distances(away, slide, weights, tensors, length=float(arcs.sum()))
 
 
 def _identity(curve: BoundaryCurve) -> Float[np.ndarray, "m 2"]:

@@ -125,8 +125,9 @@ class CurveTensors:
         """
         vertices = self.coefficients[-1]
         edge = (vertices.roll(-1, 0) - vertices).norm(dim=-1)
+        local: Float[Tensor, " m"] = (edge.roll(1) + edge + edge.roll(-1)) / 3
         piece = torch.searchsorted(self.breaks, torch.remainder(s, 1.0), right=True) - 1
-        return ((edge.roll(1) + edge + edge.roll(-1)) / 3)[piece.clamp(0, len(edge) - 1)]
+        return local[piece.clamp(0, len(edge) - 1)]
 
 
 def _horner(

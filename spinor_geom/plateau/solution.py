@@ -270,7 +270,10 @@ class PlateauSolution(Shown):
 
     @property
     def area_in_domain(self) -> float:
-        """The area by quadrature in Ω, a check of `area`: see `certificates.area_in_domain`."""
+        """The area by quadrature in Ω, a check of `area` over smooth rims; beside rough ones it is off by percents.
+
+        See `certificates.area_in_domain`.
+        """
         return self.evidence.area_in_domain
 
     @property

@@ -154,6 +154,13 @@ def test_domain_far_too_narrow_is_refused_before_its_form_is_made(monkeypatch):
         resolved_form(ellipse(100.0), 128, CPU)
 
 
+def test_domain_that_asks_for_more_memory_than_there_is_room_for_is_refused_at_once(monkeypatch):
+    monkeypatch.setattr(DirichletForm, "of", None)
+    # what a slit of 400 to 1 asks for
+    with pytest.raises(DomainError, match="asks for 7160 steps around it, at most 4096"):
+        resolved_form(ellipse(400.0), 7160, CPU)
+
+
 @pytest.mark.parametrize("width", [0.5, 2.0])
 def test_steps_across_a_strip_are_its_width_in_edges(width):
     strip = planar(((0, 0), (600, 0), (600, width), (0, width)), 1200).points @ np.array([1, 1j, 0])

@@ -304,13 +304,14 @@ class _Training:
         dense = np.arange(_CURVE_POINTS) / _CURVE_POINTS
         gamma = self.curve.curve.point(dense)
         polygon = np.column_stack([np.interp(dense, np.append(t.cpu().numpy(), 1.0), np.append(x, x[0])) for x in r.T])
-        arcs, length = _arcs(gamma), float(_arcs(gamma).sum())
+        arcs = _arcs(gamma)
+        length = float(arcs.sum())
         to_curve, nearest = cKDTree(gamma).query(r)
         to_boundary = cKDTree(polygon).query(gamma)[0]
-        ways = [
-            Misfit.from_distances(*(torch.as_tensor(part) for part in way), self.curve, length=length)
-            for way in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs))
-        ]
+        ways = []
+        for way in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs)):
+            away, slide, weights = (torch.as_tensor(part) for part in way)
+            ways.append(Misfit.from_distances(away, slide, weights, self.curve, length=length))
         return Misfit(
             rms=max(way.rms for way in ways),
             max=max(way.max for way in ways),
