@@ -41,6 +41,8 @@ def describe(index: int, loop: BoundaryLoop) -> dict[str, Any]:
         "slit_fraction": loop.slit_fraction,
         "seam_edges": len(loop.seam_edges),
         "crossings": len(loop_crossings(loop.points)),
+        "obstacle": None if loop.obstacle is None else str(loop.obstacle),
+        "remarks": list(loop.remarks),
         "corners": loop.vertex_ids[loop.corners].tolist(),
         "vertex_ids": loop.vertex_ids.tolist(),
     }
@@ -57,6 +59,8 @@ def row(index: int, loop: BoundaryLoop) -> list[str]:
             if crossings
             else []
         ),
+        *([f"no patch: {loop.obstacle}"] if loop.obstacle is not None else []),
+        *loop.remarks,
     ]
     return [
         str(index),

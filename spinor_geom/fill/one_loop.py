@@ -129,7 +129,8 @@ def fill_loop(
     solution = found if isinstance(found, PlateauSolution) else None
     try:
         made = _patch_over(loop, found, options, is_bridge=joined_to is not None)
-        rim = np.concatenate([match.loop.vertex_ids for match in solution.rims]) if made.solution else loop.vertex_ids
+        rims = [loop] if made.solution is None else [match.loop for match in made.solution.rims]
+        rim = np.concatenate([one.vertex_ids for one in rims])
         patch, split = fit_to_rim(rim, made.patch, taken, made.middles)
         clock.lap("mesh")
         surface = None if made.solution is None else made.solution.surface

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.mesh.operators import cotangent_laplacian, mass_matrix, vertex_normals
-from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,9 +80,6 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
 
 def inner_vertices(faces: Int[np.ndarray, "f 3"], count: int) -> Int[np.ndarray, " k"]:
     """Vertices that some face uses and no boundary edge (an edge with one face) touches, ascending."""
-    half_edges = HalfEdges.of(faces)
-    inner = np.zeros(count, dtype=bool)
-    inner[faces] = True
-    inner[half_edges.origin[half_edges.boundary]] = False
-    inner[half_edges.target[half_edges.boundary]] = False
+    inner = referenced_vertices(faces, vertices=count)
+    inner[boundary_edges(faces)] = False
     return np.flatnonzero(inner)

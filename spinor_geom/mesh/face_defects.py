@@ -63,7 +63,8 @@ class FaceDefects:
                 "vertices; the patch makes one face more on their edges: keep one of them"
             )
         at_crowded = self._at_crowded_edge
-        if at_crowded is not None and (at_crowded[vertices] >= 0).any():
+        # an edge of the loop itself is its obstacle, and told as that
+        if at_crowded is not None and (at_crowded[vertices] >= 0).any() and self.obstacle(half_edges) is None:
             yield f"beside the loop {self._crowded_edge(int(at_crowded[vertices].max()))}"
 
     @cached_property

@@ -117,7 +117,7 @@ def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.
 
     Faces that run through the edge in opposite directions come before those that do not.
     """
-    twin = half_edges.twin.copy()
+    twin: Int[np.ndarray, " h"] = half_edges.twin.copy()
     crowded = np.flatnonzero((half_edges.counts > 2) & (half_edges.counts <= _MOST_FACES))
     if not len(crowded):
         return twin

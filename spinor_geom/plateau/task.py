@@ -61,8 +61,6 @@ Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy | Laurent
 
 # A disk that is farther from Γ than this, in mean edges, is not left where it is unstable.
 _POOR = 5e-2
-# One of the harmonic route's that is as near needs no other domain.
-_NEAR = 1e-2
 # Rough loops of more points go the harmonic route: the cost of the other grows like the cube of their number.
 _MOST_POINTS = 1500
 # So few points are a polygon; of more one in ten turns by this angle where they are no samples of a smooth curve.
@@ -335,15 +333,14 @@ class Task:
         """The ways to a disk over a loop without corners, in their order."""
         if self.passes_through_points:
             return (self._through_points,)
-        last = (self._through_points,) if len(self.loop) <= _MOST_POINTS else ()
-        return (self._harmonic_tries, *last)
+        return (self._harmonic_tries, lambda: (self._on_network(),))
 
     def _through_points(self) -> Iterable[Found]:
         network = self.network
         solver = VertexSolver(
             loop=network.loop,
             allowed=network.budget.allowed,
-            max_steps=network.budget.max_iterations,
+            max_steps=network.budget.max_iterations - len(self.harmonic.history),
             device=self.options.device,
             clock=network.clock,
             on_iteration=self.harmonic.hear,
@@ -351,10 +348,10 @@ class Task:
         return (solver.found(tuple(self.harmonic.history)),)
 
     def _harmonic_tries(self) -> Iterator[Found]:
-        """Harmonic disks up to the first that is near to Γ."""
+        """Harmonic disks up to the first that meets the tolerance."""
         for found in self.harmonic.tries():
             yield found
-            if self._is_met(found) or found.misfit.rms <= _NEAR * self.network.loop.mean_edge_length:
+            if self._is_met(found):
                 return
 
     def _on_network(self) -> Found:

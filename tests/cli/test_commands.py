@@ -392,3 +392,16 @@ def test_the_progress_of_a_batch_is_shown_on_a_terminal_only(monkeypatch: pytest
         with console.batch_progress() as show:
             show(3, 10, "loops: 7 done", 125.0)
         assert ("loops: 7 done, ready in 2 min" in stream.getvalue()) == shown
+
+
+def test_loops_says_what_does_not_fit_together_beside_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vertices, faces = tube()
+    fin = np.array([[faces[0, 0], faces[0, 2], 48]])
+    path = write_obj(tmp_path / "fin.obj", np.vstack([vertices, [[3.0, 0, 0]]]), np.vstack([faces, fin]))
+    assert main(["loops", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert said.count("no patch: edge (17, 0) has 3 faces (0, 16, 64)") == 1
+    assert said.count("beside the loop edge (17, 0) has 3 faces") == 1  # it ends at the rim
+    assert main(["loops", str(path), "--json"]) == 0
+    entries = json.loads(capsys.readouterr().out)
+    assert [entry["obstacle"] is None for entry in entries] == [True, True, False]

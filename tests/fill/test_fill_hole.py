@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from spinor_geom.errors import FirstFillError, ForeignLoopError, LoopIndexError, OptionError
+from spinor_geom.adapters import read_mesh
+from spinor_geom.errors import FirstFillError, ForeignLoopError, ImperfectFillWarning, LoopIndexError, OptionError
 from spinor_geom.fill import one_loop
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
@@ -21,6 +23,8 @@ from spinor_geom.mesh.validate import validate
 from spinor_geom.plateau import Cauchy, solve_plateau
 from tests.fill.shapes import as_mesh, folded_quad, tube
 from tests.strategies import RigidMotion, rigid_motions
+
+DATA = Path(__file__).parents[2] / "data"
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -328,3 +332,49 @@ def test_filling_commutes_with_scaling(scale: float) -> None:
         assert one.solution is not None
         assert other.solution is not None
         np.testing.assert_allclose(one.solution.area, other.solution.area * scale**2, rtol=1e-8)
+
+
+def test_a_mesh_with_merged_seams_is_filled_where_its_faces_fit() -> None:
+    mesh = read_mesh(DATA / "ict_face_neutral.obj").merged()
+    loops = boundary_loops(mesh)
+    clean = [place for place, loop in enumerate(loops) if not loop.remarks and len(loop) == 36]
+    assert len(clean) == 3
+    assert sum(loop.obstacle is not None for loop in loops) == 9
+    _, report = fill_hole(mesh, clean, return_report=True)
+    assert report.complete
+    crowded = next(place for place, loop in enumerate(loops) if loop.obstacle is not None)
+    _, report = fill_hole(mesh, crowded, return_report=True)
+    assert "at most 2 are allowed" in report.loops[crowded].reason
+    assert not report.closed
+
+
+def test_a_patch_goes_with_most_of_the_faces_beside_it() -> None:
+    vertices, faces = tube()
+    faces[9] = faces[9, ::-1]
+    (_, filled), report = fill_hole((vertices, faces), return_report=True)
+    assert not report.watertight
+    mended = filled.copy()
+    mended[9] = mended[9, ::-1]
+    assert is_watertight(mended)
+
+
+def test_pieces_inside_out_to_each_other_get_patches_that_fit_their_own_rims() -> None:
+    vertices, faces = tube(16, 4)
+    upper = (faces >= 32).any(axis=1)
+    (_, filled), report = fill_hole((vertices, np.where(upper[:, None], faces[:, ::-1], faces)), return_report=True)
+    assert report.complete
+    assert not any(outcome.notes for outcome in report.loops)
+    first = report.loops[0].faces_added
+    turned = np.concatenate([upper, np.zeros(first, bool), np.ones(len(filled) - len(faces) - first, bool)])
+    assert is_watertight(np.where(turned[:, None], filled[:, ::-1], filled))
+
+
+def test_a_clean_fill_warns_of_nothing_and_a_long_list_is_cut() -> None:
+    fill_hole(tube())
+    lone = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]])
+    place = np.arange(8)
+    soup = (lone + 3.0 * place[:, None, None]).reshape(-1, 3), np.arange(24).reshape(-1, 3)
+    with pytest.warns(ImperfectFillWarning, match=r"loop 0 \(3 vertices\) was left open: .*; and 3 more") as caught:
+        fill_hole(soup)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
