@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.mesh.operators import cotangent_laplacian, mass_matrix
-from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,6 +61,11 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
 
 def inner_vertices(faces: Int[np.ndarray, "f 3"], count: int) -> Int[np.ndarray, " k"]:
     """Vertices that some face uses and no boundary edge (an edge with one face) touches, ascending."""
-    inner = referenced_vertices(faces, vertices=count)
-    inner[boundary_edges(faces)] = False
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    code, uses = np.unique(edges[:, 0] * count + edges[:, 1], return_counts=True)
+    boundary = code[uses == 1]
+    inner = np.zeros(count, dtype=bool)
+    inner[faces] = True
+    inner[boundary // count] = False
+    inner[boundary % count] = False
     return np.flatnonzero(inner)

@@ -15,7 +15,6 @@ from scipy.sparse import coo_array
 
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import for_igl
 
 # igl is imported inside the functions: reading meshes and finding loops does not need it
 
@@ -39,7 +38,7 @@ def self_intersections(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray
     """
     import igl.predicates
 
-    corners, indices = for_igl(vertices, faces)
+    corners, indices = _for_igl(vertices, faces)
     # exact for faces without a common vertex; its tests of the others depend on the scale and the order of the corners
     _, apart, _ = igl.predicates.find_self_intersections(corners, indices)
     apart = apart.astype(np.int64)  # igl's are as wide, but of a type of their own
@@ -65,8 +64,8 @@ def intersections_between(
 
     if len(faces) > len(other_faces):  # igl grows a tree over the first mesh, which costs more than asking it
         return _sorted(intersections_between(other_vertices, other_faces, vertices, faces)[:, ::-1])
-    corners, indices = for_igl(vertices, faces)
-    other_corners, other_indices = for_igl(other_vertices, other_faces)
+    corners, indices = _for_igl(vertices, faces)
+    other_corners, other_indices = _for_igl(other_vertices, other_faces)
     _, pairs, _ = igl.predicates.find_intersections(corners, indices, other_corners, other_indices)
     pairs = pairs.astype(np.int64)
     return _sorted(pairs[_insides_meet(corners[indices[pairs[:, 0]]], other_corners[other_indices[pairs[:, 1]]])])
@@ -156,6 +155,12 @@ def require_simple(loop: BoundaryLoop) -> None:
     if len(crossings):
         edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
         raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
+
+
+def _for_igl(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+    return np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
 
 
 def _sorted(pairs: Int[np.ndarray, "k 2"]) -> Int[np.ndarray, "k 2"]:

@@ -24,7 +24,7 @@ def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarra
     """
     import igl
 
-    return csc_array(-igl.cotmatrix(*for_igl(vertices, faces)))
+    return csc_array(-igl.cotmatrix(*_for_igl(vertices, faces)))
 
 
 def factor_symmetric(matrix: csc_array) -> SuperLU:
@@ -61,25 +61,24 @@ def mass_matrix(
         "barycentric": igl.MASSMATRIX_TYPE_BARYCENTRIC,
         "full": igl.MASSMATRIX_TYPE_FULL,
     }
-    return csc_array(igl.massmatrix(*for_igl(vertices, faces), kinds[kind]))
+    return csc_array(igl.massmatrix(*_for_igl(vertices, faces), kinds[kind]))
 
 
 def face_areas(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
     """Area of every face, (F,), in squared mesh units."""
     import igl
 
-    return np.asarray(igl.doublearea(*for_igl(vertices, faces)), dtype=np.float64).reshape(-1) / 2
+    return np.asarray(igl.doublearea(*_for_igl(vertices, faces)), dtype=np.float64).reshape(-1) / 2
 
 
 def internal_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3"]:
     """Angle of every face at each of its corners, (F, 3), in radians."""
     import igl
 
-    return np.asarray(igl.internal_angles(*for_igl(vertices, faces)), dtype=np.float64)
+    return np.asarray(igl.internal_angles(*_for_igl(vertices, faces)), dtype=np.float64)
 
 
-def for_igl(
+def _for_igl(
     vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]
 ) -> tuple[Float[np.ndarray, "v d"], Int[np.ndarray, "f 3"]]:
-    """A mesh's arrays in the layout and with the numbers that libigl takes; copies only where they differ."""
     return np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
