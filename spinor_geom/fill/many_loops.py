@@ -84,5 +84,10 @@ def minimal_surfaces(
         device: of the linear algebra.
     """
     return solve_plateau_batch(
-        loops, model=options.model, tolerance=options.tolerance, time_limit=options.time_limit, device=device
+        loops,
+        model=options.model,
+        tolerance=options.tolerance,
+        between="free",
+        time_limit=options.time_limit,
+        device=device,
     )

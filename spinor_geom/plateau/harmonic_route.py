@@ -122,6 +122,11 @@ class HarmonicSolver:
         return self.curve.degree == min(DEGREES) and self._turning > _ROUGH_TURN
 
     @property
+    def is_promising(self) -> bool:
+        """Whether the loop is likelier to be met here than by a Cauchy network."""
+        return self._turning < _RAGGED_TURN or len(self.loop) > _LONG
+
+    @property
     def is_narrow(self) -> bool:
         """Whether fingers of the loop want a fine ∂Ω."""
         return self._domains.is_narrow

@@ -92,6 +92,7 @@ class Options:
         is_series: whether it is a power series.
         optimizer: of a network that is trained; none for the others.
         warm_start: whether that takes over a solution.
+        is_free_between: whether Γ need not be smooth between the points of a rough loop.
         tolerance: RMS distance from Γ, in mean loop edges.
         max_iterations: limit on steps.
         leaves_unstable: whether an unstable disk is left for a better one.
@@ -104,6 +105,7 @@ class Options:
     is_series: bool
     optimizer: LevenbergMarquardt | RMSprop | None
     warm_start: bool
+    is_free_between: bool
     tolerance: float
     max_iterations: int
     leaves_unstable: bool
@@ -120,6 +122,7 @@ class Options:
         *,
         optimizer: Optimizer | None = None,
         warm_start: bool = True,
+        between: str = "smooth",
     ) -> Options:
         """The options of `solve_plateau`.
 
@@ -133,6 +136,8 @@ class Options:
             raise OptionError(f"tolerance and max_iterations must be positive, got {tolerance} and {max_iterations}")
         if unstable not in ("leave", "keep"):
             raise OptionError(f"unknown choice for unstable {unstable!r}; choose 'leave' or 'keep'")
+        if between not in ("smooth", "free"):
+            raise OptionError(f"unknown choice for between {between!r}; choose 'smooth' or 'free'")
         return cls(
             cauchy=model if isinstance(model, Cauchy) else Cauchy(),
             laurent=model if isinstance(model, Laurent) else None,
@@ -140,6 +145,7 @@ class Options:
             is_series=model == "series",
             optimizer=optimizer_options(optimizer or "levenberg-marquardt") if model == "mlp" else None,
             warm_start=warm_start,
+            is_free_between=between == "free",
             tolerance=tolerance,
             max_iterations=max_iterations,
             leaves_unstable=unstable == "leave",
@@ -235,9 +241,9 @@ class Task:
 
     @property
     def passes_through_points(self) -> bool:
-        """Whether Γ between the points is left to the surface: no smooth curve is seen in them."""
+        """Whether Γ between the points is left to the surface: it may be, and no smooth curve is seen in them."""
         n = len(self.loop)
-        if n > _MOST_POINTS or self.network.curve.degree > min(DEGREES):
+        if not self.options.is_free_between or n > _MOST_POINTS or self.network.curve.degree > min(DEGREES):
             return False
         # so few points do not show how smooth their curve is: less what the roundest loop of as many has
         least = 3 * np.pi / n if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0
@@ -333,7 +339,8 @@ class Task:
         """The ways to a disk over a loop without corners, in their order."""
         if self.passes_through_points:
             return (self._through_points,)
-        return (self._harmonic_tries, lambda: (self._on_network(),))
+        ways = (self._harmonic_tries, lambda: (self._on_network(),))
+        return ways if self.harmonic.is_promising else ways[::-1]
 
     def _through_points(self) -> Iterable[Found]:
         network = self.network

@@ -189,7 +189,8 @@ def test_reported_residual_of_random_curves_is_the_measured_one():
         assert len(found.history) <= 25
         rms, largest = measured(found.surface, solver.curve, 8 * len(found.matching))
         if found.misfit.rms <= solver.allowed:
-            assert abs(rms / found.misfit.rms - 1) < 0.01, seed
+            # told at half as many points of the boundary as it is measured at
+            assert abs(rms / found.misfit.rms - 1) < 0.02, seed
             assert abs(largest / found.misfit.max - 1) < 0.02, seed
         # what is far from Γ is not projected on the part of it that is nearest
         assert found.misfit.rms / 2 < rms < 1.5 * found.misfit.rms, seed

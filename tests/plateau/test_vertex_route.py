@@ -45,7 +45,7 @@ def distance_of_points(solution: sg.PlateauSolution) -> np.ndarray:
 
 @pytest.mark.parametrize(("subdivisions", "height"), [(2, 0.5), (3, 0.7), (3, 0.5), (4, 0.85), (4, 0.7)])
 def test_the_rims_of_caps_cut_along_triangles_are_met(subdivisions: int, height: float) -> None:
-    solution = sg.solve_plateau(rim_of(subdivisions, height))
+    solution = sg.solve_plateau(rim_of(subdivisions, height), between="free")
     assert solution.route == "vertices"
     assert solution.converged
     assert solution.boundary_residual.rms_per_edge < 1e-3
@@ -57,14 +57,14 @@ def test_the_rims_of_caps_cut_along_triangles_are_met(subdivisions: int, height:
 @pytest.mark.parametrize("teeth", [0.1, 0.3])
 @pytest.mark.parametrize("n", [20, 40, 90])
 def test_noisy_loops_are_met(n: int, teeth: float) -> None:
-    solution = sg.solve_plateau(BoundaryLoop.from_points(zigzag(n, teeth=teeth), corners=[]))
+    solution = sg.solve_plateau(BoundaryLoop.from_points(zigzag(n, teeth=teeth), corners=[]), between="free")
     assert solution.route == "vertices"
     assert solution.converged
     assert distance_of_points(solution).max() < 1e-2
 
 
 def test_the_surface_is_minimal_and_its_two_areas_agree() -> None:
-    solution = sg.solve_plateau(rim_of(3, 0.7))
+    solution = sg.solve_plateau(rim_of(3, 0.7), between="free")
     z = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
     # |H| times the size of the surface, by automatic differentiation
     assert np.abs(solution.surface.mean_curvature(z)).max() * solution.loop.diagonal < 1e-8
@@ -74,7 +74,7 @@ def test_the_surface_is_minimal_and_its_two_areas_agree() -> None:
 
 def test_gamma_passes_through_the_points_and_keeps_beside_the_edges() -> None:
     loop = rim_of(3, 0.5)
-    solution = sg.solve_plateau(loop)
+    solution = sg.solve_plateau(loop, between="free")
     curve = solution.curve
     np.testing.assert_array_equal(curve.point(curve.breaks[:-1]), loop.points)
     # Γ is the surface's boundary but for the distances at the points, and the polynomials that stand for it
@@ -90,14 +90,14 @@ def test_rigid_motions_and_scale_move_the_surface_along() -> None:
     loop = rim_of(3, 0.7)
     rotation = trimesh.transformations.random_rotation_matrix(np.array([0.3, 0.6, 0.2]))[:3, :3]
     moved = BoundaryLoop.from_points(1e3 * loop.points @ rotation.T + [5e3, 0, -2e3], corners=[])
-    there, here = sg.solve_plateau(moved), sg.solve_plateau(loop)
+    there, here = sg.solve_plateau(moved, between="free"), sg.solve_plateau(loop, between="free")
     assert there.area == pytest.approx(1e6 * here.area, rel=1e-3)
     assert there.converged
 
 
 def test_a_smooth_rim_keeps_its_smooth_curve() -> None:
     known = enneper(0.8)
-    solution = sg.solve_plateau(known.rim(48))
+    solution = sg.solve_plateau(known.rim(48), between="free")
     assert solution.route != "vertices"
     assert solution.area == pytest.approx(known.area, rel=1e-9)
 
@@ -114,10 +114,10 @@ def test_a_filled_cap_is_watertight_and_crosses_nothing() -> None:
 def test_steps_are_told_and_bounded() -> None:
     loop = rim_of(3, 0.7)
     heard: list[int] = []
-    solution = sg.solve_plateau(loop, on_iteration=lambda step: heard.append(step.index))
+    solution = sg.solve_plateau(loop, between="free", on_iteration=lambda step: heard.append(step.index))
     assert heard == list(range(1, len(solution.history) + 1))
     assert {step.method for step in solution.history} == {"Newton"}
-    short = sg.solve_plateau(loop, max_iterations=1)
+    short = sg.solve_plateau(loop, between="free", max_iterations=1)
     assert len(short.history) == 1
     assert not short.converged
     assert "residual" in short.reason
