@@ -9,6 +9,7 @@ Each group is measured in one run and makes tables of its own:
 - `rims`: annuli between two rims,
 - `speed`: seconds and memory of a solve,
 - `paper`: the paper's curves, network and training,
+- `everyday`: rims cut along triangles, real meshes and noisy rims, beside MeshLib (`pip install '.[peers]'`),
 - `meshes`: every hole of every mesh file in a folder,
 - `profile`: the functions that one fill spends its time in; only where it is asked for by name.
 
@@ -23,6 +24,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from figure_curves import curves
+from figure_everyday import everyday
 from figure_loops import any_loop, random_loops
 from figure_meshes import SHIPPED, meshes, profile
 from figure_paper import Training, paper
@@ -37,7 +39,7 @@ from spinor_geom.bench.tables import Table
 from spinor_geom.files import atomic_path
 
 README = Path(__file__).parent / "README.md"
-USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "rims", "speed", "paper", "meshes")
+USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "rims", "speed", "paper", "everyday", "meshes")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -54,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "rims": lambda: rims(options.only, options.data),
         "speed": lambda: speed(options.only),
         "paper": lambda: paper(options.only, Training(epochs=options.epochs, checkpoint=options.checkpoint)),
+        "everyday": lambda: everyday(options.only, options.data),
         "meshes": lambda: meshes(options.only, options.data),
         "profile": lambda: profile(options.profile_mesh),
     }

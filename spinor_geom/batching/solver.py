@@ -15,6 +15,7 @@ import torch
 
 from spinor_geom.batching.archives import ArchiveReader
 from spinor_geom.batching.inputs import SMALL, Source
+from spinor_geom.batching.loops import NamedLoop
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store
@@ -22,6 +23,7 @@ from spinor_geom.batching.task import OpenedFile, fill_options, open_file, resul
 from spinor_geom.errors import ArchiveError, BatchError, SpinorGeomError
 from spinor_geom.fill.many_loops import minimal_surfaces
 from spinor_geom.isolate import Tell, serve
+from spinor_geom.plateau.solution import PlateauSolution
 
 
 def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
@@ -66,10 +68,24 @@ def _work(
             # of the disk or the rights, which may be others when the batch is resumed
             _commit(store, source, failure(source.key, reason, status="fault"), {}, tell)
     loops = [loop for _, file in opened for loop in wanted(file)]
-    answers = minimal_surfaces(loops, fill_options(options), device=options.device)
+    answers = _answers(loops, options)
     for source, file in opened:
         results = results_of(file, _told(answers, source, tell))
         _commit(store, source, results.record, results.files, tell)
+
+
+def _answers(loops: Sequence[NamedLoop], options: BatchOptions) -> Iterator[PlateauSolution | SpinorGeomError]:
+    """The surface of each loop, in order, or why it has none; Γ is free between the points of holes, not of curves."""
+    found = {
+        kind: minimal_surfaces(
+            [loop.loop for loop in loops if loop.kind == kind and loop.loop is not None],
+            fill_options(options),
+            is_rim=kind == "hole",
+            device=options.device,
+        )
+        for kind in ("hole", "curve")
+    }
+    return (next(found[loop.kind]) for loop in loops)
 
 
 def _require_device(name: str) -> None:

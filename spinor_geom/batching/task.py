@@ -155,11 +155,11 @@ def _refusal(hole: NamedLoop, taken: RimEdges) -> SpinorGeomError | None:
     return error
 
 
-def wanted(opened: OpenedFile) -> list[BoundaryLoop]:
+def wanted(opened: OpenedFile) -> list[NamedLoop]:
     """The loops of a file over which surfaces are to be found, in order."""
     if opened.options.what == "loops":
         return []
-    return [loop.loop for loop in opened.loops if loop.loop is not None and loop.error is None]
+    return [loop for loop in opened.loops if loop.loop is not None and loop.error is None]
 
 
 def fill_options(options: BatchOptions) -> FillOptions:

@@ -254,7 +254,8 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     flat = harmonic_extension(mollified_laplacian(first.vertices, first.faces), boundary) @ np.array([1.0, 1.0j])
     flat = flat[first.faces]
     plane_area = 0.5 * np.abs(np.imag(np.conj(flat[:, 1] - flat[:, 0]) * (flat[:, 2] - flat[:, 0])))
-    stretch = np.sqrt(face_areas(first.vertices, first.faces) / np.maximum(plane_area, 1e-300))
+    tiny = np.finfo(np.float64).tiny  # faces without area bound nothing
+    stretch = np.sqrt(np.maximum(face_areas(first.vertices, first.faces), tiny) / np.maximum(plane_area, tiny))
     middle = flat.mean(axis=1)
     tree = cKDTree(np.column_stack([middle.real, middle.imag]))
 

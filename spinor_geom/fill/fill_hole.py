@@ -11,7 +11,7 @@ from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning, OptionError
 from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
-from spinor_geom.fill.loops import LoopChoice, chosen_places, free_rim, reasons_to_leave_open, with_corners_of
+from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open, with_corners_of
 from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
 from spinor_geom.fill.one_loop import FillOptions, refusal, require_positive
 from spinor_geom.fill.result import FillResult, LoopOutcome
@@ -185,11 +185,10 @@ def fill_hole(
         taken = RimEdges(triangles, loops)
         alone = [place for place in wanted if place not in joins.alone]
         refused = {place: error for place in alone if (error := refusal(loops[place], taken)) is not None}
-        rims = [free_rim(loops[place], tolerance=tolerance) for place in alone if place not in refused]
         outcomes, patches = fill_loops(
             triangles,
             loops,
-            minimal_surfaces(rims, options),
+            minimal_surfaces([loops[place] for place in alone if place not in refused], options),
             taken,
             options,
             on_loop,

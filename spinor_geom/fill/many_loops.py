@@ -8,6 +8,7 @@ from functools import partial
 
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.bridge import Joins, fill_between
+from spinor_geom.fill.loops import free_rim
 from spinor_geom.fill.one_loop import FillOptions, fill_loop, unfilled
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges
@@ -74,20 +75,21 @@ def fill_loops(
 
 
 def minimal_surfaces(
-    loops: Iterable[BoundaryLoop], options: FillOptions, *, device: str = "cpu"
+    loops: Iterable[BoundaryLoop], options: FillOptions, *, is_rim: bool = True, device: str = "cpu"
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     """For each loop in order its surface, or why it has none; small loops of similar size are solved side by side.
 
     Args:
         loops: any, also of several meshes.
         options: of the call.
+        is_rim: whether they are rims of meshes: between the points of rough ones Γ is free.
         device: of the linear algebra.
     """
     return solve_plateau_batch(
-        loops,
+        (free_rim(loop, tolerance=options.tolerance) for loop in loops) if is_rim else loops,
         model=options.model,
         tolerance=options.tolerance,
-        between="free",
+        between="free" if is_rim else "smooth",
         time_limit=options.time_limit,
         device=device,
     )

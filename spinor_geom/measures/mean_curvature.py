@@ -73,7 +73,7 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
     def by_area(magnitude: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         # a vertex whose faces have no area has no curvature: infinite where they pull at it
         still = np.where(magnitude > 0, np.inf, 0.0)
-        return np.divide(magnitude, 2 * area, out=still, where=area > 0)
+        return np.asarray(np.divide(magnitude, 2 * area, out=still, where=area > 0))
 
     return DiscreteMeanCurvature(vertices=inner, values=by_area(bend), tangential=by_area(across), areas=area)
 

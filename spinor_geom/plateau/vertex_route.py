@@ -24,7 +24,7 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
-from spinor_geom.errors import SurfaceError
+from spinor_geom.errors import DomainError, SurfaceError
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
@@ -95,7 +95,7 @@ class VertexSolver:
 
         Raises:
             FirstFillError: no discrete disk over the loop was found.
-            DomainError: it has no simple flattening.
+            DomainError: it has no simple flattening, or one with an edge of no length.
             SingularMatrixError: the discrete disk is degenerate.
             SurfaceError: no surface near the discrete one comes near to the points.
         """
@@ -212,6 +212,8 @@ def _nodes(polygon: Complex[Tensor, " n"], count: int) -> Complex[Tensor, "n g"]
 def _polygon(vertices: Complex[np.ndarray, " n"]) -> SplineBoundary:
     """The closed polygon through vertices; p and q have no singularity at them, so they are no corners."""
     step = np.roll(vertices, -1) - vertices
+    if not step.all():
+        raise DomainError("two neighbouring points of the flattened disk's boundary are one", vertices=len(vertices))
     along = np.append(0.0, np.cumsum(np.abs(step)) / np.abs(step).sum())
     along[-1] = 1.0
     return SplineBoundary(along, np.stack([step / np.diff(along), vertices]), np.zeros(len(vertices), dtype=bool))

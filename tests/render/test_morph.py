@@ -223,7 +223,7 @@ def test_no_frames_are_refused(tmp_path: Path) -> None:
 
 def test_a_missing_encoder_is_named_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "imageio_ffmpeg" else object())
-    with pytest.raises(MissingPackageError, match=r"spinor-geom\[video\]"):
+    with pytest.raises(MissingPackageError, match=r"'\.\[video\]'"):
         morph(gallery.catenoid().surface, tmp_path / "a.mp4")
 
 

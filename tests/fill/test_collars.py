@@ -1,0 +1,75 @@
+"""Random collars: whatever a rim looks like, it is closed, or left open for a reason that is true."""
+
+from __future__ import annotations
+
+import time
+import warnings
+
+import numpy as np
+import pytest
+
+from spinor_geom import fill_hole
+from spinor_geom.errors import ImperfectFillWarning, SpinorGeomError
+
+# why a rim may stay open: it is no hole, or has no surface at all
+REASONS = (
+    "border of a sheet",
+    "encloses no area",
+    "lie in one place",
+    "zero-width",
+    "seam",
+    "other side",
+    "outline of",
+)
+
+
+def collar(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A ring of triangles around a rim of 5 to 40 points: smooth, zigzag, slit, or with repeated points."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(5, 41))
+    t = 2 * np.pi * (np.arange(n) + 0.3 * random.uniform(-1, 1, n)) / n
+    radius = 1 + random.choice([0.0, 0.2, 0.6]) * random.uniform(-1, 1) * (-1.0) ** np.arange(n)
+    width = random.choice([1.0, 0.3, 0.02, 0.0])
+    height = 0.4 * random.uniform(-1, 1)
+    rim = np.column_stack([radius * np.cos(t), width * radius * np.sin(t), height * np.sin(2 * t)])
+    rim += random.choice([0.0, 0.05, 0.3, 1.0]) * 2 * np.pi / n * random.standard_normal((n, 3))
+    if random.random() < 0.15:
+        rim[int(random.integers(1, n))] = rim[int(random.integers(n))]
+    outer = np.column_stack([3 * np.cos(t), 3 * np.sin(t), np.full(n, -2.0)])
+    i, j = np.arange(n), (np.arange(n) + 1) % n
+    below = np.column_stack([i + n, np.full(n, 2 * n), j + n])
+    faces = np.vstack([np.column_stack([i, i + n, j]), np.column_stack([j, i + n, j + n]), below])
+    scale = 10.0 ** random.integers(-6, 7)
+    return scale * np.vstack([rim, outer, [[0, 0, -4]]]), faces
+
+
+def holds(seed: int) -> float:
+    """Fills one collar and checks what came of it; returns the seconds."""
+    vertices, faces = collar(seed)
+    start = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ImperfectFillWarning)
+        try:
+            filled, report = fill_hole((vertices, faces), time_limit=5.0, return_report=True)
+        except SpinorGeomError as error:
+            raise AssertionError(f"seed {seed}: refused whole: {error}") from error
+    seconds = time.perf_counter() - start
+    np.testing.assert_array_equal(filled[0][: len(vertices)], vertices)
+    np.testing.assert_array_equal(filled[1][: len(faces)], faces)
+    assert np.isfinite(filled[0]).all(), seed
+    for outcome in report.loops:
+        if not outcome.filled:
+            assert any(words in outcome.reason for words in REASONS), (seed, outcome.reason)
+    assert report.watertight == all(outcome.filled for outcome in report.loops), seed
+    return seconds
+
+
+def test_random_collars_are_closed_or_refused_for_a_reason() -> None:
+    for seed in range(60):
+        holds(seed)
+
+
+@pytest.mark.slow
+def test_many_random_collars_are_closed_within_the_limit() -> None:
+    # the exact and the discrete surface may take the limit each
+    assert max(holds(seed) for seed in range(60, 2060)) < 2 * 5.0 + 2.0
