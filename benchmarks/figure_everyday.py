@@ -56,7 +56,7 @@ def everyday(only: str, folder: Path) -> list[Table]:
     meshes = [
         filled(pair, path.name)
         for path in sorted(folder.iterdir())
-        if path.suffix[1:] in FORMATS and only in path.name and (pair := mesh_of(path)) is not None
+        if path.suffix in FORMATS and only in path.name and (pair := mesh_of(path)) is not None
     ]
     if meshes:
         tables.append(mesh_table(meshes))
@@ -194,7 +194,7 @@ def mesh_table(records: list[Record]) -> Table:
     for record in records:
         loops = record.report.loops
         kinds = [outcome.kind for outcome in loops]
-        slowest = max((sum(outcome.timings.values()) for outcome in loops), default=0.0)
+        slowest = max(outcome.timings.get("total", 0.0) for outcome in loops)
         within = np.sum(np.array(record.residuals) <= TOLERANCE)
         rows.append(
             (

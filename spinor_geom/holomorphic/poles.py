@@ -15,6 +15,8 @@ _HALVINGS = 5
 # Distances, in edges, at which a pole beside a rim's polygon is tried, and that which every edge keeps from it, in its
 # own lengths: nearer poles take more quadrature nodes, farther ones miss sharp teeth.
 _RIM_OFFSETS, _RIM_CLEARANCE = (0.5, 0.7, 1.0, 1.4), 0.35
+# Turn of the polygon from which a vertex gets a pole of its own: edges that hardly turn are served by their neighbours'.
+_BENT = np.radians(45.0)
 # Rows of a table of distances made at once.
 _ROWS = 512
 # Poles at a corner for a distance from Γ, in edges: the fewest are enough for the looser, the most for the tighter one.
@@ -86,12 +88,13 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"], *, most: int) -> Poles:
 
     Args:
         vertices: of a simple polygon, counter-clockwise.
-        most: number of poles beyond which the less bent vertices get none.
+        most: number of poles beyond which the less bent vertices get none; those that turn by less than 45° never do.
     """
     step = np.roll(vertices, -1) - vertices
     edge = np.abs(step)
     turn = np.abs(np.angle(step / np.roll(step, 1)))
-    bent = np.sort(np.argsort(-turn)[: max(0, most - len(vertices))])
+    bent = np.argsort(-turn)[: max(0, most - len(vertices))]
+    bent = np.sort(bent[turn[bent] > _BENT])
     foot = np.concatenate([vertices + step / 2, vertices[bent]])
     direction = np.concatenate([-1j * step / edge, _outward(vertices)[bent]])
     local = np.concatenate([edge, ((edge + np.roll(edge, 1)) / 2)[bent]])

@@ -231,6 +231,7 @@ class _Basis:
     features: Complex[Tensor, "nodes k"]
     norm: Complex[Tensor, "k k"]  # L with LLᴴ the Gram matrix
     mass: Complex[Tensor, "r k"]  # features at the norm's nodes times the roots of their weights
+    mass_matrix: Complex[Tensor, "k k"]  # its Gram matrix, the lower triangle
     weights: Float[Tensor, " r"]  # those roots
 
     @classmethod
@@ -253,8 +254,8 @@ class _Basis:
         # ∫|f'|² from node to node, an edge as the unit of length
         place = torch.tensor(rule("gauss", _NODES).nodes[kept], device=device)
         slope = torch.diff(at_kept, dim=1) * (edge[:, None] / edge.sum() / torch.diff(place)).sqrt()[..., None]
-        rows = torch.cat([mass, slope.reshape(-1, mass.shape[1])])
-        matrix = gram(rows)
+        mass_matrix = gram(mass)
+        matrix = mass_matrix + gram(slope.reshape(-1, mass.shape[1]))
         matrix.diagonal().add_(_RIDGE * matrix.diagonal().real.mean())
         return cls(
             polygon=polygon,
@@ -265,6 +266,7 @@ class _Basis:
             features=features,
             norm=torch.linalg.cholesky(matrix),
             mass=mass,
+            mass_matrix=mass_matrix,
             weights=weight.sqrt(),
         )
 
@@ -276,7 +278,7 @@ class _Basis:
     def nearest(self, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
         """Orthonormal read-outs of the least-squares approximation to values on the edges."""
         wanted = spinors.repeat_interleave(len(_NORM_NODES), dim=0) * self.weights[:, None]
-        matrix = gram(self.mass)
+        matrix = self.mass_matrix.clone()
         matrix.diagonal().add_(1e2 * _RIDGE * matrix.diagonal().real.mean())
         raw = torch.cholesky_solve(self.mass.mH @ wanted, torch.linalg.cholesky(matrix))
         return self.norm.mH @ raw
