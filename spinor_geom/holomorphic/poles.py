@@ -15,7 +15,7 @@ _HALVINGS = 5
 # Distances, in edges, at which a pole beside a rim's polygon is tried, and that which every edge keeps from it, in its
 # own lengths: nearer poles take more quadrature nodes, farther ones miss sharp teeth.
 _RIM_OFFSETS, _RIM_CLEARANCE = (0.5, 0.7, 1.0, 1.4), 0.35
-# Turn of the polygon from which a vertex gets a pole of its own: edges that hardly turn are served by their neighbours'.
+# Turn of the polygon from which a vertex gets a pole of its own: elsewhere those of its edges are enough.
 _BENT = np.radians(45.0)
 # Rows of a table of distances made at once.
 _ROWS = 512
