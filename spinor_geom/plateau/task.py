@@ -65,6 +65,8 @@ _POOR = 5e-2
 _MOST_POINTS = 1500
 # So few points are a polygon; of more one in ten turns by this angle where they are no samples of a smooth curve.
 _FEW_POINTS, _ROUGH_TURN = 8, np.radians(12.0)
+# Parts that the sides of a polygon given by its corners alone are divided into.
+_PARTS_OF_A_SIDE = 8
 # Share of the steps that harmonic disks may take: the rest is the network's.
 _HARMONIC_SHARE = 0.7
 
@@ -268,6 +270,8 @@ class Task:
         """The solution for a loop that is not plane."""
         if self.options.optimizer is not None:
             return self._trained(self.options.optimizer)
+        if self.loop.corners.all() and not self.options.is_series:
+            return self._on_sides()
         solution = self.first()
         if self.options.is_series:
             return self._left_on_disk(solution) if self.options.leaves_unstable else solution
@@ -278,6 +282,18 @@ class Task:
             down = self.down_from_disk if self.options.is_free else self.from_disk
             solution = leave_unstable(solution, self.rim, down, max_iterations=self.options.max_iterations)
         return solution
+
+    def _on_sides(self) -> PlateauSolution:
+        """The solution over a polygon given by its corners alone: sides without points are followed by nothing."""
+        finer = Task.of(subdivided(self.loop, _PARTS_OF_A_SIDE), self.options, self.harmonic.on_iteration).curved()
+        (rim,) = finer.rims
+        curve = self.network.curve.placed(self.loop.points, self.loop.diagonal)
+        residual = replace(
+            finer.boundary_residual,
+            mean_edge=self.loop.mean_edge_length,
+            max_per_local_edge=finer.boundary_residual.max_per_local_edge / _PARTS_OF_A_SIDE,
+        )
+        return replace(finer, rims=(replace(rim, loop=self.loop, curve=curve),), boundary_residual=residual)
 
     def _left_on_disk(self, solution: PlateauSolution) -> PlateauSolution:
         """A disk of less area than an unstable one, where the unit disk has room for one."""
@@ -436,6 +452,14 @@ def _at_unit_size(loop: BoundaryLoop) -> BoundaryLoop:
     return BoundaryLoop(
         points=(loop.points - loop.centroid) / loop.diagonal, vertex_ids=loop.vertex_ids, corners=loop.corners
     )
+
+
+def subdivided(loop: BoundaryLoop, parts: int) -> BoundaryLoop:
+    """A loop with its edges divided into equal parts, and the same corners."""
+    share = np.arange(parts) / parts
+    edge = np.roll(loop.points, -1, axis=0) - loop.points
+    points = (loop.points[:, None] + share[:, None] * edge[:, None]).reshape(-1, 3)
+    return BoundaryLoop.from_points(points, corners=parts * np.flatnonzero(loop.corners))
 
 
 def sampled_formula(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:

@@ -9,6 +9,7 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.domain.panels import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import edge_poles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from tests.loops import CONVEX, L_SHAPE, planar
@@ -145,3 +146,14 @@ def test_moduli_are_found_where_a_fit_is_near_at_its_nodes_alone():
     solution = solve_plateau(curve.sample(32))
     assert solution.converged
     assert abs(solution.area / curve.disks[0].area - 1) < 2e-6
+
+
+def test_a_polygon_given_by_its_corners_alone_is_met():
+    known = gallery.schwarz_d_quadrilateral()
+    corners = known.point(np.array(known.corners))
+    solution = solve_plateau(BoundaryLoop.from_points(corners, corners=range(len(corners))))
+    assert solution.converged
+    assert len(solution.loop) == len(corners)
+    assert abs(solution.area / known.disks[0].area - 1) < 1e-6
+    at_corners = solution.surface.position(solution.loop_points_in_domain())
+    np.testing.assert_allclose(at_corners, corners, atol=1e-4)
