@@ -26,6 +26,8 @@ DiscreteMethod = Literal["libigl", "pymeshlab"]
 _FIRST_CHANGE = 1e-3
 _FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
+# Of the mean stretch from the plane: beyond, a target edge length is not kept.
+_MOST_STRETCHED = 4.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -255,7 +257,10 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     flat = flat[first.faces]
     plane_area = 0.5 * np.abs(np.imag(np.conj(flat[:, 1] - flat[:, 0]) * (flat[:, 2] - flat[:, 0])))
     tiny = np.finfo(np.float64).tiny  # faces without area bound nothing
-    stretch = np.sqrt(np.maximum(face_areas(first.vertices, first.faces), tiny) / np.maximum(plane_area, tiny))
+    area = np.maximum(face_areas(first.vertices, first.faces), tiny)
+    stretch = np.sqrt(area / np.maximum(plane_area, tiny))
+    # a round domain of a tangled loop is stretched without bounds somewhere, and would be meshed as finely there
+    stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), tiny)))
     middle = flat.mean(axis=1)
     tree = cKDTree(np.column_stack([middle.real, middle.imag]))
 

@@ -70,6 +70,6 @@ def test_random_collars_are_closed_or_refused_for_a_reason() -> None:
 
 
 @pytest.mark.slow
-def test_many_random_collars_are_closed_within_the_limit() -> None:
-    # the exact and the discrete surface may take the limit each
-    assert max(holds(seed) for seed in range(60, 2060)) < 2 * 5.0 + 2.0
+def test_many_random_collars_are_closed_or_refused_for_a_reason() -> None:
+    # a hang would be seen: most take a tenth of a second
+    assert max(holds(seed) for seed in range(60, 2060)) < 60.0
