@@ -183,6 +183,19 @@ class SeamError(LoopError):
         )
 
 
+class SheetBorderError(LoopError):
+    """A patch over the loop would lie on the mesh: it is the border of a sheet."""
+
+    def __init__(self, *, folded: float, crossed: int) -> None:
+        super().__init__(
+            f"it is the border of a sheet rather than a hole: along {folded:.0%} of it a patch would turn back over "
+            f"the faces beside it, and it would cross the mesh in {crossed} pairs of faces; to fill it all the same "
+            "name it in loop= (--loop)",
+            folded=folded,
+            crossed=crossed,
+        )
+
+
 class LoopIndexError(LoopError):
     """A loop was asked for that the mesh does not have."""
 

@@ -40,9 +40,9 @@ def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tupl
         if not np.isfinite(surface.vertices).all():
             raise SurfaceError("the discrete minimal surface is not finite everywhere")
     except SpinorGeomError as error:
-        return _over_disk(loop.points, faces, len(loop)), f"a triangulation without inner vertices, as {error}"
+        return over_disk(loop.points, faces, len(loop)), f"a triangulation without inner vertices, as {error}"
     stopped = "" if surface.converged else ", whose area is not stationary yet"
-    return _over_disk(surface.vertices, surface.faces, len(loop)), f"a discrete minimal surface{stopped}"
+    return over_disk(surface.vertices, surface.faces, len(loop)), f"a discrete minimal surface{stopped}"
 
 
 def graph_laplacian(faces: Int[np.ndarray, "f 3"], vertices: int) -> csc_array:
@@ -56,7 +56,8 @@ def graph_laplacian(faces: Int[np.ndarray, "f 3"], vertices: int) -> csc_array:
     return csc_array(coo_array((weights, places), shape=(vertices, vertices)))
 
 
-def _over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> Patch:
+def over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> Patch:
+    """A discrete disk as a patch over the unit disk; the first `rim` vertices are its boundary, in order."""
     return Patch(vertices=vertices, faces=faces, boundary_size=rim, points=_embedded(vertices, faces, rim))
 
 

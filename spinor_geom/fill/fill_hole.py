@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeVar, overload
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning, OptionError
+from spinor_geom.fill.border import LongBorders
 from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open, with_corners_of
@@ -185,6 +186,10 @@ def fill_hole(
         taken = RimEdges(triangles, loops)
         alone = [place for place in wanted if place not in joins.alone]
         refused = {place: error for place in alone if (error := refusal(loops[place], taken)) is not None}
+        if not options.fills_borders:
+            borders = LongBorders(triangles, taken)
+            rims = [place for place in alone if place not in refused]
+            refused |= {place: error for place in rims if (error := borders.error(loops[place])) is not None}
         outcomes, patches = fill_loops(
             triangles,
             loops,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from spinor_geom.errors import SpinorGeomError
+from spinor_geom.errors import SheetBorderError, SpinorGeomError
 from spinor_geom.fill.bridge import Joins, fill_between
 from spinor_geom.fill.loops import free_rim
 from spinor_geom.fill.one_loop import FillOptions, fill_loop, unfilled
@@ -57,7 +57,8 @@ def fill_loops(
             outcomes[place] = unfilled(place, loop, reasons[place], requested=False)
             continue
         if place in refusals:
-            done = (unfilled(place, loop, str(refusals[place])),)
+            error = refusals[place]
+            done = (unfilled(place, loop, str(error), is_border=isinstance(error, SheetBorderError)),)
         elif place in joins.pairs:
             done, patch = fill_between(mesh, (place, joins.pairs[place]), loops, taken, surroundings, options)
         else:

@@ -17,12 +17,14 @@ from spinor_geom.errors import (
     NoAreaError,
     OptionError,
     SeamError,
+    SheetBorderError,
     SpinorGeomError,
     SurfaceError,
     TooManyPointsError,
     ZeroWidthSlitError,
 )
 from spinor_geom.fill.attributes import patch_attributes
+from spinor_geom.fill.border import MOST_FOLDED_BACK
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.discrete_patch import discrete_patch
 from spinor_geom.fill.result import LoopOutcome
@@ -39,8 +41,6 @@ from spinor_geom.plateau.task import Model, require_model
 MAX_RESIDUAL_PER_EDGE = 0.1
 MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
 _WHOLE_SLIT = 1 - 1e-9
-# A patch that crosses the mesh and turns back over it, along so much of its rim, lies on it: the rim of a sheet.
-_MOST_FOLDED_BACK = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,13 +145,12 @@ def fill_loop(
         return unfilled(place, loop, str(error), solution=solution, joined_to=joined_to, timings=clock.laps()), None
     if not options.fills_borders and len(crossings.mesh):
         folded = taken.share_folded_back(mesh, rim, patch)
-        if folded > _MOST_FOLDED_BACK:
-            reason = (
-                f"it is the border of a sheet rather than a hole: along {folded:.0%} of it a patch would turn back "
-                f"over the faces beside it, and it would cross the mesh in {len(crossings.mesh)} pairs of faces; to "
-                "fill it all the same name it in loop= (--loop)"
+        if folded > MOST_FOLDED_BACK:
+            border = SheetBorderError(folded=folded, crossed=len(crossings.mesh))
+            return (
+                unfilled(place, loop, str(border), solution=solution, is_border=True, timings=clock.laps()),
+                None,
             )
-            return unfilled(place, loop, reason, solution=solution, is_border=True, timings=clock.laps()), None
     surroundings.join(patch)
     taken.take(rim[patch_chords(patch)])
     outcome = LoopOutcome(

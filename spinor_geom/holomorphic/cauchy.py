@@ -167,7 +167,12 @@ class CauchyNetwork(torch.nn.Module):
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-            return (self.scales / (some[:, None] - self.poles)) @ units
+            real, imag = _inverse_differences(some, self.poles)
+            a, b, c, d = (real @ by_real + imag @ by_imag).unbind(-1)
+            return torch.stack([torch.complex(a, b), torch.complex(c, d)], dim=-1)
+
+        by_real = torch.view_as_real(units.resolve_conj()).flatten(1)
+        by_imag = torch.view_as_real(1j * units).flatten(1)
 
         whole = in_blocks(lambda some: newton_value(some, self.leja, polynomial), z, len(self.leja))
         return whole + in_blocks(part, z, len(self.poles))
@@ -176,17 +181,17 @@ class CauchyNetwork(torch.nn.Module):
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-            return (-self.scales / (some[:, None] - self.poles) ** 2) @ units
+            return -((some[:, None] - self.poles) ** -2) @ units
 
         whole = in_blocks(lambda some: newton_derivative(some, self.leja, polynomial), z, len(self.leja))
         return whole + in_blocks(part, z, len(self.poles))
 
     def _coefficients(self) -> tuple[Complex[Tensor, "d1 2"], Complex[Tensor, "k 2"]]:
-        """Coefficients of p and q: of the polynomials' Newton form, and of the raw Cauchy units."""
+        """Coefficients of p and q: of the polynomials' Newton form, and of 1/(z − ζ_k)."""
         raw = self.mixing @ self.readout
         split = len(self.leja)
         # the orthogonal polynomials take O(degree²) a point, Newton's form O(degree)
-        return self.newton @ raw[:split], raw[split:]
+        return self.newton @ raw[:split], self.scales[:, None] * raw[split:]
 
     def config(self) -> dict[str, Any]:
         """Degree, number of poles and number of mixed features, and periodicity."""
@@ -230,5 +235,18 @@ def raw_features(
     scales: Float[Tensor, " k"],
 ) -> Complex[Tensor, "*pts r"]:
     """The polynomials Q_0 … Q_d and the units d_k/(z − ζ_k), before they are mixed."""
-    units = scales / (z[..., None] - poles)
-    return torch.cat([arnoldi_polynomials(z, hessenberg), units], dim=-1)
+
+    def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n r"]:
+        real, imag = _inverse_differences(some, poles)
+        return torch.cat([arnoldi_polynomials(some, hessenberg), torch.complex(real * scales, imag * scales)], dim=1)
+
+    return in_blocks(part, z, len(hessenberg) + len(poles))
+
+
+def _inverse_differences(
+    z: Complex[Tensor, " n"], poles: Complex[Tensor, " k"]
+) -> tuple[Float[Tensor, "n k"], Float[Tensor, "n k"]]:
+    """Real and imaginary parts of 1/(z − ζ_k): complex division takes several times as long."""
+    x, y = torch.view_as_real(z[:, None] - poles).unbind(-1)
+    inverse = (x * x + y * y).reciprocal()
+    return x * inverse, -y * inverse

@@ -20,10 +20,12 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.discrete.minimal_surface import first_disk
-from spinor_geom.domain.flattening import flatten
+from spinor_geom.discrete.area_descent import harmonic_extension
+from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
+from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, SurfaceError
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
@@ -31,6 +33,7 @@ from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import places_in_piece, through
+from spinor_geom.mesh.operators import mollified_laplacian
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.gauss_newton import gram
@@ -40,23 +43,21 @@ from spinor_geom.plateau.start import lifted_spinors
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Gauss-Legendre nodes on each edge while p and q are sought, and where the distance is told: poles lie at least 0.35
-# edges away, so the first integrate φ to 1e-9, the second to rounding errors.
-_NODES, _NODES_TOLD = 16, 24
-# Of those of an edge the ones at which the H¹ norm is taken: it is only a preference.
-_NORM_NODES = (1, 3, 5, 7, 8, 10, 12, 14)
+# Gauss-Legendre nodes on each edge while p and q are sought: poles lie at least 0.35 edges away, so the first integrate
+# φ to 1e-4 where p and q are tame, which is told with the last; where that does not do, the second.
+_NODES, _NODES_TOLD = (10, 16), 24
 # Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
 _DEGREE, _MOST_UNITS = 24, 800
 # The Gram matrix's diagonal is raised by this share of its mean: units with neighbouring poles are nearly dependent.
-_RIDGE = 1e-11
+_RIDGE = 1e-9
 # The Newton equations' by this one: an equation that no read-out can meet is not met at any price.
 _DAMPING = 1e-9
 # Newton steps go on to this share of the distance allowed.
 _BELOW_ALLOWED = 0.3
-# A linearisation is used again while each step brings the squared distance below this share.
-_KEEP = 0.1
+# A linearisation is used again while each step brings the distance below this share.
+_KEEP = 0.3
 # A step is halved so many times at most, and the last one is that which leaves more than this share.
-_HALVINGS, _STALL = 6, 0.98
+_HALVINGS, _STALL = 6, 0.99
 # A start that is as many edges away from the points has never led to a surface through them.
 _FAR = 4.0
 # A surface whose boundary leaves the loop's edges by so many edges would cross what is beside them.
@@ -104,43 +105,65 @@ class VertexSolver:
             disk = first_disk(points)
         with self.clock.stage("flattening"):
             flat = flatten(disk.vertices, disk.faces, len(points))
-            domain = PlaneDomain.inside(_polygon(flat.boundary), flat.log_scale)
-        with self.clock.stage("features"):
-            basis = _Basis.on(flat.boundary, self.device)
-        with self.clock.stage("fit"):
-            start = basis.nearest(lifted_spinors(disk.vertices, disk.faces, flat.boundary, self.device))
-            raw, steps = self._fitted(basis, torch.tensor(points, device=self.device), start, len(history))
+            domain = _domain(disk, flat)
+        spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, self.device)
+        wanted = torch.tensor(points, device=self.device)
+        steps, raw = list(history), None
+        for nodes in _NODES:
+            with self.clock.stage("features"):
+                basis = _Basis.on(flat.boundary, nodes, self.device)
+            with self.clock.stage("fit"):
+                raw = self._fitted(basis, basis.nearest(spinors), raw, wanted, steps)
+            with self.clock.stage("surface"):
+                network, told = basis.told(raw)
+                error = told.centred(wanted)
+            if _rms(error) <= self.allowed or is_out_of_time():
+                break
         with self.clock.stage("surface"):
-            return self._found(basis, raw, domain, (*history, *steps))
+            return self._found(network, told, error.cpu().numpy(), domain, tuple(steps))
 
     def _fitted(
-        self, basis: _Basis, points: Float[Tensor, "n 3"], start: Complex[Tensor, "k 2"], before: int
-    ) -> tuple[Complex[Tensor, "k 2"], list[Iteration]]:
-        """Newton's method for the read-outs nearest to a start, in the norm of the basis, that meet the points."""
-        n = len(points)
-        goal = n * (_BELOW_ALLOWED * self.allowed) ** 2
-        readout, steps = start, list[Iteration]()
-        error = basis.rim(readout).centred(points)
-        if not float(error.square().sum()) <= n * (_FAR * self.loop.mean_edge_length) ** 2:
+        self,
+        basis: _Basis,
+        start: Complex[Tensor, "k 2"],
+        raw: Complex[Tensor, "k 2"] | None,
+        points: Float[Tensor, "n 3"],
+        steps: list[Iteration],
+    ) -> Complex[Tensor, "k 2"]:
+        """Newton's method for the read-outs nearest to a start, in the norm of the basis, that meet the points.
+
+        Args:
+            basis: of p and q.
+            start: orthonormal read-outs.
+            raw: read-outs of the features themselves to set out from; none for the start.
+            points: to be met.
+            steps: gets those that are done.
+        """
+        readout = start if raw is None else basis.norm.mH @ raw
+        rim = basis.rim(readout)
+        error = rim.centred(points)
+        in_edges = _rms(error) / self.loop.mean_edge_length
+        if not in_edges <= _FAR:
             raise SurfaceError(
                 "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
-                f"{float(error.square().sum() / n) ** 0.5 / self.loop.mean_edge_length:.0f} edges away from the points"
+                f"{in_edges:.0f} edges away from the points"
             )
         linear: _Linear | None = None
         linearised = 0
-        while float(error.square().sum()) > goal and len(steps) < self.max_steps and not is_out_of_time():
+        while _rms(error) > _BELOW_ALLOWED * self.allowed and len(steps) < self.max_steps and not is_out_of_time():
             fresh = linear is None
             if linear is None:
                 if linearised == _MOST_LINEARISATIONS:
                     break
-                linear, linearised = _Linear.at(basis, readout), linearised + 1
+                linear, linearised = _Linear.at(basis, rim), linearised + 1
             # far from the points the step is the one to the solution nearest to the start, not to where it is
             step = linear.step(error, readout - start if fresh else None)
-            square, length = error.square().sum(), 1.0
+            length = 1.0
             for _ in range(_HALVINGS if fresh else 1):
                 trial = readout + length * step
-                missed = basis.rim(trial).centred(points)
-                if float(missed.square().sum()) < float(square):
+                moved = basis.rim(trial)
+                missed = moved.centred(points)
+                if _rms(missed) < _rms(error):
                     break
                 length /= 2
             else:
@@ -148,34 +171,32 @@ class VertexSolver:
                     break
                 linear = None
                 continue
-            readout, error = trial, missed
-            left = float(error.square().sum() / square)
-            steps.append(
-                Iteration(
-                    index=before + len(steps) + 1, method="Newton", residual=float(error.square().sum() / n) ** 0.5
-                )
-            )
+            left = _rms(missed) / _rms(error)
+            readout, rim, error = trial, moved, missed
+            steps.append(Iteration(index=len(steps) + 1, method="Newton", residual=_rms(error)))
             if self.on_iteration is not None:
                 self.on_iteration(steps[-1])
             if left > _KEEP:
                 if fresh and left > _STALL:
                     break
                 linear = None
-        return basis.raw(readout), steps
+        return basis.raw(readout)
 
     def _found(
-        self, basis: _Basis, raw: Complex[Tensor, "k 2"], domain: PlaneDomain, history: tuple[Iteration, ...]
+        self,
+        network: CauchyNetwork,
+        told: _Rim,
+        error: Float[np.ndarray, "n 3"],
+        domain: PlaneDomain,
+        history: tuple[Iteration, ...],
     ) -> Found:
         points = self.loop.points
-        told = basis.rim_of(raw, _NODES_TOLD)
-        error = told.centred(torch.tensor(points, device=self.device)).cpu().numpy()
         curve = told.curve_through(points, error)
         bulge = curve.bulge() / self.loop.mean_edge_length
         if not bulge <= _LARGEST_BULGE:
             raise SurfaceError(
                 f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
             )
-        network = basis.network(raw)
         surface = SpinorSurface(network, domain, order=_PATH_ORDER).to(self.device)
         place = np.array([domain.boundary.vertices[0]])
         with torch.no_grad():
@@ -202,6 +223,19 @@ class VertexSolver:
         )
 
 
+def _domain(disk: Disk, flat: Flattening) -> PlaneDomain:
+    """Inside the flattened boundary, with the disk's own triangles where they have a place there."""
+    boundary, m = _polygon(flat.boundary), len(flat.boundary)
+    around = np.column_stack([flat.boundary.real, flat.boundary.imag])
+    points = harmonic_extension(mollified_laplacian(disk.vertices, disk.faces), around) @ np.array([1.0, 1.0j])
+    points[:m] = flat.boundary
+    a, b, c = points[disk.faces].T
+    if not ((np.conj(b - a) * (c - a)).imag > 0).all():
+        return PlaneDomain.inside(boundary, flat.log_scale)
+    mesh = PlaneTriangulation(points=points, faces=disk.faces, boundary_size=m)
+    return PlaneDomain(boundary=boundary, triangulation=mesh, log_scale=flat.log_scale)
+
+
 def _nodes(polygon: Complex[Tensor, " n"], count: int) -> Complex[Tensor, "n g"]:
     """Gauss-Legendre nodes on the edges of a polygon."""
     place = torch.tensor(rule("gauss", count).nodes, device=polygon.device)
@@ -224,51 +258,39 @@ class _Basis:
     """Polynomials and Cauchy units on the edges of a polygon, and the H¹ norm of their sums on it."""
 
     polygon: Complex[Tensor, " n"]
-    points: Complex[Tensor, " r"]  # at which the norm is taken
     hessenberg: Complex[Tensor, "d1 d"]
     poles: Complex[Tensor, " m"]
     scales: Float[Tensor, " m"]
-    features: Complex[Tensor, "nodes k"]
-    norm: Complex[Tensor, "k k"]  # L with LLᴴ the Gram matrix
-    mass: Complex[Tensor, "r k"]  # features at the norm's nodes times the roots of their weights
-    mass_matrix: Complex[Tensor, "k k"]  # its Gram matrix, the lower triangle
-    weights: Float[Tensor, " r"]  # those roots
+    features: Complex[Tensor, "n g k"]
+    norm: Complex[Tensor, "k k"]  # L with LLᴴ the Gram matrix in H¹
 
     @classmethod
-    def on(cls, vertices: Complex[np.ndarray, " n"], device: torch.device) -> _Basis:
+    def on(cls, vertices: Complex[np.ndarray, " n"], nodes: int, device: torch.device) -> _Basis:
         n = len(vertices)
         poles: Poles = polygon_poles(vertices, most=max(_MOST_UNITS, n))
         polygon = torch.as_tensor(vertices, device=device)
-        edge = (polygon.roll(-1) - polygon).abs()
         positions = torch.as_tensor(poles.positions, device=device)
         scales = torch.as_tensor(poles.scales, device=device)
-        nodes = _nodes(polygon, _NODES)
-        kept = list(_NORM_NODES)
-        coarse = nodes[:, kept].reshape(-1)
-        weight = (edge / edge.sum() / len(kept)).repeat_interleave(len(kept))
-        degree = min(_DEGREE, max(2, n // 2))
-        hessenberg = arnoldi_hessenberg(coarse, weight, degree)
-        features = raw_features(nodes.reshape(-1), hessenberg, positions, scales)
-        at_kept = features.reshape(n, _NODES, -1)[:, kept]
-        mass = at_kept.reshape(len(coarse), -1) * weight.sqrt()[:, None]
-        # ∫|f'|² from node to node, an edge as the unit of length
-        place = torch.tensor(rule("gauss", _NODES).nodes[kept], device=device)
-        slope = torch.diff(at_kept, dim=1) * (edge[:, None] / edge.sum() / torch.diff(place)).sqrt()[..., None]
-        mass_matrix = gram(mass)
-        matrix = mass_matrix + gram(slope.reshape(-1, mass.shape[1]))
+        z = _nodes(polygon, nodes)
+        weight = _shares(polygon)[:, None] * torch.tensor(rule("gauss", nodes).weights, device=device)
+        hessenberg = arnoldi_hessenberg(z.reshape(-1), weight.reshape(-1), min(_DEGREE, max(2, n // 2)))
+        features = raw_features(z, hessenberg, positions, scales)
+        root = _norm_of_edge(nodes, device).T.to(features) * _shares(polygon).sqrt()[:, None, None]
+        matrix = gram((root @ features).flatten(0, 1))
         matrix.diagonal().add_(_RIDGE * matrix.diagonal().real.mean())
         return cls(
             polygon=polygon,
-            points=coarse,
             hessenberg=hessenberg,
             poles=positions,
             scales=scales,
             features=features,
             norm=torch.linalg.cholesky(matrix),
-            mass=mass,
-            mass_matrix=mass_matrix,
-            weights=weight.sqrt(),
         )
+
+    @property
+    def nodes(self) -> int:
+        """Number on each edge."""
+        return self.features.shape[1]
 
     def raw(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
         """Read-outs of the features themselves from those of the features that are orthonormal in H¹."""
@@ -276,27 +298,30 @@ class _Basis:
         return raw
 
     def nearest(self, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
-        """Orthonormal read-outs of the least-squares approximation to values on the edges."""
-        wanted = spinors.repeat_interleave(len(_NORM_NODES), dim=0) * self.weights[:, None]
-        matrix = self.mass_matrix.clone()
-        matrix.diagonal().add_(1e2 * _RIDGE * matrix.diagonal().real.mean())
-        raw = torch.cholesky_solve(self.mass.mH @ wanted, torch.linalg.cholesky(matrix))
-        return self.norm.mH @ raw
+        """Orthonormal read-outs of the sums nearest in H¹ to values in the middle of each edge and linear between."""
+        place = torch.tensor(rule("gauss", self.nodes).nodes, device=self.polygon.device)[:, None]
+        edge = _shares(self.polygon)[:, None, None]
+        before, after = spinors.roll(1, 0)[:, None], spinors.roll(-1, 0)[:, None]
+        back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
+        ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
+        wanted = (1 - back - ahead) * spinors[:, None] + back * before + ahead * after
+        factor = _norm_of_edge(self.nodes, wanted.device).to(wanted)
+        weighted = (factor @ (factor.mT @ wanted) * edge).flatten(0, 1)
+        nearest: Tensor = torch.linalg.solve_triangular(
+            self.norm, self.features.flatten(0, 1).mH @ weighted, upper=False
+        )
+        return nearest
 
     def rim(self, readout: Complex[Tensor, "k 2"]) -> _Rim:
         """The surface's boundary for orthonormal read-outs, at the nodes of the fit."""
-        return _Rim(polygon=self.polygon, spinors=(self.features @ self.raw(readout)).reshape(-1, _NODES, 2))
+        return _Rim(polygon=self.polygon, spinors=self.features @ self.raw(readout))
 
-    def rim_of(self, raw: Complex[Tensor, "k 2"], nodes: int) -> _Rim:
-        """The same for read-outs of the features themselves, at so many nodes an edge."""
-        features = raw_features(_nodes(self.polygon, nodes).reshape(-1), self.hessenberg, self.poles, self.scales)
-        return _Rim(polygon=self.polygon, spinors=(features @ raw).reshape(-1, nodes, 2))
-
-    def network(self, raw: Complex[Tensor, "k 2"]) -> CauchyNetwork:
-        """The network with these read-outs."""
-        return CauchyNetwork.of_raw_features(
-            self.points, hessenberg=self.hessenberg, poles=self.poles, scales=self.scales, readout=raw
+    def told(self, raw: Complex[Tensor, "k 2"]) -> tuple[CauchyNetwork, _Rim]:
+        """The network with read-outs of the features themselves, and its boundary at nodes that tell it."""
+        network = CauchyNetwork.of_raw_features(
+            self.polygon, hessenberg=self.hessenberg, poles=self.poles, scales=self.scales, readout=raw
         )
+        return network, _Rim(polygon=self.polygon, spinors=network.value(_nodes(self.polygon, _NODES_TOLD)).detach())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -354,30 +379,37 @@ class _Rim:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Linear:
-    """The distances of the vertices from the points as linear functions of the read-outs."""
+    """The distances of the vertices from the points as linear functions of the read-outs.
 
-    rows: Float[Tensor, "e k4"]
-    factor: Float[Tensor, "e e"]
+    δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz, so that two complex matrices say all.
+    """
+
+    by_p: Complex[Tensor, "k n"]  # conjugates of ∫ 2pf dz to each vertex, less their mean, for all features f
+    by_q: Complex[Tensor, "k n"]  # of ∫ 2qf dz
+    factor: Float[Tensor, "n3 n3"]  # of the Gram matrix of the 3n functions
 
     @classmethod
-    def at(cls, basis: _Basis, readout: Complex[Tensor, "k 2"]) -> _Linear:
-        rim = basis.rim(readout)
+    def at(cls, basis: _Basis, rim: _Rim) -> _Linear:
+        n = len(rim.polygon)
         weights = torch.tensor(rule("gauss", rim.nodes).weights, device=rim.polygon.device)
         step = rim.polygon.roll(-1) - rim.polygon
-        features = basis.features.reshape(len(step), rim.nodes, -1)
-        parts = []
-        for values in rim.spinors.unbind(-1):
-            over_edge = torch.einsum("ng,ngk->nk", 2 * weights * values * step[:, None], features)
-            at_vertices = over_edge.cumsum(0) - over_edge
-            at_vertices = at_vertices - at_vertices.mean(0)
-            parts.append(torch.linalg.solve_triangular(basis.norm, at_vertices.mH, upper=False).mH)
-        p, q = parts
-        # δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq))
-        blocks = ((p, -q), (-1j * p, -1j * q), (q, p))
-        rows = torch.cat([torch.cat([a.real, -a.imag, b.real, -b.imag], dim=1) for a, b in blocks])
-        matrix = gram(rows.T)
+        # of both at once, edge by edge: (n, 2, g) times (n, g, k)
+        over_edge = (2 * step[:, None, None] * weights * rim.spinors.mT) @ basis.features
+        to_vertex = over_edge.cumsum(0).roll(1, 0)
+        to_vertex[0] = 0
+        to_vertex -= to_vertex.mean(0)
+        by_p, by_q = (torch.linalg.solve_triangular(basis.norm, part.mH, upper=False) for part in to_vertex.unbind(1))
+        lower = gram(torch.cat([by_p, by_q], dim=1))
+        pp, qp, qq = lower[:n, :n], lower[n:, :n], lower[n:, n:]
+        matrix = torch.zeros(3 * n, 3 * n, dtype=torch.float64, device=lower.device)
+        for k in range(3):
+            matrix[k * n : (k + 1) * n, k * n : (k + 1) * n] = (pp + qq).real
+        difference = (pp - qq).imag.tril()
+        matrix[n : 2 * n, :n] = difference - difference.mT
+        matrix[2 * n :, :n] = (qp - qp.mH).real
+        matrix[2 * n :, n : 2 * n] = -(qp + qp.mH).imag
         matrix.diagonal().add_(_DAMPING * matrix.diagonal().mean())
-        return cls(rows=rows, factor=torch.linalg.cholesky(matrix))
+        return cls(by_p=by_p, by_q=by_q, factor=torch.linalg.cholesky(matrix))
 
     def step(self, error: Float[Tensor, "n 3"], away: Complex[Tensor, "k 2"] | None) -> Complex[Tensor, "k 2"]:
         """The shortest change of the read-outs that takes the distances away.
@@ -386,13 +418,31 @@ class _Linear:
             error: the distances.
             away: read-outs less those that the changed ones shall be nearest to; none for the change itself.
         """
-        wanted = error.T.reshape(-1)
-        if away is not None:
-            p, q = away.unbind(-1)
-            back = torch.cat([p.real, p.imag, q.real, q.imag])
-            wanted = wanted - self.rows @ back
-        change = -self.rows.T @ torch.cholesky_solve(wanted[:, None], self.factor)[:, 0]
-        if away is not None:
-            change = change - back
-        a, b, c, d = change.reshape(4, -1)
-        return torch.stack([torch.complex(a, b), torch.complex(c, d)], dim=1)
+        wanted = error if away is None else error - self._change(away)
+        x, y, z = torch.cholesky_solve(wanted.T.reshape(-1, 1), self.factor).reshape(3, -1)
+        xy, z = torch.complex(x, y), torch.complex(z, torch.zeros_like(z))
+        p, q = self.by_p, self.by_q
+        change = -torch.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], dim=1)
+        return change if away is None else change - away
+
+    def _change(self, readout: Complex[Tensor, "k 2"]) -> Float[Tensor, "n 3"]:
+        """Of the vertices by a change of the read-outs."""
+        (pp, pq), (qp, qq) = (self.by_p.mH @ readout).T, (self.by_q.mH @ readout).T
+        return torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
+
+
+def _rms(error: Float[Tensor, "n 3"]) -> float:
+    return float(error.square().sum(1).mean().sqrt())
+
+
+def _shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """Lengths of a polygon's edges by all."""
+    edge = (polygon.roll(-1) - polygon).abs()
+    return edge / edge.sum()
+
+
+def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "g g"]:
+    """L with LLᵀ the matrix of ∫ |f|² + |f′|² for values at an edge's nodes, the edge as the unit of length."""
+    nodes, weights = (torch.tensor(part) for part in rule("gauss", count))
+    slope = torch.diff(torch.eye(count, dtype=torch.float64), dim=0) / torch.diff(nodes).sqrt()[:, None]
+    return torch.linalg.cholesky(torch.diag(weights) + slope.T @ slope).to(device)

@@ -51,6 +51,14 @@ def test_the_border_of_a_sheet_stays_open_with_the_reason(name: str) -> None:
         fill_hole(SHEETS[name])
 
 
+def test_long_borders_are_told_before_they_are_solved() -> None:
+    _, report = fill_hole(SHEETS["hilly"], return_report=True)
+    border, hole = report.loops
+    assert len(border.loop) == 80
+    assert border.solution is None
+    assert hole.solution is not None
+
+
 def test_a_border_is_filled_where_it_is_named() -> None:
     _, report = fill_hole(sheet(), [0, 1], return_report=True)
     assert report.watertight
