@@ -197,11 +197,8 @@ class VertexSolver:
             raise SurfaceError(
                 f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
             )
-        surface = SpinorSurface(network, domain, order=_PATH_ORDER).to(self.device)
-        place = np.array([domain.boundary.vertices[0]])
-        with torch.no_grad():
-            shift = points[0] + error[0] - np.asarray(surface.position(place))[0]
-            surface.constant.add_(torch.as_tensor(shift, device=self.device))
+        constant = points[0] + error[0] + told.displacement(domain)
+        surface = SpinorSurface(network, domain, constant, order=_PATH_ORDER).to(self.device)
         length, after = self.loop.edge_lengths, np.roll(error, -1, axis=0)
         beside = (length + np.roll(length, 1)) / 2
         # of what is linear from point to point: from the surface's boundary to Γ
@@ -354,13 +351,31 @@ class _Rim:
         error = self.starts - points
         return error - error.mean(0)
 
+    @cached_property
+    def primitive(self) -> Complex[Tensor, "n g 3"]:
+        """∫ φ dz from the first vertex to the nodes."""
+        inner, weights = cumulative_matrix(self.nodes), rule("gauss", self.nodes).weights
+        whole = torch.tensor(np.vstack([inner, weights]), device=self.polygon.device).to(self.velocity)
+        within = torch.einsum("hg,ngk->nhk", whole, self.velocity)
+        length = within[:, -1:]
+        return length.cumsum(0) - length + within[:, :-1]
+
+    def displacement(self, domain: PlaneDomain) -> Float[np.ndarray, "3"]:
+        """R at the root of Ω less that at the first vertex, by Cauchy's formula."""
+        if domain.root < len(self.polygon):
+            return np.asarray(self.starts[domain.root].cpu())
+        z = _nodes(self.polygon, self.nodes)
+        weights = torch.tensor(rule("gauss", self.nodes).weights, device=z.device)
+        kernel = weights * (self.polygon.roll(-1) - self.polygon)[:, None]
+        kernel = kernel / (z - complex(domain.triangulation.points[domain.root]))
+        # the formula for 1 below that for ∫φ: near ∂Ω their errors are nearly the same
+        return np.asarray((torch.einsum("ng,ngk->k", kernel, self.primitive) / kernel.sum()).real.cpu())
+
     @property
     def area(self) -> float:
         """½∮ r·Im(φ dz)."""
-        inner = torch.tensor(cumulative_matrix(self.nodes), device=self.polygon.device)
-        r = self.starts[:, None] + torch.einsum("hg,ngk->nhk", inner, self.velocity.real)
-        weights = torch.tensor(rule("gauss", self.nodes).weights, device=r.device)
-        return 0.5 * float(torch.einsum("g,ngk,ngk->", weights, r, self.velocity.imag))
+        weights = torch.tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
+        return 0.5 * float(torch.einsum("g,ngk,ngk->", weights, self.primitive.real, self.velocity.imag))
 
     def curve_through(self, points: Float[np.ndarray, "n 3"], error: Float[np.ndarray, "n 3"]) -> BoundaryCurve:
         """Γ: the surface's boundary less its distances from the points, which change linearly from one to the next."""
