@@ -318,7 +318,8 @@ class _Basis:
         network = CauchyNetwork.of_raw_features(
             self.polygon, hessenberg=self.hessenberg, poles=self.poles, scales=self.scales, readout=raw
         )
-        return network, _Rim(polygon=self.polygon, spinors=network.value(_nodes(self.polygon, _NODES_TOLD)).detach())
+        with torch.no_grad():
+            return network, _Rim(polygon=self.polygon, spinors=network.value(_nodes(self.polygon, _NODES_TOLD)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
