@@ -86,7 +86,7 @@ class _Version(argparse.Action):
 
 def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     fill = commands.add_parser("fill", help="fill the holes of a mesh file", epilog=FILL_EPILOG)
-    fill.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb")
+    fill.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
     fill.add_argument(
         "-o", "--output", metavar="OUT", type=Path, required=True, help="filled mesh, format by its suffix"
     )
@@ -150,7 +150,7 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
 
 def _add_loops(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     loops = commands.add_parser("loops", help="list the boundary loops of a mesh file")
-    loops.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb")
+    loops.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
     loops.add_argument(
         "--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)"
     )
@@ -314,7 +314,7 @@ def _add_morph(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     morph.add_argument("--frames", metavar="N", type=_count, default=72, help="of an animation (default: %(default)s)")
 
 
-_SHOWN = "mesh file (obj, ply, stl, off, glb) or saved surface (.safetensors)"
+_SHOWN = "mesh file (obj, ply, stl, off, glb, vtp, vtk, 3mf) or saved surface (.safetensors)"
 _CURVATURE = "colours tell the curvature: Gauss curvature of a surface, |H| of a mesh"
 
 
