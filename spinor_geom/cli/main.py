@@ -78,9 +78,9 @@ class _Version(argparse.Action):
     """Prints the version; looks it up only when asked."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from importlib.metadata import version
+        from spinor_geom.version import program_version
 
-        sys.stdout.write(f"spinor-geom {version('spinor-geom')}\n")
+        sys.stdout.write(f"spinor-geom {program_version()}\n")
         parser.exit()
 
 
