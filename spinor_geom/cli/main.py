@@ -145,7 +145,12 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     fill.add_argument("--report", metavar="JSON", type=Path, help="write a report")
     fill.add_argument("--html", metavar="HTML", type=Path, help="write a page that shows the fill, for any browser")
     fill.add_argument("--compare", action="store_true", help="compare each fill with a discrete minimal surface")
-    fill.add_argument("--picture", metavar="PNG", type=Path, help="draw the open mesh beside the filled one")
+    fill.add_argument(
+        "--picture",
+        metavar="PNG",
+        type=Path,
+        help="draw the open mesh beside the filled one, its largest patch face on",
+    )
 
 
 def _add_loops(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -155,6 +160,9 @@ def _add_loops(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)"
     )
     loops.add_argument("--json", action="store_true", help="print JSON")
+    loops.add_argument(
+        "--picture", metavar="PNG", type=Path, help="draw the mesh, before and behind, its loops numbered"
+    )
 
 
 def _add_reproduce(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -42,6 +42,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: Literal[False] = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> MeshFile: ...
 @overload
 def fill_hole(
@@ -58,6 +59,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: Literal[True],
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> tuple[MeshFile, FillResult]: ...
 @overload
 def fill_hole(
@@ -74,6 +76,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: Literal[False] = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> MeshT: ...
 @overload
 def fill_hole(
@@ -90,6 +93,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: Literal[True],
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> tuple[MeshT, FillResult]: ...
 def fill_hole(
     mesh: Any,
@@ -105,6 +109,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: bool = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> Any:
     """Fills holes of a mesh, each with a minimal surface that its boundary loop bounds.
 
@@ -137,6 +142,8 @@ def fill_hole(
         time_limit: seconds in which each loop's exact surface has to be found, and its discrete one if it is not.
         return_report: also returns a `FillResult`.
         on_loop: is called after each requested loop with its outcome and the number of requested loops.
+        on_stage: is called before each stage of a loop with its place and what comes: "exact surface" (of small loops
+            several at once), "mesh", "discrete surface" where there is no exact one, "crossings".
 
     Returns:
         The filled mesh, of the type of the input; a `MeshFile` for a path. With `return_report` a pair of it and the
@@ -167,6 +174,7 @@ def fill_hole(
         tolerance=tolerance,
         time_limit=time_limit,
         fills_borders=not (isinstance(loop, str) and bridge is None),
+        on_stage=on_stage or (lambda place, stage: None),
     )
     clock = Clock()
     source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh
