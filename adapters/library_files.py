@@ -196,11 +196,13 @@ def _vtk(mesh: pyvista.PolyData | pyvista.UnstructuredGrid) -> bytes:
     writer.SetFileTypeToBinary()
     writer.SetWriteToOutputString(True)
     writer.Write()
-    return bytes(writer.GetOutputStdString())
+    data: Any = writer.GetOutputStdString()  # bytes, whatever its stubs say
+    return bytes(data)
 
 
 def _3mf(scene: trimesh.Scene) -> bytes:
-    return bytes(scene.export(file_type="3mf"))
+    untyped: Any = scene
+    return bytes(untyped.export(file_type="3mf"))
 
 
 def _require_3mf() -> None:

@@ -124,7 +124,7 @@ class SceneAdapter:
 def _parts(scene: trimesh.Scene) -> list[_Part]:
     import trimesh
 
-    transforms: dict[str, np.ndarray] = {}
+    transforms: dict[object, np.ndarray] = {}
     for node in scene.graph.nodes_geometry:
         transform, geometry = scene.graph[node]
         transforms.setdefault(geometry, np.asarray(transform, dtype=np.float64))
