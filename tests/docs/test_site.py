@@ -88,10 +88,11 @@ def test_the_search_finds_pages_by_what_stands_on_them(address: str) -> None:
     with browser() as chromium, visit(chromium, f"{address}/index.html") as opened:
         box, told = opened.page.locator(".md-search__input"), opened.page.locator(".md-search-result__meta")
         for word, page in (("scan", "fill-a-scan.html"), ("knotted", "limits.html"), ("SLURM", "batch.html")):
-            box.click()
-            box.fill(word)
+            box.fill("")
+            box.press_sequentially(word)
             opened.page.locator(f".md-search-result__link[href*='{page}']").first.wait_for(state="attached")
-        box.fill("qqqqqq")
+        box.fill("")
+        box.press_sequentially("qqqqqq")
         told.get_by_text("No matching documents").wait_for()
         assert not opened.errors
         assert not opened.foreign
