@@ -1,6 +1,7 @@
 """Files whose formats other libraries own: VTK's polygonal data (.vtp, .vtk) through PyVista, 3MF through trimesh.
 
-What such a file holds is what its library reads of it, and it is written anew by that library.
+What such a file holds is what its library reads of it, and it is written anew by that library, which has to be there:
+`require_library`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
-EXTRA = "formats"
+_LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,15 +57,23 @@ class LibrarySource:
         return self.encode(extend(self.held, extension))
 
 
+def require_library(suffix: str) -> None:
+    """Checks that what reads and writes a format is installed; most formats need nothing.
+
+    Raises:
+        MissingPackageError: it is not.
+    """
+    for package in _LIBRARIES.get(suffix, ()):
+        require(package, extra="formats")
+
+
 def read_vtp(data: bytes, path: Path | None) -> FileContents:
     """VTK's XML file of polygonal data: faces, points and lines, and all point data.
 
     Raises:
-        MissingPackageError: pyvista is not installed.
         MeshFileError: VTK reports an error or a warning, or the mesh has triangle strips.
         NonFiniteVertexError: a coordinate is NaN or infinite.
     """
-    require("pyvista", extra=EXTRA)
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
     mesh = _read_by_vtk(vtkXMLPolyDataReader(), data, path)
@@ -75,11 +84,9 @@ def read_vtk(data: bytes, path: Path | None) -> FileContents:
     """VTK's legacy file of polygonal data, or of an unstructured grid of faces.
 
     Raises:
-        MissingPackageError: pyvista is not installed.
         MeshFileError: VTK reports an error or a warning, or what the file holds is no surface.
         NonFiniteVertexError: a coordinate is NaN or infinite.
     """
-    require("pyvista", extra=EXTRA)
     from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 
     mesh = _read_by_vtk(vtkGenericDataObjectReader(), data, path)
@@ -90,11 +97,9 @@ def read_3mf(data: bytes, path: Path | None) -> FileContents:
     """All meshes of a 3MF file in the coordinates of its build; colours and materials are not read.
 
     Raises:
-        MissingPackageError: lxml or networkx, with which trimesh reads this format, is not installed.
         MeshFileError: the file is malformed.
         NonFiniteVertexError: a coordinate is NaN or infinite.
     """
-    _require_3mf()
     import trimesh
 
     try:
@@ -107,19 +112,16 @@ def read_3mf(data: bytes, path: Path | None) -> FileContents:
 
 def encode_vtp(contents: FileContents) -> bytes:
     """A new .vtp file with faces whole, curves as lines and all attributes as point data."""
-    require("pyvista", extra=EXTRA)
     return _vtp(_poly_data(contents))
 
 
 def encode_vtk(contents: FileContents) -> bytes:
     """A new legacy .vtk file (binary), as `encode_vtp`."""
-    require("pyvista", extra=EXTRA)
     return _vtk(_poly_data(contents))
 
 
 def encode_3mf(contents: FileContents) -> bytes:
     """A new 3MF file of one mesh: positions and triangles alone."""
-    _require_3mf()
     import trimesh
 
     triangles, _ = contents.polygons.triangulated(contents.vertices)
@@ -203,11 +205,6 @@ def _vtk(mesh: pyvista.PolyData | pyvista.UnstructuredGrid) -> bytes:
 def _3mf(scene: trimesh.Scene) -> bytes:
     untyped: Any = scene
     return bytes(untyped.export(file_type="3mf"))
-
-
-def _require_3mf() -> None:
-    for package in ("lxml", "networkx"):
-        require(package, extra=EXTRA)
 
 
 def _poly_data(contents: FileContents) -> pyvista.PolyData:

@@ -14,7 +14,15 @@ from jaxtyping import Int
 from spinor_geom.adapters.contents import Addition, FileContents, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import attribute_rows, check_extension
 from spinor_geom.adapters.glb import encode_glb, read_glb
-from spinor_geom.adapters.library_files import encode_3mf, encode_vtk, encode_vtp, read_3mf, read_vtk, read_vtp
+from spinor_geom.adapters.library_files import (
+    encode_3mf,
+    encode_vtk,
+    encode_vtp,
+    read_3mf,
+    read_vtk,
+    read_vtp,
+    require_library,
+)
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, read_ply
@@ -158,9 +166,10 @@ class MeshFile(Shown):
 
         Raises:
             MeshFileError: no known format, or the file cannot be written.
+            MissingPackageError: the library of the format is not installed.
         """
         target = Path(path)
-        suffix = _known_suffix(target)
+        suffix = known_suffix(target)
         data = self._encoded(suffix)
         try:
             with atomic_path(target) as temporary:
@@ -200,7 +209,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
         MissingPackageError: the library that reads this format (.vtp, .vtk, .3mf) is not installed.
     """
     source = Path(path)
-    suffix = _known_suffix(source)
+    suffix = known_suffix(source)
     try:
         data = source.read_bytes()
     except OSError as error:
@@ -246,9 +255,16 @@ def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:
     return obj if isinstance(obj, MeshFile) else read_mesh(obj)
 
 
-def _known_suffix(path: Path) -> str:
+def known_suffix(path: Path) -> str:
+    """The suffix of a file in small letters, of a format that can be read and written here.
+
+    Raises:
+        MeshFileError: no known format.
+        MissingPackageError: the library of the format is not installed.
+    """
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         problem = f"'{path.suffix}' is no known format"
         raise MeshFileError(f"{path}: {problem}; use one of {', '.join(FORMATS)}", path=path, place="")
+    require_library(suffix)
     return suffix

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rich.text import Text
 
-from spinor_geom.adapters.mesh_files import FORMATS
+from spinor_geom.adapters.mesh_files import known_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
 from spinor_geom.cli.source import read_surface
 from spinor_geom.errors import MeshFileError, SpinorGeomError
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     edge_length: float | Literal["auto"] = "auto" if arguments.edge_length is None else arguments.edge_length
     named = (arguments.output, arguments.report, arguments.picture, arguments.html)
     outputs = [path for path in named if path is not None]
-    require_format(arguments.output)
+    known_suffix(arguments.output)
     for path in outputs:
         require_writable(path)
     with progress("filling") as bar:
@@ -74,16 +74,6 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         write_page(result, arguments.html, comparisons)
     good = result.closed and result.intersection_free and (result.complete or not arguments.strict)
     return ExitStatus.DONE if good else ExitStatus.IMPERFECT
-
-
-def require_format(path: Path) -> None:
-    """Checks that the suffix names a format that can be written.
-
-    Raises:
-        MeshFileError: it does not.
-    """
-    if path.suffix.lower() not in FORMATS:
-        raise MeshFileError(f"{path}: '{path.suffix}' is no known format; use one of {', '.join(FORMATS)}", path=path)
 
 
 def require_writable(path: Path) -> None:

@@ -10,11 +10,13 @@ import pyvista
 import trimesh
 
 from spinor_geom.adapters import read_mesh
+from spinor_geom.cli.main import main
 from spinor_geom.errors import MeshFileError, MissingPackageError, NonFiniteVertexError
 from spinor_geom.fill.fill_hole import fill_hole
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed
 from tests.fill.shapes import tube
 
+MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
 VTK = pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
 
 
@@ -122,10 +124,18 @@ def test_a_3mf_file_is_filled_part_by_part(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("suffix", "package"), [(".vtp", "pyvista"), (".vtk", "pyvista"), (".3mf", "lxml")])
 def test_a_library_that_is_missing_is_named_with_what_installs_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, package: str
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    suffix: str,
+    package: str,
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == package else object())
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b"a")
     with pytest.raises(MissingPackageError, match=rf"{package} is not installed.*'\.\[formats\]'"):
         read_mesh(path)
+    # before anything is solved
+    monkeypatch.setattr("spinor_geom.cli.fill.fill_hole", None)
+    assert main(["fill", str(MESH), "-o", str(tmp_path / f"b{suffix}")]) == 2
+    assert f"{package} is not installed" in capsys.readouterr().err
