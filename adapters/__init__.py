@@ -1,9 +1,9 @@
-"""Any mesh in, the same type out: arrays, tensors, trimesh, pymeshlab and files.
+"""Any mesh in, the same type out: arrays, tensors, trimesh, PyVista, Open3D, meshio, pymeshlab and files.
 
 `to_mesh` gives the triangles of any mesh object that is known, `extend` appends new vertices and faces to it and
 returns an object of the same type whose original part is unchanged. An adapter for a further type is a class with
-`name`, `types`, `to_mesh` and `extend` (see `Adapter`), made known by `register`. Nothing here imports trimesh,
-pymeshlab or torch before an object of theirs has to be built.
+`name`, `types`, `to_mesh` and `extend` (see `Adapter`), made known by `register`. Nothing here imports one of
+these libraries before an object of theirs has to be built.
 
     >>> import numpy as np
     >>> from spinor_geom.adapters import to_mesh
@@ -16,16 +16,24 @@ from __future__ import annotations
 
 from spinor_geom.adapters.arrays import ArrayPairAdapter, TriangleMeshAdapter
 from spinor_geom.adapters.mesh_files import MeshFile, MeshFileAdapter, read_mesh
+from spinor_geom.adapters.meshio_mesh import MeshioAdapter
 from spinor_geom.adapters.meshlab import MeshSetAdapter
+from spinor_geom.adapters.open3d_mesh import Open3DAdapter
 from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.pyvista_mesh import PyVistaAdapter
 from spinor_geom.adapters.registry import Adapter, extend, known_types, register, to_mesh
 from spinor_geom.adapters.tensors import TensorPairAdapter
 from spinor_geom.adapters.trimesh_mesh import TrimeshAdapter
+from spinor_geom.adapters.trimesh_scene import SceneAdapter
 
 for _adapter in (
     ArrayPairAdapter(),
     TensorPairAdapter(),
     TrimeshAdapter(),
+    SceneAdapter(),
+    PyVistaAdapter(),
+    Open3DAdapter(),
+    MeshioAdapter(),
     MeshSetAdapter(),
     TriangleMeshAdapter(),
     MeshFileAdapter(),

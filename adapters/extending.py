@@ -109,3 +109,14 @@ def fitting_index_dtype(dtype: np.dtype[Any], faces: Int[np.ndarray, "t 3"]) -> 
     if highest <= np.iinfo(dtype).max:
         return dtype
     return np.promote_types(dtype, np.min_scalar_type(highest))
+
+
+def repeated(values: np.ndarray, count: int) -> np.ndarray:
+    """Values (F, ...) at faces, followed by `count` times the one that occurs most often."""
+    return np.concatenate([values, np.repeat(most_frequent_row(values), count, axis=0)])
+
+
+def padded(values: Any, count: int) -> np.ndarray:
+    """Values (V, ...) of any dtype, followed by `count` rows of zeros or empty entries."""
+    array = np.asarray(values)
+    return np.concatenate([array, np.zeros((count, *array.shape[1:]), dtype=array.dtype)])

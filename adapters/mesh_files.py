@@ -1,4 +1,4 @@
-"""Mesh files: OBJ, PLY, STL, OFF and GLB, read without loss and written with patches appended."""
+"""Mesh files: OBJ, PLY, STL, OFF and GLB, read without loss and written with patches appended; others by libraries."""
 
 from __future__ import annotations
 
@@ -14,6 +14,15 @@ from jaxtyping import Int
 from spinor_geom.adapters.contents import Addition, FileContents, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import attribute_rows, check_extension
 from spinor_geom.adapters.glb import encode_glb, read_glb
+from spinor_geom.adapters.library_files import (
+    encode_3mf,
+    encode_vtk,
+    encode_vtp,
+    read_3mf,
+    read_vtk,
+    read_vtp,
+    require_library,
+)
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, read_ply
@@ -32,6 +41,9 @@ FORMATS: dict[str, tuple[Callable[[bytes, Path | None], FileContents], Callable[
     ".stl": (read_stl, encode_stl),
     ".off": (read_off, encode_off),
     ".glb": (read_glb, encode_glb),
+    ".vtp": (read_vtp, encode_vtp),
+    ".vtk": (read_vtk, encode_vtk),
+    ".3mf": (read_3mf, encode_3mf),
 }
 
 
@@ -40,8 +52,8 @@ class MeshFile(Shown):
     """A mesh file in memory: what it holds, its triangles, and what was appended to it.
 
     Written in the format it was read from, a file keeps everything that was in it byte for byte (in GLB: every
-    element), and new elements follow the old ones. Written in another format it keeps vertices, faces, curves and those
-    attributes that the format has a place for.
+    element; in VTK's formats and 3MF: what their libraries read), and new elements follow the old ones. Written in
+    another format it keeps vertices, faces, curves and those attributes that the format has a place for.
 
     Attributes:
         path: where it was read from, or None.
@@ -154,9 +166,10 @@ class MeshFile(Shown):
 
         Raises:
             MeshFileError: no known format, or the file cannot be written.
+            MissingPackageError: the library of the format is not installed.
         """
         target = Path(path)
-        suffix = _known_suffix(target)
+        suffix = known_suffix(target)
         data = self._encoded(suffix)
         try:
             with atomic_path(target) as temporary:
@@ -182,20 +195,21 @@ class MeshFile(Shown):
 def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     """Read a mesh file.
 
-    OBJ faces are read by position, so texture seams leave no trace; in PLY, OFF and GLB, vertices that a renderer's
-    format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL, which cannot share vertices,
-    is read with those of equal position made one, as by `MeshFile.merged`. No other file that this one names is ever
-    opened.
+    OBJ faces are read by position, so texture seams leave no trace; in PLY, OFF, GLB and VTK's formats, vertices that a
+    renderer's format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL, which cannot
+    share vertices, is read with those of equal position made one, as by `MeshFile.merged`. No other file that this one
+    names is ever opened.
 
     Args:
-        path: a file whose suffix is .obj, .ply, .stl, .off or .glb, in any case.
+        path: a file whose suffix is .obj, .ply, .stl, .off, .glb, .vtp, .vtk or .3mf, in any case.
 
     Raises:
         MeshFileError: no such file, no known format, or malformed; names the file and the place in it.
         NonFiniteVertexError: a coordinate is NaN or infinite.
+        MissingPackageError: the library that reads this format (.vtp, .vtk, .3mf) is not installed.
     """
     source = Path(path)
-    suffix = _known_suffix(source)
+    suffix = known_suffix(source)
     try:
         data = source.read_bytes()
     except OSError as error:
@@ -215,7 +229,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 class MeshFileAdapter:
     """`MeshFile`, and paths of mesh files."""
 
-    name = "the path of a mesh file (.obj, .ply, .stl, .off, .glb), or the MeshFile that read_mesh gives"
+    name = f"the path of a mesh file ({', '.join(FORMATS)}), or the MeshFile that read_mesh gives"
     types = ("spinor_geom.MeshFile", "pathlib.PurePath", "builtins.str")
 
     def to_mesh(self, obj: MeshFile | str | os.PathLike[str]) -> TriangleMesh:
@@ -241,9 +255,16 @@ def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:
     return obj if isinstance(obj, MeshFile) else read_mesh(obj)
 
 
-def _known_suffix(path: Path) -> str:
+def known_suffix(path: Path) -> str:
+    """The suffix of a file in small letters, of a format that can be read and written here.
+
+    Raises:
+        MeshFileError: no known format.
+        MissingPackageError: the library of the format is not installed.
+    """
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         problem = f"'{path.suffix}' is no known format"
         raise MeshFileError(f"{path}: {problem}; use one of {', '.join(FORMATS)}", path=path, place="")
+    require_library(suffix)
     return suffix

@@ -54,9 +54,10 @@ def to_mesh(obj: Any) -> TriangleMesh:
     is merged, cleaned or reordered.
 
     Args:
-        obj: a `TriangleMesh`, a pair (vertices, faces) of numpy arrays or torch tensors, a `trimesh.Trimesh`, the
-            current mesh of a `pymeshlab.MeshSet`, a `MeshFile`, the path of a mesh file, or any type an adapter was
-            registered for.
+        obj: a `TriangleMesh`, a pair (vertices, faces) of numpy arrays or torch tensors, a `trimesh.Trimesh` or
+            `Scene`, a `pyvista.PolyData` or `UnstructuredGrid`, an `open3d.geometry.TriangleMesh`, a `meshio.Mesh`,
+            the current mesh of a `pymeshlab.MeshSet`, a `MeshFile`, the path of a mesh file, or any type an adapter
+            was registered for.
 
     Raises:
         UnknownMeshTypeError: no adapter knows the type.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.mesh.topology import boundary_edges, coincident_vertices
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
 def seam_representatives(
@@ -75,6 +76,19 @@ def close_seams(
     closed = representatives[faces]
     kept = ~(_repeats(closed) & ~_repeats(faces))
     return closed[kept], kept
+
+
+def appearance_of(attributes: Mapping[str, Float[np.ndarray, "v _"]]) -> list[Float[np.ndarray, "v _"]]:
+    """Those of a mesh's attributes that a renderer keeps at each vertex."""
+    return [attributes[name] for name in ("uv", "normal", "color") if name in attributes]
+
+
+def without_seams(mesh: TriangleMesh) -> TriangleMesh:
+    """A mesh closed along the edges where texture coordinates, normals or colours differ."""
+    polygons = Polygons.of_triangles(mesh.faces)
+    appearance = appearance_of(mesh.vertex_attributes)
+    closed, _ = close_seams(mesh.faces, seam_representatives(mesh.vertices, polygons, appearance))
+    return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes, labels=mesh.labels)
 
 
 def _repeats(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:

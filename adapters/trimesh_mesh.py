@@ -11,11 +11,11 @@ from spinor_geom.adapters.extending import (
     attribute_rows,
     check_extension,
     grown_attribute,
-    most_frequent_row,
+    padded,
     real_columns,
+    repeated,
 )
-from spinor_geom.adapters.polygons import Polygons
-from spinor_geom.adapters.seams import close_seams, seam_representatives
+from spinor_geom.adapters.seams import without_seams
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -52,11 +52,7 @@ class TrimeshAdapter:
         visual: Any = obj.visual
         if visual.kind != "texture":
             return mesh
-        appearance = [mesh.vertex_attributes[name] for name in ("uv", "normal", "color") if name in carried]
-        closed, _ = close_seams(
-            mesh.faces, seam_representatives(mesh.vertices, Polygons.of_triangles(mesh.faces), appearance)
-        )
-        return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes, labels=mesh.labels)
+        return without_seams(mesh)
 
     def extend(self, obj: trimesh.Trimesh, extension: MeshExtension) -> trimesh.Trimesh:
         """A new `Trimesh` with the extension appended; material, metadata and attributes are copied.
@@ -88,12 +84,11 @@ class TrimeshAdapter:
             faces=np.concatenate([np.asarray(obj.faces), extension.faces]),
             vertex_normals=grown.pop("normal", None),
             vertex_attributes={
-                name: grown.pop(key) if key in grown else _padded(obj.vertex_attributes[name], count)
+                name: grown.pop(key) if key in grown else padded(obj.vertex_attributes[name], count)
                 for key, name in own.items()
             },
             face_attributes={
-                name: _repeated(np.asarray(values), len(extension.faces))
-                for name, values in obj.face_attributes.items()
+                name: repeated(np.asarray(values), len(extension.faces)) for name, values in obj.face_attributes.items()
             },
             visual=_grown_visual(obj, grown, new_faces=len(extension.faces)),
             metadata=deepcopy(obj.metadata),
@@ -137,7 +132,7 @@ def _grown_visual(mesh: trimesh.Trimesh, grown: dict[str, np.ndarray], *, new_fa
     if old.kind == "vertex":
         return ColorVisuals(vertex_colors=grown["color"])
     if old.kind == "face":
-        return ColorVisuals(face_colors=_repeated(np.asarray(old.face_colors), new_faces))
+        return ColorVisuals(face_colors=repeated(np.asarray(old.face_colors), new_faces))
     if old.kind != "texture":
         return None
     visual = old.copy()
@@ -145,14 +140,5 @@ def _grown_visual(mesh: trimesh.Trimesh, grown: dict[str, np.ndarray], *, new_fa
         if name in grown:
             visual.vertex_attributes[name] = grown[name]
     if visual.face_materials is not None:
-        visual.face_materials = _repeated(np.asarray(visual.face_materials), new_faces)
+        visual.face_materials = repeated(np.asarray(visual.face_materials), new_faces)
     return visual
-
-
-def _repeated(values: np.ndarray, count: int) -> np.ndarray:
-    return np.concatenate([values, np.repeat(most_frequent_row(values), count, axis=0)])
-
-
-def _padded(values: Any, count: int) -> np.ndarray:
-    array = np.asarray(values)
-    return np.concatenate([array, np.zeros((count, *array.shape[1:]), dtype=array.dtype)])

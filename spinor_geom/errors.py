@@ -420,7 +420,6 @@ class ImperfectFillWarning(UserWarning):
 
 
 _REMEDIES = {
-    "trimesh.Scene": "join its meshes first, by scene.to_mesh() or trimesh.load_mesh(path)",
     "trimesh.PointCloud": "points have no holes: make faces first, or span a closed curve of points with solve_plateau",
 }
 

@@ -63,7 +63,9 @@ def test_the_wheel_has_its_licence_and_its_command(unpacked: Path) -> None:
     assert metadata["Name"] == "spinor-geom"
     assert metadata["License-Expression"] == "MIT"
     assert "MIT License" in (info / "licenses" / "LICENSE").read_text(encoding="utf-8")
-    assert "spinor-geom = spinor_geom.cli.main:main" in (info / "entry_points.txt").read_text(encoding="utf-8")
+    entries = (info / "entry_points.txt").read_text(encoding="utf-8")
+    assert "spinor-geom = spinor_geom.cli.main:main" in entries
+    assert "[pyvista.accessors]\nspinor = spinor_geom.fill.pyvista_accessor" in entries
 
 
 def test_torch_is_bounded_so_that_an_install_stays_without_cuda(unpacked: Path) -> None:
@@ -94,6 +96,15 @@ def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path) ->
     ]
     assert [line.split("\t")[:2] for line in said[0].splitlines()[1:]] == [["0", "3"]]
     assert said[1] == "spinor-geom 0.1.0\n"
+
+
+def test_pyvista_finds_the_accessor_of_an_installed_package(unpacked: Path, tmp_path: Path) -> None:
+    program = "import pyvista; print(type(pyvista.Sphere().spinor).__module__)"
+    environment = {**os.environ, "PYTHONPATH": str(unpacked)}
+    told = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert told.stdout == "spinor_geom.fill.pyvista_accessor\n"
 
 
 def test_python_in_the_clone_s_root_finds_every_part_of_the_package() -> None:

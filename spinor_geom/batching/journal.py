@@ -13,10 +13,11 @@ from typing import Any
 
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.records import program_version, summary
+from spinor_geom.batching.records import summary
 from spinor_geom.batching.store import RUN, STAGING, Store, stamp
 from spinor_geom.errors import BatchError
 from spinor_geom.files import write_json
+from spinor_geom.version import program_version
 
 LOCK, LOG = ".lock", "failures.log"
 

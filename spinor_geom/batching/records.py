@@ -6,9 +6,9 @@ All that may differ between two runs over the same input stands under the keys "
 from __future__ import annotations
 
 from collections.abc import Iterable
-from importlib.metadata import PackageNotFoundError
-from importlib.metadata import version as installed_version
 from typing import Any
+
+from spinor_geom.version import program_version
 
 RECORD = "record.json"
 # From good to bad. "imperfect": there is a surface, but not within the tolerance, or it crosses something. "failed": of
@@ -51,11 +51,3 @@ def summary(record: dict[str, Any]) -> dict[str, Any]:
         "loops_failed": statuses.count("failed"),
         "first": "" if not bad else f"loop {bad[0]['loop']} ({bad[0]['name'] or 'no name'}): {bad[0]['reason']}",
     }
-
-
-def program_version() -> str:
-    """The version of this program."""
-    try:
-        return installed_version("spinor-geom")
-    except PackageNotFoundError:
-        return "not installed"

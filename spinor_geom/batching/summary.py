@@ -10,9 +10,10 @@ from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.journal import Journal, log_line
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.page import PageParts, write_page
-from spinor_geom.batching.records import failure, program_version, summary
+from spinor_geom.batching.records import failure, summary
 from spinor_geom.batching.tables import write_tables
 from spinor_geom.files import atomic_path
+from spinor_geom.version import program_version
 
 NO_RESULTS = "has no results: they could not be written, or were removed; resume the batch"
 TABLE, TABLE_CSV, PAGE = "loops.parquet", "loops.csv", "summary.html"

@@ -21,7 +21,7 @@ from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.batching.loops import NamedLoop, curve_loops, hole_names, refuse_what_bounds_no_disk
 from spinor_geom.batching.names import safe_name
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.records import program_version, worst
+from spinor_geom.batching.records import worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import finite
@@ -35,6 +35,7 @@ from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.version import program_version
 
 Answer: TypeAlias = PlateauSolution | SpinorGeomError
 Writer: TypeAlias = Callable[[Path], None]

@@ -8,8 +8,9 @@ import platform
 from pathlib import Path
 from typing import Any
 
+from spinor_geom.version import program_version
+
 PACKAGES = (
-    "spinor-geom",
     "numpy",
     "scipy",
     "torch",
@@ -34,7 +35,7 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "threads": os.environ.get("OMP_NUM_THREADS"),
-        "versions": {name: _version(name) for name in PACKAGES},
+        "versions": {"spinor-geom": program_version(), **{name: _version(name) for name in PACKAGES}},
     }
 
 

@@ -12,6 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 
 class ExitStatus(enum.IntEnum):
@@ -35,22 +36,23 @@ def complain(text: str) -> None:
     sys.stderr.write(f"spinor-geom: {text}\n")
 
 
-def show_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, piped: bool) -> None:
+def show_table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], *, piped: bool) -> None:
     """Shows a table on standard output: ruled on a terminal, else tab-separated lines with a header if wanted piped.
 
     Args:
         columns: the headers.
-        rows: one text per column.
+        rows: one text per column; those with a style have it on a terminal that shows colours.
         piped: whether a pipe gets the table too; a terminal always does.
     """
     console = Console()
     if console.is_terminal:
         table = Table(*columns, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
         for row in rows:
-            table.add_row(*row)
+            # a bare string could hold what rich takes for markup
+            table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
         console.print(table)
     elif piped:
-        _write("".join("\t".join(row) + "\n" for row in (columns, *rows)))
+        _write("".join("\t".join(map(str, row)) + "\n" for row in (columns, *rows)))
 
 
 def show_lines(text: str, *, piped: bool) -> None:
@@ -110,15 +112,25 @@ def batch_progress() -> Iterator[Callable[[int, int, str, float | None], None]]:
         yield show
 
 
-@contextmanager
-def progress(label: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on standard error while the block runs, on a terminal only.
+class ProgressBar:
+    """A progress bar: called with the number of things done and of all."""
 
-    Yields:
-        What to call with the number of things done and of all.
-    """
+    def __init__(self, bar: Progress, label: str) -> None:
+        self._bar, self._label, self._task = bar, label, bar.add_task(label, total=None)
+
+    def __call__(self, done: int, total: int) -> None:
+        """Shows how much is done."""
+        self._bar.update(self._task, completed=done, total=total)
+
+    def stage(self, text: str) -> None:
+        """Shows what is being done."""
+        self._bar.update(self._task, description=f"{self._label} {text}")
+
+
+@contextmanager
+def progress(label: str) -> Iterator[ProgressBar]:
+    """A progress bar on standard error while the block runs, on a terminal only."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        yield ProgressBar(bar, label)

@@ -7,7 +7,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from spinor_geom.adapters.mesh_files import FORMATS
+from rich.text import Text
+
+from spinor_geom.adapters.mesh_files import known_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
 from spinor_geom.cli.source import read_surface
 from spinor_geom.errors import MeshFileError, SpinorGeomError
@@ -19,7 +21,8 @@ from spinor_geom.optional import require
 if TYPE_CHECKING:
     from spinor_geom.comparison import Comparison
 
-COLUMNS = ("loop", "vertices", "perimeter", "filled", "residual/edge", "area", "stability", "new faces")
+COLUMNS = ("loop", "kind", "points", "perimeter", "residual/edge", "area", "stability", "new faces", "seconds")
+_OPEN = {True: ("open", "red"), False: ("left open", "dim")}
 CROSSINGS = "crossings"  # a column more, where there are some
 
 
@@ -33,15 +36,15 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     edge_length: float | Literal["auto"] = "auto" if arguments.edge_length is None else arguments.edge_length
     named = (arguments.output, arguments.report, arguments.picture, arguments.html)
     outputs = [path for path in named if path is not None]
-    require_format(arguments.output)
+    known_suffix(arguments.output)
     for path in outputs:
         require_writable(path)
-    with progress("filling") as advance:
+    with progress("filling") as bar:
         done: list[LoopOutcome] = []
 
         def on_loop(outcome: LoopOutcome, requested: int) -> None:
             done.append(outcome)
-            advance(len(done), requested)
+            bar(len(done), requested)
 
         filled, result = fill_hole(
             mesh,
@@ -55,6 +58,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
             time_limit=arguments.time_limit,
             return_report=True,
             on_loop=on_loop,
+            on_stage=lambda place, stage: bar.stage(f"loop {place}: {stage}"),
         )
     for path in outputs:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -70,16 +74,6 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         write_page(result, arguments.html, comparisons)
     good = result.closed and result.intersection_free and (result.complete or not arguments.strict)
     return ExitStatus.DONE if good else ExitStatus.IMPERFECT
-
-
-def require_format(path: Path) -> None:
-    """Checks that the suffix names a format that can be written.
-
-    Raises:
-        MeshFileError: it does not.
-    """
-    if path.suffix.lower() not in FORMATS:
-        raise MeshFileError(f"{path}: '{path.suffix}' is no known format; use one of {', '.join(FORMATS)}", path=path)
 
 
 def require_writable(path: Path) -> None:
@@ -136,27 +130,30 @@ def show_result(result: FillResult) -> None:
         complain(said)
 
 
-def row(outcome: LoopOutcome) -> list[str]:
+def row(outcome: LoopOutcome) -> list[str | Text]:
     """An outcome as a line of the table, with the column of crossings."""
     entry = outcome.to_dict()
     residual, area, stability = entry["residual_rms_per_edge"], entry["area"], entry["stability"]
     return [
         str(outcome.index),
+        _kind(outcome),
         str(len(outcome.loop)),
         f"{outcome.loop.perimeter:.4g}",
-        _state(outcome),
         "" if residual is None else f"{residual:.1e}",
         "" if area is None else f"{area:.4g}",
         "" if stability is None else str(stability["verdict"]),
         str(outcome.faces_added),
-        str(outcome.intersections or ""),
+        f"{outcome.timings['total']:.2f}" if outcome.timings else "",
+        Text(str(outcome.intersections or ""), style="red"),
     ]
 
 
-def _state(outcome: LoopOutcome) -> str:
-    if outcome.joined_to is not None and outcome.filled:
-        return f"joined to {outcome.joined_to}"
-    return outcome.kind or ("border" if outcome.is_border else "no" if outcome.requested else "left open")
+def _kind(outcome: LoopOutcome) -> Text:
+    """What became of a loop: green as asked for, yellow with a remark, red left open though asked for."""
+    if not outcome.filled:
+        return Text("border", style="yellow") if outcome.is_border else Text(*_OPEN[outcome.requested])
+    kind = str(outcome.kind) if outcome.joined_to is None else f"joined to {outcome.joined_to}"
+    return Text(kind, style="green" if outcome.converged else "yellow")
 
 
 def draw(result: FillResult, path: Path) -> None:

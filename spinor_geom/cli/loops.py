@@ -1,4 +1,4 @@
-"""`spinor-geom loops`: lists the boundary loops of a mesh file."""
+"""`spinor-geom loops`: lists the boundary loops of a mesh file, and draws them with their numbers."""
 
 from __future__ import annotations
 
@@ -8,23 +8,35 @@ import math
 from typing import Any
 
 from spinor_geom.cli.console import ExitStatus, show_lines, show_table
+from spinor_geom.cli.fill import require_writable
 from spinor_geom.cli.source import read_surface
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.optional import require
 
-COLUMNS = ("loop", "vertices", "perimeter", "mean edge", "elongation", "corners", "vertex", "remark")
+COLUMNS = ("loop", "points", "perimeter", "mean edge", "elongation", "corners", "vertex", "remark")
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
     """Lists the loops: a table, or JSON."""
-    loops = boundary_loops(read_surface(arguments.input, merge=arguments.merge))
+    if arguments.picture is not None:
+        require("pyvista", extra="render")
+        require_writable(arguments.picture)
+    mesh = read_surface(arguments.input, merge=arguments.merge)
+    loops = boundary_loops(mesh)
     if arguments.json:
         show_lines(json.dumps([describe(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
     elif loops:
         show_table(COLUMNS, [row(index, loop) for index, loop in enumerate(loops)], piped=True)
     else:
         show_lines("no boundary loops: the mesh is closed", piped=True)
+    if arguments.picture is not None:
+        from spinor_geom.render.png import write_png
+        from spinor_geom.render.scene import loops_scene
+
+        arguments.picture.parent.mkdir(parents=True, exist_ok=True)
+        write_png(loops_scene(mesh.mesh, loops), arguments.picture)
     return ExitStatus.DONE
 
 

@@ -78,15 +78,15 @@ class _Version(argparse.Action):
     """Prints the version; looks it up only when asked."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from importlib.metadata import version
+        from spinor_geom.version import program_version
 
-        sys.stdout.write(f"spinor-geom {version('spinor-geom')}\n")
+        sys.stdout.write(f"spinor-geom {program_version()}\n")
         parser.exit()
 
 
 def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     fill = commands.add_parser("fill", help="fill the holes of a mesh file", epilog=FILL_EPILOG)
-    fill.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb")
+    fill.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
     fill.add_argument(
         "-o", "--output", metavar="OUT", type=Path, required=True, help="filled mesh, format by its suffix"
     )
@@ -145,16 +145,24 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     fill.add_argument("--report", metavar="JSON", type=Path, help="write a report")
     fill.add_argument("--html", metavar="HTML", type=Path, help="write a page that shows the fill, for any browser")
     fill.add_argument("--compare", action="store_true", help="compare each fill with a discrete minimal surface")
-    fill.add_argument("--picture", metavar="PNG", type=Path, help="draw the open mesh beside the filled one")
+    fill.add_argument(
+        "--picture",
+        metavar="PNG",
+        type=Path,
+        help="draw the open mesh beside the filled one, its largest patch face on",
+    )
 
 
 def _add_loops(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     loops = commands.add_parser("loops", help="list the boundary loops of a mesh file")
-    loops.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb")
+    loops.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
     loops.add_argument(
         "--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)"
     )
     loops.add_argument("--json", action="store_true", help="print JSON")
+    loops.add_argument(
+        "--picture", metavar="PNG", type=Path, help="draw the mesh, before and behind, its loops numbered"
+    )
 
 
 def _add_reproduce(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -314,7 +322,7 @@ def _add_morph(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     morph.add_argument("--frames", metavar="N", type=_count, default=72, help="of an animation (default: %(default)s)")
 
 
-_SHOWN = "mesh file (obj, ply, stl, off, glb) or saved surface (.safetensors)"
+_SHOWN = "mesh file (obj, ply, stl, off, glb, vtp, vtk, 3mf) or saved surface (.safetensors)"
 _CURVATURE = "colours tell the curvature: Gauss curvature of a surface, |H| of a mesh"
 
 

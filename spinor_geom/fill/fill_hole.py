@@ -43,6 +43,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: Literal[False] = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> MeshFile: ...
 @overload
 def fill_hole(
@@ -59,6 +60,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: Literal[True],
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> tuple[MeshFile, FillResult]: ...
 @overload
 def fill_hole(
@@ -75,6 +77,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: Literal[False] = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> MeshT: ...
 @overload
 def fill_hole(
@@ -91,6 +94,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: Literal[True],
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> tuple[MeshT, FillResult]: ...
 def fill_hole(
     mesh: Any,
@@ -106,6 +110,7 @@ def fill_hole(
     time_limit: float = 20.0,
     return_report: bool = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
+    on_stage: Callable[[int, str], None] | None = None,
 ) -> Any:
     """Fills holes of a mesh, each with a minimal surface that its boundary loop bounds.
 
@@ -138,6 +143,8 @@ def fill_hole(
         time_limit: seconds in which each loop's exact surface has to be found, and its discrete one if it is not.
         return_report: also returns a `FillResult`.
         on_loop: is called after each requested loop with its outcome and the number of requested loops.
+        on_stage: is called before each stage of a loop with its place and what comes: "exact surface" (of small loops
+            several at once), "mesh", "discrete surface" where there is no exact one, "crossings".
 
     Returns:
         The filled mesh, of the type of the input; a `MeshFile` for a path. With `return_report` a pair of it and the
@@ -168,6 +175,7 @@ def fill_hole(
         tolerance=tolerance,
         time_limit=time_limit,
         fills_borders=not (isinstance(loop, str) and bridge is None),
+        on_stage=on_stage or (lambda place, stage: None),
     )
     clock = Clock()
     source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh

@@ -53,6 +53,7 @@ class FillOptions:
         tolerance: RMS boundary residual per mean loop edge.
         time_limit: seconds for the exact surface of a loop, and for its discrete one.
         fills_borders: whether a loop is filled whose patch lies on the mesh.
+        on_stage: is called with a loop's place and what comes next for it, as "exact surface".
 
     Raises:
         OptionError: a number is not positive, or the model is unknown.
@@ -63,6 +64,7 @@ class FillOptions:
     tolerance: float
     time_limit: float = math.inf
     fills_borders: bool = True
+    on_stage: Callable[[int, str], None] = lambda place, stage: None
 
     def __post_init__(self) -> None:
         # here once, so that what goes wrong later is one loop's own
@@ -124,11 +126,13 @@ def fill_loop(
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
     """
     clock = Clock()
+    options.on_stage(place, "exact surface")
     found = answer()
     clock.lap("solve")
     solution = found if isinstance(found, PlateauSolution) else None
     try:
-        made = _patch_over(loop, found, options, is_bridge=joined_to is not None)
+        options.on_stage(place, "mesh")
+        made = _patch_over(place, loop, found, options, is_bridge=joined_to is not None)
         rims = [loop] if made.solution is None else [match.loop for match in made.solution.rims]
         rim = np.concatenate([one.vertex_ids for one in rims])
         patch, split = fit_to_rim(rim, made.patch, taken, made.middles)
@@ -136,6 +140,7 @@ def fill_loop(
         surface = None if made.solution is None else made.solution.surface
         attributes = patch_attributes(mesh.vertex_attributes, rim, patch, surface, labels=mesh.labels)
         clock.lap("attributes")
+        options.on_stage(place, "crossings")
         crossings = surroundings.crossings(patch)
         clock.lap("crossings")
     except TooManyPointsError:
@@ -216,7 +221,7 @@ class _Made:
 
 
 def _patch_over(
-    loop: BoundaryLoop, found: PlateauSolution | SpinorGeomError, options: FillOptions, *, is_bridge: bool
+    place: int, loop: BoundaryLoop, found: PlateauSolution | SpinorGeomError, options: FillOptions, *, is_bridge: bool
 ) -> _Made:
     """The mesh of an exact surface; without one over a single loop, a discrete patch."""
     try:
@@ -229,6 +234,7 @@ def _patch_over(
         if is_bridge:
             raise
         reason = error
+    options.on_stage(place, "discrete surface")
     target = loop.mean_edge_length if options.target_edge_length == "auto" else float(options.target_edge_length)
     patch, what = discrete_patch(loop, target, seconds=options.time_limit)
     return _Made(patch=patch, solution=None, reason=f"{what}, because: {reason}")

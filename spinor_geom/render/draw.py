@@ -17,10 +17,10 @@ MARGIN = 1.12
 
 
 def draw(arrays: Path, picture: Path, width: int, height: int) -> None:
-    """Draws the open mesh on the left and the filled one on the right.
+    """Draws the mesh twice, side by side, on the right with its patches.
 
     Args:
-        arrays: an npz file with the arrays of a `FillScene`; "camera" holds focus, direction and up as rows.
+        arrays: an npz file with the arrays of a `PairScene`; "cameras" holds focus, direction and up of each as rows.
         picture: the PNG to write.
         width: of the picture, in pixels.
         height: of the picture, in pixels.
@@ -33,15 +33,15 @@ def draw(arrays: Path, picture: Path, width: int, height: int) -> None:
     mesh.compute_normals(
         cell_normals=False, split_vertices=False, consistent_normals=False, auto_orient_normals=False, inplace=True
     )
-    focus, direction, up = scene["camera"]
     plotter: Any = pyvista.Plotter(
         off_screen=True, shape=(1, 2), window_size=[width, height], border=False, lighting="none"
     )
     plotter.enable_anti_aliasing("ssaa", all_renderers=True)
-    add_lights(plotter, focus, np.cross(up, direction), up, direction)  # in both windows
     soft = {"ambient": 0.42, "diffuse": 0.8, "specular": 0.08}
-    for column, title in enumerate(("open", "filled")):
+    for column, title in enumerate(scene["titles"].tolist()):
         plotter.subplot(0, column)
+        focus, direction, up = scene["cameras"][column]
+        add_lights(plotter, focus, np.cross(up, direction), up, direction)
         plotter.set_background("white")
         inside = {"color": INSIDE_COLOUR, **soft}
         plotter.add_mesh(
@@ -53,7 +53,19 @@ def draw(arrays: Path, picture: Path, width: int, height: int) -> None:
         if rims is not None:
             plotter.add_mesh(rims, color=RIM_COLOUR, line_width=RIM_WIDTH, render_lines_as_tubes=True)
         plotter.add_text(title, font_size=LABEL_SIZE, color="black")
-        _look(plotter, scene["camera"], float(scene["radius"]), aspect=width / 2 / height)
+        _look(plotter, scene["cameras"][column], float(scene["radii"][column]), aspect=width / 2 / height)
+        numbers = np.flatnonzero(scene["number_sides"] == column)
+        if len(numbers):
+            plotter.add_point_labels(
+                scene["numbers"][numbers],
+                numbers.astype(str).tolist(),
+                font_size=LABEL_SIZE,
+                text_color="black",
+                shape_color="white",
+                shape_opacity=0.8,
+                show_points=False,
+                always_visible=True,
+            )
     plotter.screenshot(str(picture))
     plotter.close()
 

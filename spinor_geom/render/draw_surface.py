@@ -90,7 +90,7 @@ def add_lights(plotter: Any, focus: Any, right: Any, up: Any, eye: Any) -> None:
     """Soft light from several sides, all from before the picture.
 
     Args:
-        plotter: with no light of its own.
+        plotter: with no light of its own; its active window gets them.
         focus: the point that is looked at.
         right: direction in the picture.
         up: direction in the picture.
@@ -100,9 +100,8 @@ def add_lights(plotter: Any, focus: Any, right: Any, up: Any, eye: Any) -> None:
 
     for (x, y, z), strength in LIGHTS:
         place = focus + x * right + y * up + z * eye
-        plotter.add_light(
-            pyvista.Light(position=place, focal_point=focus, intensity=strength, light_type="scene light")
-        )
+        light = pyvista.Light(position=place, focal_point=focus, intensity=strength, light_type="scene light")
+        plotter.add_light(light, only_active=True)
 
 
 def _rest(look: dict[str, Any]) -> dict[str, Any]:

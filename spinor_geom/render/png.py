@@ -13,14 +13,14 @@ import numpy as np
 from spinor_geom.errors import RenderError
 from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
-from spinor_geom.render.scene import FillScene
+from spinor_geom.render.scene import PairScene
 
 WIDTH, HEIGHT = 1600, 800
 TIME_LIMIT = 300.0  # seconds; software rendering of a million triangles takes a few
 
 
-def write_png(scene: FillScene, path: str | os.PathLike[str]) -> None:
-    """Draws a scene off-screen: the open mesh on the left, the filled one on the right, patches in another colour.
+def write_png(scene: PairScene, path: str | os.PathLike[str]) -> None:
+    """Draws a scene off-screen, its two pictures side by side, patches in another colour.
 
     The drawing runs in a process of its own: where the system has no OpenGL library the drawing package ends its
     process instead of raising.
@@ -37,15 +37,17 @@ def write_png(scene: FillScene, path: str | os.PathLike[str]) -> None:
     with tempfile.TemporaryDirectory() as folder, atomic_path(path) as target:
         arrays = Path(folder) / "scene.npz"
         picture = Path(folder) / "picture.png"
-        camera = scene.camera
         np.savez(
             arrays,
             vertices=scene.vertices,
             faces=scene.faces,
             patch_faces=scene.patch_faces,
             rim_edges=scene.rim_edges,
-            camera=np.stack([camera.focus, camera.direction, camera.up]),
-            radius=np.array(camera.radius),
+            numbers=scene.numbers,
+            number_sides=scene.number_sides,
+            cameras=np.stack([[camera.focus, camera.direction, camera.up] for camera in scene.cameras]),
+            radii=np.array([camera.radius for camera in scene.cameras]),
+            titles=np.array(scene.titles),
         )
         draw_apart("spinor_geom.render.draw", str(arrays), str(picture), str(WIDTH), str(HEIGHT))
         Path(target).write_bytes(picture.read_bytes())

@@ -32,7 +32,7 @@ from spinor_geom.render.loop_views import (
 )
 from spinor_geom.render.page import document, picture, table
 from spinor_geom.render.plots import inline_svg, log_log
-from spinor_geom.render.scene import camera_on
+from spinor_geom.render.scene import camera_on, shown_loop
 from spinor_geom.render.viewer import STYLE, Scale, Scene, Views
 
 # of how many filled loops, the longest first, Ω and its functions are shown
@@ -143,7 +143,6 @@ def _left_open(outcomes: Sequence[LoopOutcome]) -> list[str]:
 
 def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) -> list[str]:
     used = result.original.vertices[referenced_vertices(result.original.faces, vertices=len(result.original.vertices))]
-    first = next((outcome for outcome in result.loops if outcome.filled), result.loops[0] if result.loops else None)
     patches = {outcome.index: outcome.patch for outcome in result.loops if outcome.patch is not None}
     shown = {one.outcome.index: one for one in details}
     layers, left_out = surroundings(result, edges=_WIREFRAME)
@@ -151,7 +150,9 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
         layers += shown[index].in_space(edges=_WIREFRAME) if index in shown else [patch_faces(patch, edges=_WIREFRAME)]
     known = {name: [one.fields[name] for one in details if name in one.fields] for name in _COLOURS}
     scales = {name: Scale.of(np.concatenate(values), _UNITS[name]) for name, values in known.items() if values}
-    cameras = {"": camera_on(used, first)} | {str(i): camera_on(used, result.loops[i]) for i in patches}
+    cameras = {"": camera_on(used, shown_loop(result.loops))} | {
+        str(i): camera_on(used, result.loops[i]) for i in patches
+    }
     scene = Scene(
         title="The filled mesh: patches orange, loops blue",
         layers=layers,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -224,7 +225,7 @@ def test_compare_prints_a_table_and_reports_it(
 def test_loops_lists_them_for_a_pipe(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["loops", str(mesh_path)]) == 0
     header, *rows = capsys.readouterr().out.splitlines()
-    assert header.split("\t")[:3] == ["loop", "vertices", "perimeter"]
+    assert header.split("\t")[:3] == ["loop", "points", "perimeter"]
     assert [row.split("\t")[:2] for row in rows] == [["0", "16"], ["1", "16"]]
 
 
@@ -263,20 +264,53 @@ def test_crossings_get_a_column_where_there_are_some(
     terminal = Terminal()
     monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", "140")
+    monkeypatch.setenv("NO_COLOR", "1")
     assert main(["fill", str(spiked_path), "-o", str(tmp_path / "filled.obj"), "--loop", "0"]) == 1
-    header, _, filled, left = (line.split() for line in terminal.getvalue().splitlines()[:5] if line.strip())
-    assert "crossings" in header[-1]
-    assert filled[-2:] == ["1", "1"]  # one new face, one crossing
+    plain = re.sub(r"\x1b\[[\d;]*m", "", terminal.getvalue())
+    header, _, filled, left = (line.split() for line in plain.splitlines()[:5] if line.strip())
+    assert header[-3:] == ["faces", "seconds", "crossings"]
+    assert (filled[-3], filled[-1]) == ("1", "1")  # one new face, one crossing
     assert left[-1] == "0"
+
+
+def test_the_table_is_coloured_where_the_terminal_has_colours(
+    mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    for options, green, yellow in (([], 2, 0), (["--tolerance", "1e-16"], 0, 2), (["--loop", "1"], 1, 0)):
+        terminal = Terminal()
+        monkeypatch.setattr(sys, "stdout", terminal)
+        main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), *options])
+        text = terminal.getvalue()
+        assert (text.count("\x1b[32mminimal"), text.count("\x1b[33mminimal")) == (green, yellow)
+    assert "\x1b[2mleft open" in text
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setattr(sys, "stdout", terminal := Terminal())
+    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 0
+    assert "\x1b[32m" not in terminal.getvalue()
+
+
+def test_cells_are_no_markup(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", terminal := Terminal())
+    console.show_table(["remark"], [["[red]a[/red]"]], piped=True)
+    assert "[red]a[/red]" in terminal.getvalue()
 
 
 def test_progress_is_drawn_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
     for stream, drawn in ((Terminal(), True), (io.StringIO(), False)):
         monkeypatch.setattr(sys, "stderr", stream)
-        with console.progress("filling") as advance:
-            advance(1, 2)
-        assert ("filling" in stream.getvalue()) is drawn
+        with console.progress("filling") as bar:
+            bar(1, 2)
+            bar.stage("loop 1: mesh")
+        assert ("filling loop 1: mesh" in stream.getvalue()) is drawn
+
+
+def test_loops_are_drawn_with_their_numbers(mesh_path: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "new" / "rims.png"
+    assert main(["loops", str(mesh_path), "--picture", str(picture)]) == 0
+    assert picture.stat().st_size > 10_000
 
 
 def test_a_report_that_was_there_survives_a_failure(

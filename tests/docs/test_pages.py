@@ -162,6 +162,14 @@ def test_the_reference_has_every_public_name() -> None:
     assert set(spinor_geom.__all__) <= set(listed)
 
 
+def test_every_function_of_the_reference_has_an_example_that_calls_it() -> None:
+    text = (DOCS / "reference.md").read_text(encoding="utf-8")
+    functions = re.findall(r"^::: \S+\.([a-z]\w*)$(.*?)(?=^(?:##|:::) |\Z)", text, re.MULTILINE | re.DOTALL)
+    assert {name for name in spinor_geom.__all__ if name.islower()} <= {name for name, _ in functions}
+    for name, shown in functions:
+        assert re.search(rf"^```python\n(.*\n)*.*\b{name}\(", shown, re.MULTILINE), name
+
+
 def test_the_gallery_has_twelve_surfaces_each_with_its_code_and_its_picture() -> None:
     sections = re.split(r"^## ", (DOCS / "gallery.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     assert len(sections) == 12

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.result import FillResult
-from spinor_geom.render.scene import FillScene, fill_scene, tilted, whole_mesh
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.render.scene import PairScene, facing, fill_scene, loops_scene, whole_mesh
 from tests.fill.shapes import tube
+from tests.fill.test_bridge import ring
 
 
 @pytest.fixture(scope="module")
@@ -19,24 +23,35 @@ def result() -> FillResult:
 
 
 @pytest.fixture(scope="module")
-def scene(result: FillResult) -> FillScene:
+def scene(result: FillResult) -> PairScene:
     return fill_scene(result)
 
 
-def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result: FillResult, scene: FillScene) -> None:
+def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result: FillResult, scene: PairScene) -> None:
     np.testing.assert_array_equal(scene.faces, result.original.faces)
     np.testing.assert_array_equal(scene.patch_faces, result.extension.faces)
     assert len(scene.vertices) == 48 + len(result.extension.vertices)
     assert scene.rim_edges.shape == (32, 2)
 
 
-def test_the_camera_looks_at_the_largest_hole_from_outside(scene: FillScene) -> None:
+def test_the_largest_patch_is_seen_face_on_from_outside(scene: PairScene) -> None:
     # the larger hole of the tube looks down
-    assert scene.camera.direction[2] < -0.7
+    np.testing.assert_allclose(scene.cameras[0].direction, [0, 0, -1], atol=1e-12)
+    assert scene.cameras[0] is scene.cameras[1]
 
 
-def test_everything_is_in_the_picture(scene: FillScene) -> None:
-    camera = scene.camera
+def test_the_largest_patch_is_that_of_largest_area_not_of_longest_rim() -> None:
+    # the lower end squeezed to a slit and lengthened: a longer rim around less area
+    vertices, faces = tube(squeeze=1.0)
+    squeezed = np.where(vertices[:, 2:] == 0, vertices * [1.3, 0.05, 1.0], vertices)
+    _, report = fill_hole((squeezed, faces), return_report=True)
+    first, second = report.loops
+    assert first.area < second.area
+    assert fill_scene(report).cameras[0].direction[2] > 0.9
+
+
+def test_everything_is_in_the_picture(scene: PairScene) -> None:
+    camera = scene.cameras[0]
     right = np.cross(camera.up, camera.direction)
     offset = scene.vertices - camera.focus
     assert np.abs(offset @ right).max() <= camera.radius * (1 + 1e-12)
@@ -44,18 +59,42 @@ def test_everything_is_in_the_picture(scene: FillScene) -> None:
 
 
 def test_a_small_hole_is_shown_close_up() -> None:
-    vertices, faces = tube(16, 3)
-    long_tube = np.where(vertices[:, 2:] > 0, vertices * [1.0, 1.0, 30.0], vertices)
-    camera = fill_scene(fill_hole((long_tube, faces), return_report=True)[1]).camera
+    _, report = fill_hole(ring(1.0, 10.0), return_report=True)
+    assert [loop.filled for loop in report.loops] == [False, True]
+    camera = fill_scene(report).cameras[0]
     np.testing.assert_allclose(camera.focus, 0.0, atol=1e-12)
-    assert camera.radius < 3.0
+    assert 1.0 < camera.radius < 3.0
+
+
+def test_rims_are_numbered_where_the_mesh_beside_them_is_seen() -> None:
+    mesh = TriangleMesh(*tube())
+    loops = boundary_loops(mesh)
+    scene = loops_scene(mesh, loops)
+    for loop, number in zip(loops, scene.numbers, strict=True):
+        assert (loop.points == number).all(axis=1).any()
+    # the sides of the tube look away from its narrower end, so the wider is in front
+    before, behind = scene.cameras
+    np.testing.assert_allclose(before.direction, -behind.direction)
+    np.testing.assert_allclose(before.up, behind.up)
+    ball = icosphere_without_two_faces()
+    loops = boundary_loops(ball)
+    assert loops_scene(ball, loops).number_sides.tolist() == [0, 1]
+    assert loops_scene(ball, []).numbers.shape == (0, 3)
+
+
+def icosphere_without_two_faces() -> TriangleMesh:
+    """Two holes that look opposite ways."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    normals = ball.face_normals
+    opposite = int(np.argmin(normals @ normals[0]))
+    return TriangleMesh(ball.vertices, np.delete(ball.faces, [0, opposite], axis=0))
 
 
 def test_where_nothing_was_filled_the_longest_open_loop_is_shown() -> None:
     _, report = fill_hole(tube(), [], return_report=True)
     scene = fill_scene(report)
     assert len(scene.patch_faces) == 0
-    assert scene.camera.direction[2] < -0.7
+    assert scene.cameras[0].direction[2] < -0.9
 
 
 def test_a_closed_mesh_has_a_scene() -> None:
@@ -64,11 +103,13 @@ def test_a_closed_mesh_has_a_scene() -> None:
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 1e-3))
-def test_view_directions_are_orthonormal_and_on_the_normal_s_side(vector: tuple[float, float, float]) -> None:
+def test_views_are_orthonormal_straight_at_the_normal_and_upright(vector: tuple[float, float, float]) -> None:
     normal = np.array(vector) / np.linalg.norm(vector)
-    direction, up = tilted(normal)
+    direction, up = facing(normal)
     np.testing.assert_allclose([direction @ direction, up @ up, direction @ up], [1, 1, 0], atol=1e-12)
-    assert direction @ normal > 0.5
+    np.testing.assert_array_equal(direction, normal)
+    if abs(normal[1]) < 0.7:
+        assert up[1] > 0.7
 
 
 def test_the_whole_mesh_fits_exactly() -> None:

@@ -1,0 +1,119 @@
+"""`meshio.Mesh`, and so every file format that meshio reads and writes."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spinor_geom.adapters.extending import (
+    attribute_rows,
+    check_extension,
+    grown_attribute,
+    most_frequent_row,
+    padded,
+    real_columns,
+)
+from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.errors import MeshShapeError
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    import meshio
+
+FACES = ("triangle", "quad", "polygon")
+NO_FACES = ("vertex", "line")  # kept as they are
+
+
+class MeshioAdapter:
+    """`meshio.Mesh` of triangles, quads and polygons, with its point data under their own names."""
+
+    name = "meshio.Mesh"
+    types = ("meshio.Mesh",)
+
+    def to_mesh(self, obj: meshio.Mesh) -> TriangleMesh:
+        """The triangles, quads and polygons split, block after block.
+
+        Raises:
+            MeshShapeError: the mesh is plane (two coordinates a point), or has cells that are neither faces nor points
+                nor lines.
+            NonFiniteVertexError: a coordinate is NaN or infinite.
+            VertexIndexError: a face names a vertex that does not exist.
+        """
+        vertices, carried = _points(obj).astype(np.float64), _carried(obj)
+        return TriangleMesh(
+            vertices,
+            _polygons(obj).triangulated(vertices)[0],
+            vertex_attributes={name: real_columns(values) for name, values in carried.items()},
+            labels=[name for name, values in carried.items() if values.dtype.kind in "iu"],
+        )
+
+    def extend(self, obj: meshio.Mesh, extension: MeshExtension) -> meshio.Mesh:
+        """A new mesh with the extension appended: its faces are a block of triangles of their own.
+
+        Point sets, cell sets and field data are copied. New cells get the cell data that occur most often among faces;
+        point data that are no real numbers get zeros or empty entries at new points.
+
+        Raises:
+            MeshShapeError: as for `to_mesh`, or an attribute is missing in the extension or has another width.
+            VertexIndexError: a new face names a vertex that neither of them has.
+        """
+        import meshio
+
+        _polygons(obj)
+        points, carried = _points(obj), _carried(obj)
+        widths = {name: real_columns(values).shape[1] for name, values in carried.items()}
+        check_extension(extension, vertices=len(points), attributes=widths)
+        count = len(extension.faces)
+        blocks = [(block.type, block.data) for block in obj.cells]
+        is_face = [block.type in FACES for block in obj.cells]
+        return meshio.Mesh(
+            points=grown_attribute(points, extension.vertices),
+            cells=[*blocks, ("triangle", extension.faces)],
+            point_data={
+                name: grown_attribute(carried[name], attribute_rows(extension, name, width=widths[name]))
+                if name in carried
+                else padded(values, len(extension.vertices))
+                for name, values in obj.point_data.items()
+            },
+            cell_data={
+                name: [*values, _likeliest([v for v, face in zip(values, is_face, strict=True) if face], count)]
+                for name, values in obj.cell_data.items()
+            },
+            field_data=deepcopy(obj.field_data),
+            point_sets=deepcopy(obj.point_sets),
+            cell_sets={name: [*own, np.zeros(0, dtype=np.int64)] for name, own in obj.cell_sets.items()},
+            gmsh_periodic=deepcopy(obj.gmsh_periodic),
+            info=deepcopy(obj.info),
+        )
+
+
+def _points(mesh: meshio.Mesh) -> np.ndarray:
+    points = np.asarray(mesh.points)
+    if points.shape[1:] != (3,):
+        raise MeshShapeError("the points of the mesh have no third coordinate; append one, of zeros for a plane mesh")
+    return points
+
+
+def _polygons(mesh: meshio.Mesh) -> Polygons:
+    others = sorted({block.type for block in mesh.cells} - {*FACES, *NO_FACES})
+    if others:
+        raise MeshShapeError(f"the mesh has cells that are no faces ({', '.join(others)}); give its surface alone")
+    blocks = [np.asarray(block.data) for block in mesh.cells if block.type in FACES]
+    sizes = [np.full(len(data), data.shape[1]) for data in blocks]
+    none = np.zeros(0, dtype=np.int64)
+    return Polygons.of_sizes(
+        np.concatenate([none, *(data.reshape(-1) for data in blocks)]), np.concatenate([none, *sizes])
+    )
+
+
+def _carried(mesh: meshio.Mesh) -> dict[str, np.ndarray]:
+    arrays = {name: np.asarray(values) for name, values in mesh.point_data.items()}
+    return {name: values for name, values in arrays.items() if values.dtype.kind in "biuf"}
+
+
+def _likeliest(values: list[Any], count: int) -> np.ndarray:
+    """The row that occurs most often in the blocks of faces, `count` times."""
+    return np.repeat(most_frequent_row(np.concatenate([np.asarray(block) for block in values])), count, axis=0)

@@ -1,0 +1,170 @@
+"""`trimesh.Scene`: all its meshes together, each filled in its own place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from spinor_geom.adapters.contents import unit_vectors
+from spinor_geom.adapters.extending import check_extension
+from spinor_geom.adapters.trimesh_mesh import TrimeshAdapter
+from spinor_geom.errors import MeshShapeError
+from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    import trimesh
+
+_MESHES = TrimeshAdapter()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Part:
+    """One geometry of a scene.
+
+    Attributes:
+        geometry: its name in the scene.
+        mesh: its triangles, in its own coordinates.
+        transform: (4, 4) from there to the scene, at the first node that shows it.
+        start: the number of its first vertex among those of all parts.
+        names: what each attribute is called among those of all parts.
+    """
+
+    geometry: str
+    mesh: TriangleMesh
+    transform: Float[np.ndarray, "4 4"]
+    start: int
+    names: dict[str, str]
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the transform turns faces inside out."""
+        return bool(np.linalg.det(self.transform[:3, :3]) < 0)
+
+    def placed(self, faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
+        """Faces from the part's sense of rotation to the scene's, or back."""
+        return faces[:, ::-1] if self.mirrored else faces
+
+
+class SceneAdapter:
+    """`trimesh.Scene`: every `Trimesh` in it once, in the scene's coordinates; points and paths are kept as they are.
+
+    A geometry that several nodes show stands where the first of them shows it. Attributes are those that
+    `trimesh.Trimesh` has; where two geometries have different ones of one name, those of the later get its own name as
+    a prefix. At vertices of geometries that lack an attribute it is 0.
+    """
+
+    name = "trimesh.Scene"
+    types = ("trimesh.Scene",)
+
+    def to_mesh(self, obj: trimesh.Scene) -> TriangleMesh:
+        """The triangles of all geometries, one after the other.
+
+        Raises:
+            NonFiniteVertexError: a coordinate is NaN or infinite.
+            VertexIndexError: a face names a vertex that does not exist.
+        """
+        parts = _parts(obj)
+        total = sum(len(part.mesh.vertices) for part in parts)
+        vertices = np.zeros((total, 3))
+        attributes: dict[str, np.ndarray] = {}
+        for part in parts:
+            rows = slice(part.start, part.start + len(part.mesh.vertices))
+            vertices[rows] = part.mesh.vertices @ part.transform[:3, :3].T + part.transform[:3, 3]
+            for name, values in part.mesh.vertex_attributes.items():
+                if name == "normal":
+                    values = unit_vectors(values @ np.linalg.inv(part.transform[:3, :3]))
+                attributes.setdefault(part.names[name], np.zeros((total, values.shape[1])))[rows] = values
+        return TriangleMesh(
+            vertices,
+            np.concatenate([np.zeros((0, 3), dtype=np.int64), *(p.placed(p.mesh.faces) + p.start for p in parts)]),
+            vertex_attributes=attributes,
+            labels={part.names[name] for part in parts for name in part.mesh.labels},
+        )
+
+    def extend(self, obj: trimesh.Scene, extension: MeshExtension) -> trimesh.Scene:
+        """A new `Scene` in which the geometries have what was appended to them; all else is copied.
+
+        Raises:
+            MeshShapeError: new faces join two geometries, or an attribute is missing in the extension.
+            VertexIndexError: a new face names a vertex that neither of them has.
+        """
+        parts = _parts(obj)
+        grown = obj.copy()
+        vertex_owner, face_owner = _owners(extension, parts)
+        old = sum(len(part.mesh.vertices) for part in parts)
+        for number, part in enumerate(parts):
+            count = len(part.mesh.vertices)
+            own, faces = np.flatnonzero(vertex_owner == number), face_owner == number
+            new_index = np.zeros(old + len(extension.vertices), dtype=np.int64)
+            new_index[part.start : part.start + count] = np.arange(count)
+            new_index[old + own] = count + np.arange(len(own))
+            back = np.linalg.inv(part.transform)
+            given = extension.vertex_attributes
+            attributes = {name: given[key][own] for name, key in part.names.items() if key in given}
+            if "normal" in attributes:
+                attributes["normal"] = unit_vectors(attributes["normal"] @ part.transform[:3, :3])
+            grown.geometry[part.geometry] = _MESHES.extend(
+                obj.geometry[part.geometry],
+                MeshExtension(
+                    vertices=extension.vertices[own] @ back[:3, :3].T + back[:3, 3],
+                    faces=part.placed(new_index[extension.faces[faces]]),
+                    face_loops=extension.face_loops[faces],
+                    vertex_attributes=attributes,
+                ),
+            )
+        return grown
+
+
+def _parts(scene: trimesh.Scene) -> list[_Part]:
+    import trimesh
+
+    transforms: dict[object, np.ndarray] = {}
+    for node in scene.graph.nodes_geometry:
+        transform, geometry = scene.graph[node]
+        transforms.setdefault(geometry, np.asarray(transform, dtype=np.float64))
+    parts: list[_Part] = []
+    kinds: dict[str, tuple[int, bool]] = {}
+    start = 0
+    for geometry, obj in scene.geometry.items():
+        if not isinstance(obj, trimesh.Trimesh):
+            continue
+        mesh = _MESHES.to_mesh(obj)
+        names = {}
+        for name, values in mesh.vertex_attributes.items():
+            kind = (values.shape[1], name in mesh.labels)
+            names[name] = name if kinds.setdefault(name, kind) == kind else f"{geometry} {name}"
+        transform = transforms.get(geometry, np.eye(4))
+        parts.append(_Part(geometry=geometry, mesh=mesh, transform=transform, start=start, names=names))
+        start += len(mesh.vertices)
+    return parts
+
+
+def _owners(extension: MeshExtension, parts: list[_Part]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " t"]]:
+    """Which part each new vertex and each new face belongs to: the one whose vertices its patch hangs on.
+
+    Raises:
+        MeshShapeError: a patch joins two geometries.
+        VertexIndexError: a new face names a vertex that does not exist.
+    """
+    old = sum(len(part.mesh.vertices) for part in parts)
+    check_extension(extension, vertices=old, attributes={})
+    part_of_vertex = np.repeat(np.arange(len(parts)), [len(part.mesh.vertices) for part in parts])
+    node = np.concatenate([part_of_vertex, len(parts) + np.arange(len(extension.vertices))])
+    links = node[extension.faces]
+    pairs = np.concatenate([links[:, :2], links[:, 1:]])
+    graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(len(node), len(node)))
+    _, patch = connected_components(graph, directed=False)
+    owner = np.zeros(len(node), dtype=np.int64)
+    for number in range(len(parts)):
+        other = owner[patch[number]]
+        if number and patch[number] in patch[:number]:
+            joined = f"{parts[other].geometry!r} and {parts[number].geometry!r}"
+            raise MeshShapeError(f"new faces join the geometries {joined} of the scene; give scene.to_mesh() instead")
+        owner[patch[number]] = number
+    return owner[patch[len(parts) : len(parts) + len(extension.vertices)]], owner[patch[links[:, 0]]]

@@ -1,0 +1,141 @@
+"""Formats that other libraries own: .vtp and .vtk by PyVista, .3mf by trimesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista
+import trimesh
+
+from spinor_geom.adapters import read_mesh
+from spinor_geom.cli.main import main
+from spinor_geom.errors import MeshFileError, MissingPackageError, NonFiniteVertexError
+from spinor_geom.fill.fill_hole import fill_hole
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed
+from tests.fill.shapes import tube
+
+MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
+VTK = pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
+
+
+@VTK
+@pytest.mark.parametrize("single", [False, True])
+def test_a_vtk_file_is_filled_and_keeps_what_it_held(tmp_path: Path, suffix: str, single: bool) -> None:
+    vertices, faces = tube()
+    held = pyvista.PolyData.from_regular_faces(vertices.astype(np.float32) if single else vertices, faces)
+    held.point_data["height"] = vertices[:, 2]
+    held.cell_data["part"] = np.arange(64)
+    held.save(tmp_path / f"tube{suffix}")
+    filled, report = fill_hole(tmp_path / f"tube{suffix}", return_report=True)
+    assert report.watertight
+    filled.write(tmp_path / f"filled{suffix}")
+    again = pyvista.read(tmp_path / f"filled{suffix}")
+    assert again.points.dtype == held.points.dtype
+    assert again.points[:48].tobytes() == held.points.tobytes()
+    assert np.array_equal(again.regular_faces[:64], faces)
+    assert np.array_equal(again.point_data["height"][:48], vertices[:, 2])
+    assert np.array_equal(again.cell_data["part"][:64], np.arange(64))
+    assert is_closed(read_mesh(tmp_path / f"filled{suffix}").mesh)
+
+
+@VTK
+def test_quads_lines_and_names_survive_from_one_format_to_the_other(tmp_path: Path, suffix: str) -> None:
+    cube = pyvista.PolyData.from_regular_faces(CUBE_POINTS, CUBE_QUADS)
+    cube.point_data["class"] = np.arange(8)
+    cube.point_data["RGB"] = np.full((8, 3), 200, dtype=np.uint8)
+    cube.active_texture_coordinates = CUBE_POINTS[:, :2]
+    cube.save(tmp_path / "cube.vtp")
+    file = read_mesh(tmp_path / "cube.vtp")
+    assert file.polygons.sizes.tolist() == [4] * 6
+    assert file.mesh.labels == {"class"}
+    file.write(tmp_path / "cube.ply")
+    assert read_mesh(tmp_path / "cube.ply").mesh.vertex_attributes["color"][0].tolist() == [200] * 3
+    read_mesh(tmp_path / "cube.ply").write(tmp_path / f"again{suffix}")
+    again = read_mesh(tmp_path / f"again{suffix}")
+    assert np.array_equal(again.mesh.vertices, CUBE_POINTS)
+    assert again.polygons.rows() == CUBE_QUADS.tolist()
+    assert set(again.mesh.vertex_attributes) == set(file.mesh.vertex_attributes)
+    assert np.array_equal(again.mesh.vertex_attributes["uv"], CUBE_POINTS[:, :2])
+
+
+def test_an_unstructured_grid_stays_one(tmp_path: Path) -> None:
+    vertices, faces = tube()
+    pyvista.PolyData.from_regular_faces(vertices, faces).cast_to_unstructured_grid().save(tmp_path / "grid.vtk")
+    fill_hole(tmp_path / "grid.vtk").write(tmp_path / "filled.vtk")
+    assert isinstance(pyvista.read(tmp_path / "filled.vtk"), pyvista.UnstructuredGrid)
+
+
+@VTK
+def test_a_damaged_vtk_file_is_an_error_that_names_it_and_nothing_is_printed(
+    tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    sphere, path = pyvista.Sphere(), tmp_path / f"damaged{suffix}"
+    sphere.save(path)
+    whole = path.read_bytes()
+    # VTK itself reads half of a legacy file as a mesh without its normals
+    for data in (whole[: len(whole) // 2], b"hello world\n", bytes(range(256))):
+        path.write_bytes(data)
+        with pytest.raises(MeshFileError, match=rf"damaged\{suffix}: VTK cannot read it \(.+\); check"):
+            read_mesh(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@VTK
+def test_what_is_no_surface_or_not_finite_is_told_with_the_file(tmp_path: Path, suffix: str) -> None:
+    sphere = pyvista.Sphere().strip()
+    sphere.save(tmp_path / f"strips{suffix}")
+    with pytest.raises(MeshFileError, match=r"strips.*: the mesh has triangle strips"):
+        read_mesh(tmp_path / f"strips{suffix}")
+    if suffix == ".vtk":  # the XML reader cannot even read NaN
+        pyvista.PolyData.from_regular_faces(CUBE_POINTS * [1, 1, np.nan], CUBE_QUADS).save(tmp_path / "nan.vtk")
+        with pytest.raises(NonFiniteVertexError, match=r"nan\.vtk: vertex 0"):
+            read_mesh(tmp_path / "nan.vtk")
+        pyvista.ImageData(dimensions=(2, 2, 2)).save(tmp_path / "image.vtk")
+        with pytest.raises(MeshFileError, match=r"image.vtk: pyvista.ImageData is not a mesh type"):
+            read_mesh(tmp_path / "image.vtk")
+
+
+def test_a_3mf_file_is_filled_part_by_part(tmp_path: Path) -> None:
+    pytest.importorskip("lxml")
+    scene = trimesh.Scene()
+    for x in (0.0, 5.0):
+        place = trimesh.transformations.translation_matrix([x, 0, 0])
+        scene.add_geometry(trimesh.Trimesh(*tube(), process=False), geom_name=f"at {x}", transform=place)
+    scene.export(tmp_path / "two.3mf")
+    filled, report = fill_hole(tmp_path / "two.3mf", return_report=True)
+    assert report.watertight
+    assert len(report.loops) == 4
+    filled.write(tmp_path / "filled.3mf")
+    again = trimesh.load_scene(tmp_path / "filled.3mf", process=False)
+    assert len(again.geometry) == 2
+    assert all(part.is_watertight for part in again.geometry.values())
+    assert all(np.array_equal(part.vertices[:48], tube()[0]) for part in again.geometry.values())
+    filled.write(tmp_path / "filled.ply")
+    read_mesh(tmp_path / "filled.ply").write(tmp_path / "joined.3mf")
+    assert is_closed(read_mesh(tmp_path / "joined.3mf").mesh)
+    whole = (tmp_path / "two.3mf").read_bytes()
+    for data in (b"hello", whole[: len(whole) // 2]):
+        (tmp_path / "damaged.3mf").write_bytes(data)
+        with pytest.raises(MeshFileError, match=r"damaged.3mf: trimesh cannot read it"):
+            read_mesh(tmp_path / "damaged.3mf")
+
+
+@pytest.mark.parametrize(("suffix", "package"), [(".vtp", "pyvista"), (".vtk", "pyvista"), (".3mf", "lxml")])
+def test_a_library_that_is_missing_is_named_with_what_installs_it(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    suffix: str,
+    package: str,
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == package else object())
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"a")
+    with pytest.raises(MissingPackageError, match=rf"{package} is not installed.*'\.\[formats\]'"):
+        read_mesh(path)
+    # before anything is solved
+    monkeypatch.setattr("spinor_geom.cli.fill.fill_hole", None)
+    assert main(["fill", str(MESH), "-o", str(tmp_path / f"b{suffix}")]) == 2
+    assert f"{package} is not installed" in capsys.readouterr().err

@@ -1,0 +1,79 @@
+"""The version tells the commit wherever there is one, and else what was built."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from spinor_geom.batching.records import failure
+from spinor_geom.bench.machine import machine
+from spinor_geom.cli.main import main
+from spinor_geom.version import RELEASE, program_version
+
+SOURCE = Path(__file__).parents[1] / "spinor_geom" / "version.py"
+
+
+def git(folder: Path, *arguments: str) -> str:
+    identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
+    command = ["git", "-C", str(folder), *identity, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A folder with a package in which the version is asked for."""
+    (tmp_path / "spinor_geom").mkdir()
+    (tmp_path / "spinor_geom" / "__init__.py").touch()
+    shutil.copy(SOURCE, tmp_path / "spinor_geom")
+    return tmp_path
+
+
+def told(root: Path) -> str:
+    """By a process of its own in that folder, which knows of no other."""
+    program = "from spinor_geom.version import program_version; print(program_version())"
+    command = [sys.executable, "-B", "-c", program]
+    environment = {"PATH": os.environ["PATH"]}
+    said = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=True)
+    return said.stdout.strip()
+
+
+def test_a_clone_tells_its_commit_and_whether_files_differ(root: Path) -> None:
+    git(root, "init", "-q")
+    git(root, "add", ".")
+    git(root, "commit", "-qm", "first")
+    commit = git(root, "rev-parse", "--short=9", "HEAD")
+    assert told(root) == f"{RELEASE}.dev0+g{commit}"
+    (root / "spinor_geom" / "__init__.py").write_text("# changed\n")
+    assert told(root) == f"{RELEASE}.dev0+g{commit}.dirty"
+    git(root, "tag", f"v{RELEASE}")
+    git(root, "checkout", "-q", ".")
+    assert told(root) == RELEASE
+    git(root, "commit", "-q", "--allow-empty", "-m", "second")
+    commit = git(root, "rev-parse", "--short=9", "HEAD")
+    assert told(root) == f"{RELEASE}.dev0+g{commit}"
+
+
+def test_a_clone_that_git_does_not_open_says_so(root: Path) -> None:
+    (root / ".git").touch()
+    assert told(root) == f"{RELEASE}.dev0+unknown"
+
+
+def test_an_installed_package_tells_what_was_built_and_bare_files_the_release(root: Path) -> None:
+    assert told(root) == RELEASE
+    metadata = root / "spinor_geom-7.dist-info" / "METADATA"
+    metadata.parent.mkdir()
+    metadata.write_text("Metadata-Version: 2.1\nName: spinor-geom\nVersion: 7.0+gabc\n")
+    assert told(root) == "7.0+gabc"
+
+
+def test_everything_tells_the_same_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert capsys.readouterr().out == f"spinor-geom {program_version()}\n"
+    assert machine()["versions"]["spinor-geom"] == program_version()
+    assert failure("a", "b")["version"] == program_version()
