@@ -119,7 +119,9 @@ def fill_between(
         except SpinorGeomError as error:
             return error
 
-    here, patch = fill_loop(mesh, first, loops[first], answer, taken, surroundings, options, joined_to=second)
+    here, patch = fill_loop(
+        mesh, first, loops[first], answer, taken, surroundings, options, joined_to=second, other=loops[second]
+    )
     there = LoopOutcome(
         index=second,
         loop=loops[second],
@@ -127,6 +129,7 @@ def fill_between(
         filled=here.filled,
         reason=here.reason,
         solution=here.solution,
+        continuation=here.continuation,
         joined_to=first,
         remarks=loops[second].remarks,
         timings={},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal
@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinor_geom.deadline import time_limit
 from spinor_geom.errors import (
     LoneFaceError,
     NoAreaError,
@@ -26,8 +27,11 @@ from spinor_geom.errors import (
 from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.fill.border import MOST_FOLDED_BACK
 from spinor_geom.fill.clock import Clock
-from spinor_geom.fill.discrete_patch import discrete_patch
+from spinor_geom.fill.continuation import Start
+from spinor_geom.fill.continuity import CONTINUITY, Continuity
+from spinor_geom.fill.discrete_patch import discrete_patch, strip_patch
 from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.smooth_patch import Finished, continued
 from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim, patch_chords
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -51,18 +55,20 @@ class FillOptions:
         target_edge_length: of the patches, in mesh units, or "auto" for each loop's mean edge length.
         model: the holomorphic model, as `solve_plateau` takes it.
         tolerance: RMS boundary residual per mean loop edge.
-        time_limit: seconds for the exact surface of a loop, and for its discrete one.
+        time_limit: seconds for the exact surface of a loop, for its discrete one, and for its continuation.
+        continuity: "C0" for minimal surfaces, "C1" for their continuations.
         fills_borders: whether a loop is filled whose patch lies on the mesh.
         on_stage: is called with a loop's place and what comes next for it, as "exact surface".
 
     Raises:
-        OptionError: a number is not positive, or the model is unknown.
+        OptionError: a number is not positive, or the model or the continuity is unknown.
     """
 
     target_edge_length: float | Literal["auto"]
     model: Model
     tolerance: float
     time_limit: float = math.inf
+    continuity: Continuity = "C0"
     fills_borders: bool = True
     on_stage: Callable[[int, str], None] = lambda place, stage: None
 
@@ -71,6 +77,8 @@ class FillOptions:
         require_model(self.model)
         require_positive("tolerance", self.tolerance)
         require_positive("time_limit", self.time_limit, finite=False)
+        if self.continuity not in CONTINUITY:
+            raise OptionError(f"continuity must be 'C0' or 'C1', not {self.continuity!r}")
         if not isinstance(self.target_edge_length, str):
             require_positive("target_edge_length", self.target_edge_length, instead="'auto' or ")
         elif self.target_edge_length != "auto":
@@ -106,6 +114,7 @@ def fill_loop(
     options: FillOptions,
     *,
     joined_to: int | None = None,
+    other: BoundaryLoop | None = None,
 ) -> tuple[LoopOutcome, LoopPatch | None]:
     """The patch of one loop, or from it to another, or the reason why it has none.
 
@@ -121,6 +130,7 @@ def fill_loop(
         surroundings: what the patch may cross.
         options: of the call.
         joined_to: the place of the other loop, of a bridge.
+        other: that loop.
 
     Raises:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
@@ -132,14 +142,10 @@ def fill_loop(
     solution = found if isinstance(found, PlateauSolution) else None
     try:
         options.on_stage(place, "mesh")
-        made = _patch_over(place, loop, found, options, is_bridge=joined_to is not None)
-        rims = [loop] if made.solution is None else [match.loop for match in made.solution.rims]
-        rim = np.concatenate([one.vertex_ids for one in rims])
+        made = _patch_over(place, loop, found, options, other)
+        rim = np.concatenate([one.vertex_ids for one in made.rims])
         patch, split = fit_to_rim(rim, made.patch, taken, made.middles)
         clock.lap("mesh")
-        surface = None if made.solution is None else made.solution.surface
-        attributes = patch_attributes(mesh.vertex_attributes, rim, patch, surface, labels=mesh.labels)
-        clock.lap("attributes")
         options.on_stage(place, "crossings")
         crossings = surroundings.crossings(patch)
         clock.lap("crossings")
@@ -156,27 +162,54 @@ def fill_loop(
                 unfilled(place, loop, str(border), solution=solution, is_border=True, timings=clock.laps()),
                 None,
             )
-    surroundings.join(patch)
-    taken.take(rim[patch_chords(patch)])
+    last = Finished(patch=patch, edges_split=split, crossings=crossings)
+    if options.continuity == "C1":
+        options.on_stage(place, "continuation")
+        with time_limit(options.time_limit):
+            target = target_length(made.rims, options)
+            last = continued(last, rim, target, taken, surroundings, started_from=made.kind)
+        clock.lap("continuation")
+        if made.kind == "strip" and last.continuation is None:
+            reason = "; ".join([made.reason, *last.remarks])
+            return unfilled(place, loop, reason, joined_to=joined_to, timings=clock.laps()), None
+    attributes = patch_attributes(
+        mesh.vertex_attributes,
+        rim,
+        last.patch,
+        None if made.solution is None or last.continuation is not None else made.solution.surface,
+        is_planned=made.solution is not None,
+        labels=mesh.labels,
+    )
+    clock.lap("attributes")
+    surroundings.join(last.patch)
+    taken.take(rim[patch_chords(last.patch)])
     outcome = LoopOutcome(
         index=place,
         loop=loop,
         requested=True,
         filled=True,
-        reason=made.reason,
+        reason=made.reason if last.continuation is None else last.continuation.reason,
         solution=made.solution,
-        patch=patch,
+        patch=last.patch,
+        continuation=last.continuation,
         joined_to=joined_to,
-        vertices_added=len(patch.vertices) - patch.boundary_size,
-        faces_added=len(patch.faces),
-        edges_split=split,
-        self_intersections=len(crossings.own),
-        mesh_intersections=len(crossings.mesh),
-        patch_intersections=len(crossings.patches),
-        remarks=(*loop.remarks, *crossings.notes),
+        vertices_added=len(last.patch.vertices) - last.patch.boundary_size,
+        faces_added=len(last.patch.faces),
+        edges_split=last.edges_split,
+        self_intersections=len(last.crossings.own),
+        mesh_intersections=len(last.crossings.mesh),
+        patch_intersections=len(last.crossings.patches),
+        remarks=(*loop.remarks, *last.remarks, *last.crossings.notes),
         timings=clock.laps(),
     )
-    return outcome, LoopPatch(place=place, rim=rim, patch=patch, attributes=attributes)
+    return outcome, LoopPatch(place=place, rim=rim, patch=last.patch, attributes=attributes)
+
+
+def target_length(loops: Sequence[BoundaryLoop], options: FillOptions) -> float:
+    """The edge length of the patch over some loops, in mesh units."""
+    if isinstance(options.target_edge_length, str):
+        return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
+    return float(options.target_edge_length)
 
 
 def unfilled(
@@ -207,11 +240,19 @@ def unfilled(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Made:
-    """A patch, the surface that it is a mesh of, and why it is not what was asked for."""
+    """A patch, its loops, the surface that it is a mesh of, and why it is not what was asked for."""
 
     patch: Patch
+    rims: Sequence[BoundaryLoop]
     solution: PlateauSolution | None
     reason: str
+
+    @property
+    def kind(self) -> Start:
+        """What the patch is."""
+        if self.solution is not None:
+            return "minimal"
+        return "strip" if self.patch.hole_sizes else "discrete"
 
     def middles(self, patch: Patch, chords: Int[np.ndarray, "c 2"]) -> Float[np.ndarray, "c 3"]:
         """Positions halfway along chords: on the surface, halfway in Ω, where there is one."""
@@ -221,9 +262,13 @@ class _Made:
 
 
 def _patch_over(
-    place: int, loop: BoundaryLoop, found: PlateauSolution | SpinorGeomError, options: FillOptions, *, is_bridge: bool
+    place: int,
+    loop: BoundaryLoop,
+    found: PlateauSolution | SpinorGeomError,
+    options: FillOptions,
+    other: BoundaryLoop | None,
 ) -> _Made:
-    """The mesh of an exact surface; without one over a single loop, a discrete patch."""
+    """The mesh of an exact surface; without one a discrete patch, or between two loops a strip to be continued."""
     try:
         if isinstance(found, SpinorGeomError):
             raise found
@@ -231,13 +276,16 @@ def _patch_over(
     except (NoAreaError, TooManyPointsError):
         raise
     except SpinorGeomError as error:
-        if is_bridge:
+        if other is not None and (options.continuity == "C0" or not isinstance(error, SurfaceError)):
             raise
         reason = error
+    rims = [loop] if other is None else [loop, other]
+    target = target_length(rims, options)
+    if other is not None:
+        return _Made(patch=strip_patch(loop, other, target), rims=rims, solution=None, reason=str(reason))
     options.on_stage(place, "discrete surface")
-    target = loop.mean_edge_length if options.target_edge_length == "auto" else float(options.target_edge_length)
     patch, what = discrete_patch(loop, target, seconds=options.time_limit)
-    return _Made(patch=patch, solution=None, reason=f"{what}, because: {reason}")
+    return _Made(patch=patch, rims=rims, solution=None, reason=f"{what}, because: {reason}")
 
 
 def _exact_patch(loop: BoundaryLoop, solution: PlateauSolution, options: FillOptions) -> _Made:
@@ -247,7 +295,8 @@ def _exact_patch(loop: BoundaryLoop, solution: PlateauSolution, options: FillOpt
     patch = mesh_patch(solution, options.target_edge_length)
     if not np.isfinite(patch.vertices).all():
         raise SurfaceError("the surface that was found is not finite everywhere")
-    return _Made(patch=patch, solution=solution, reason="" if solution.converged else solution.reason)
+    rims = [match.loop for match in solution.rims]
+    return _Made(patch=patch, rims=rims, solution=solution, reason="" if solution.converged else solution.reason)
 
 
 def refusal(loop: BoundaryLoop, taken: RimEdges) -> SpinorGeomError | None:
