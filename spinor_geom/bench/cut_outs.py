@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
+import trimesh
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
@@ -50,6 +51,7 @@ class CutOut:
         hole: the rest of the mesh.
         vertices: of the whole mesh, a surface's own points.
         faces: the removed ones.
+        places: of each vertex of the hole's mesh, where it is among those of the whole.
         exact: distances of points from the exact surface; None where the removed faces are all that is known.
     """
 
@@ -58,6 +60,7 @@ class CutOut:
     hole: Hole
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
+    places: Int[np.ndarray, " v"]
     exact: Distances | None = None
 
     @cached_property
@@ -76,15 +79,13 @@ def cut(name: str, kind: Kind, mesh: _Mesh, removed: Bool[np.ndarray, " f"], exa
     used, rest = np.unique(faces[~removed], return_inverse=True)
     rim = np.flatnonzero(np.isin(used, faces[removed]))
     hole = Hole(name=name, vertices=vertices[used], faces=rest.reshape(-1, 3), rim=rim, facing=kind in ("ring", "tube"))
-    return CutOut(name=name, kind=kind, hole=hole, vertices=vertices, faces=faces[removed], exact=exact)
+    return CutOut(name=name, kind=kind, hole=hole, vertices=vertices, faces=faces[removed], places=used, exact=exact)
 
 
 # --- known surfaces ---------------------------------------------------------------------------------------------------
 
 
 def _sphere(ball: str) -> _Mesh:
-    import trimesh
-
     if ball == "uv-sphere":
         made = trimesh.creation.uv_sphere(count=[32, 32])
     else:
@@ -179,8 +180,10 @@ WINDOWS: Mapping[str, tuple[Kind, str, Choice]] = {
         lambda points: (abs(_turn(points)) < 1) & (abs(points[:, 2]) < 0.15) & (_axis_distance(points) > TORUS),
     ),
     "sphere-ring": ("ring", "icosphere-4", lambda points: (points[:, 2] > 0.3) & (points[:, 2] < 0.8)),
-    "cylinder-band": ("tube", "cylinder", lambda points: abs(points[:, 2]) < 0.4),
-    "torus-band": ("tube", "torus", lambda points: abs(_turn(points)) < 0.5),
+    # no minimal surface joins the rims of the wide one
+    "cylinder-band": ("tube", "cylinder", lambda points: abs(points[:, 2]) < 0.2),
+    "cylinder-band-wide": ("tube", "cylinder", lambda points: abs(points[:, 2]) < 0.4),
+    "torus-band": ("tube", "torus", lambda points: abs(_turn(points)) < 0.2),
 }
 """Windows, slots and bands of planes, cylinders, tori and a sphere."""
 
@@ -203,13 +206,14 @@ def scan_disk(name: str, folder: Path) -> CutOut:
     stem, _, place = name.rpartition("-")
     scan = next(file for file in SCANS if Path(file).stem == stem)
     mesh, graph, edge = _read_scan(folder / scan)
+    border = np.unique(boundary_edges(mesh[1]))
     random = np.random.default_rng([_SEED, int(place)])
     for _ in range(_TRIES):
         seed = int(random.choice(np.unique(mesh[1])))
         radius = edge * np.exp(random.uniform(np.log(_SMALLEST), np.log(_LARGEST)))
         near = np.isfinite(dijkstra(graph, directed=False, indices=seed, limit=radius))
         removed = near[mesh[1]].all(axis=1)
-        if is_disk(mesh[1][removed]):
+        if is_disk(mesh[1][removed]) and not np.isin(mesh[1][removed], border).any():
             found = cut(name, "scan", mesh, removed)
             loops = [found.hole.loops[k] for k in found.hole.places]
             if len(loops) == 1 and FEWEST <= len(loops[0]) == len(found.hole.rim) <= MOST:

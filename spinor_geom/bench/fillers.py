@@ -9,7 +9,19 @@ from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.peers import PEERS, Filled, Peer
 from spinor_geom.fill.fill_hole import fill_hole
 
-OURS = "spinor-fill"
+OURS, SMOOTH = "spinor-fill", "spinor-fill-c1"
+OUR_FILLERS = (OURS, SMOOTH)
+# those that are asked to continue the mesh smoothly, each in the ways that do it best, beside ours
+SMOOTHEST = (
+    *OUR_FILLERS,
+    "meshlib-nicely",
+    "meshlib-nicely-fine",
+    "meshlib-nicely-natural",
+    "cgal-fair",
+    "cgal-fair-2",
+    "meshlab-close-smoothed",
+    "pymeshfix-refined",
+)
 
 
 def _prepare(hole: Hole) -> Any:
