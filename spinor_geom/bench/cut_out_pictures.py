@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
+from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.measure import DISTANCE
@@ -61,8 +64,33 @@ def scale_of(pieces: Sequence[Piece]) -> Scale:
     return Scale(low=0.0, high=float(np.median(tops)))
 
 
-def picture(pieces: Sequence[Piece], path: Path) -> None:
-    """Draws pieces as a PNG, their distances by one scale."""
+def pictures(folders: Sequence[Path]) -> Figure:
+    """Pictures of cut-outs below each other: what was removed and what the fillers put there, coloured by distance.
+
+    Args:
+        folders: in each the pieces that a run left of a cut-out.
+
+    Raises:
+        MissingPackageError: pyvista is not installed.
+        RenderError: the drawing failed.
+    """
+    figure = Figure(figsize=(16, 2.3 * len(folders)), layout="constrained")
+    rows = figure.subplots(len(folders), 1, squeeze=False)[:, 0]
+    for axes, folder in zip(rows, folders, strict=True):
+        pieces = pieces_of(folder)
+        with tempfile.TemporaryDirectory() as place:
+            _draw(pieces, Path(place) / "strip.png")
+            axes.imshow(imread(Path(place) / "strip.png"))
+        axes.set_xticks(
+            _SIDE * (np.arange(len(pieces)) + 0.5), [piece.name.replace("-", "-\n", 1) for piece in pieces], fontsize=9
+        )
+        axes.set_yticks([])
+        axes.set_frame_on(False)
+        axes.set_title(f"{folder.name}: yellow is {scale_of(pieces).high:.1%} of the hole's diameter away", fontsize=10)
+    return figure
+
+
+def _draw(pieces: Sequence[Piece], path: Path) -> None:
     scale = scale_of(pieces)
     portraits = [
         Portrait(
