@@ -216,7 +216,10 @@ def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.n
     """
     old, vertex_of = _old_faces(filled, hole)
     elsewhere = np.setdiff1d(np.arange(len(hole.vertices)), hole.rim)
-    return old, vertex_of, filled.faces[~old & ~np.isin(vertex_of[filled.faces], elsewhere).any(axis=1)]
+    new = filled.faces[~old & ~np.isin(vertex_of[filled.faces], elsewhere).any(axis=1)]
+    # the inside of a cap has no old vertex: it is told by its piece, which meets no rim
+    pieces = face_components(new)
+    return old, vertex_of, new[np.isin(pieces, pieces[(vertex_of[new] >= 0).any(axis=1)])]
 
 
 def _old_faces(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " n"]]:
