@@ -22,6 +22,7 @@ from spinor_geom.batching.options import BatchOptions, Format, What, require_pos
 from spinor_geom.batching.records import failure
 from spinor_geom.batching.worker import run_block
 from spinor_geom.errors import BatchError, OptionError
+from spinor_geom.fill.continuity import Continuity
 from spinor_geom.optional import require
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ def batch(
     scheduler: str | None = None,
     edge_length: float | Literal["auto"] = "auto",
     tolerance: float = 1e-3,
+    continuity: Continuity = "C0",
     closing: float = 1e-3,
     compare: bool = False,
     device: str = "cpu",
@@ -126,6 +128,8 @@ def batch(
         scheduler: address of a Dask cluster to use instead; all of it must see inputs and output under the same names.
         edge_length: of the triangulations, in mesh units; "auto" takes each loop's mean edge.
         tolerance: RMS distance of a surface's boundary from the curve through its loop, per mean edge.
+        continuity: "C0" for minimal surfaces; "C1" for patches that go on with the tangents and the curvature of the
+            mesh around their holes. Closed curves have minimal surfaces.
         closing: open curves whose ends are at most so many mean edges apart count as closed.
         compare: also compares each surface with a discrete minimal surface.
         device: of the batched linear algebra, such as "cuda"; equal bytes are promised on the CPU only.
@@ -153,6 +157,7 @@ def batch(
         format=format,
         edge_length=edge_length,
         tolerance=tolerance,
+        continuity=continuity,
         closing=closing,
         compare=compare,
         device=device,

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError
+from spinor_geom.fill.continuity import CONTINUITY, Continuity
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
 Format: TypeAlias = Literal["obj", "ply", "glb", "npz"]
@@ -26,6 +27,7 @@ class BatchOptions:
         format: of the meshes.
         edge_length: of the triangulations, in mesh units, or "auto" for each loop's mean edge.
         tolerance: RMS boundary residual per mean loop edge.
+        continuity: "C0" for minimal surfaces, "C1" for patches of holes that go on with the mesh around.
         closing: an open curve whose ends are at most so many of its mean edges apart counts as closed.
         compare: whether each surface is compared with a discrete minimal surface.
         device: of the batched linear algebra.
@@ -38,12 +40,13 @@ class BatchOptions:
     format: Format = "obj"
     edge_length: float | Literal["auto"] = "auto"
     tolerance: float = 1e-3
+    continuity: Continuity = "C0"
     closing: float = 1e-3
     compare: bool = False
     device: str = "cpu"
 
     def __post_init__(self) -> None:
-        for name, known in (("what", WHAT), ("format", FORMAT)):
+        for name, known in (("what", WHAT), ("format", FORMAT), ("continuity", CONTINUITY)):
             if getattr(self, name) not in known:
                 raise OptionError(f"{name} must be one of {', '.join(known)}, not {getattr(self, name)!r}")
         if self.what == "loops" and self.format not in OF_CURVES:

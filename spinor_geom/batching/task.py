@@ -41,7 +41,7 @@ Writer: TypeAlias = Callable[[Path], None]
 
 # Points of an outline in a record: enough for a thumbnail.
 OUTLINE_POINTS = 48
-FIGURES = ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability")
+FIGURES = ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability", "continuation")
 LONGEST_LABEL = 60
 COPIED_AT_ONCE = 1 << 20
 # Fourth powers of lengths have to be numbers.
@@ -164,7 +164,12 @@ def wanted(opened: OpenedFile) -> list[NamedLoop]:
 
 def fill_options(options: BatchOptions) -> FillOptions:
     """What each loop is filled with."""
-    return FillOptions(target_edge_length=options.edge_length, model="auto", tolerance=options.tolerance)
+    return FillOptions(
+        target_edge_length=options.edge_length,
+        model="auto",
+        tolerance=options.tolerance,
+        continuity=options.continuity,
+    )
 
 
 def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
@@ -219,7 +224,8 @@ def _solved(
         if curve.loop is None or curve.error is not None:
             entries.append(_entry(opened, place, "failed", str(curve.error)))
             continue
-        (outcome,), own = fill_loops(mesh, [curve.loop], answers, RimEdges(mesh, []), options)
+        alone = replace(options, continuity="C0")
+        (outcome,), own = fill_loops(mesh, [curve.loop], answers, RimEdges(mesh, []), alone)
         entries.append(_solved_entry(opened, place, outcome, own[0] if own else None, files))
     return entries, extension
 
@@ -243,6 +249,7 @@ def _entry(opened: OpenedFile, place: int, status: str, reason: str) -> dict[str
         "residual_max_per_edge": None,
         "area": None,
         "stability": None,
+        "continuation": None,
         "route": None,
         "patch_vertices": None,
         "patch_faces": None,
@@ -305,7 +312,7 @@ def _solved_entry(
     if opened.options.what == "surface":
         entry["files"]["surface"] = name = _file_name(opened, place, "safetensors")
         files[name] = solution.surface.save
-    if opened.options.compare:
+    if opened.options.compare and outcome.kind == "minimal":
         entry["comparison"], entry["seconds"]["comparison"] = _comparison(opened, solution, piece)
     return entry
 

@@ -26,6 +26,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
             scheduler=arguments.scheduler,
             edge_length="auto" if arguments.edge_length is None else arguments.edge_length,
             tolerance=arguments.tolerance,
+            continuity=arguments.continuity,
             closing=arguments.closing,
             compare=arguments.compare,
             device=arguments.device,

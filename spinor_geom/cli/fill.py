@@ -48,6 +48,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
             "all" if arguments.loop is None else arguments.loop,
             bridge=arguments.bridge,
             islands=arguments.islands,
+            continuity=arguments.continuity,
             keep_largest=arguments.keep_largest,
             max_perimeter=arguments.max_perimeter,
             target_edge_length=edge_length,
@@ -103,7 +104,7 @@ def add_comparisons(
 
     comparisons = {}
     for outcome, entry in zip(result.loops, report["loops"], strict=True):
-        if not outcome.filled or outcome.solution is None or not outcome.faces_added:
+        if outcome.kind != "minimal" or outcome.solution is None or not outcome.faces_added:
             continue
         try:
             comparison = compare(outcome.solution, target_edge_length=edge_length)

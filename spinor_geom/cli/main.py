@@ -12,6 +12,7 @@ from pathlib import Path
 from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
+from spinor_geom.fill.continuity import CONTINUITY
 
 EPILOG = """exit status: 0 all was done as asked, 1 it was done, but some of it deserves a look and is named on standard
 error, 2 the arguments or the input cannot be used, or a file not be written, 130 interrupted; what 0 and 1 mean for a
@@ -111,6 +112,7 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         default="ignore",
         help="a loose piece in a hole: join it to the hole's rim, or fill both by themselves (default)",
     )
+    _add_continuity(fill)
     fill.add_argument("--keep-largest", action="store_true", help="leave the longest loop open")
     fill.add_argument("--max-perimeter", metavar="LENGTH", type=_positive, help="leave longer loops open")
     fill.add_argument(
@@ -146,6 +148,16 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     fill.add_argument("--html", metavar="HTML", type=Path, help="write a page that shows the fill, for any browser")
     fill.add_argument("--compare", action="store_true", help="compare each fill with a discrete minimal surface")
     fill.add_argument("--picture", metavar="PNG", type=Path, help="draw the open mesh beside the filled one")
+
+
+def _add_continuity(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--continuity",
+        choices=CONTINUITY,
+        default="C0",
+        help="C0: minimal surfaces, which meet the mesh at the rim (default); C1: patches that go on with its tangents "
+        "and curvature",
+    )
 
 
 def _add_loops(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -258,6 +270,7 @@ def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         default=1e-3,
         help="RMS boundary residual per mean edge of the loop (default: %(default)s)",
     )
+    _add_continuity(batch)
     batch.add_argument(
         "--closing",
         metavar="T",

@@ -24,6 +24,7 @@ def patch_attributes(
     patch: Patch,
     surface: SpinorSurface | None,
     *,
+    is_planned: bool = True,
     labels: Collection[str] = (),
 ) -> dict[str, Float[np.ndarray, "n _"]]:
     """Every attribute of a mesh at the inner vertices of a patch.
@@ -36,7 +37,8 @@ def patch_attributes(
         attributes: the mesh's own, (V, k) each.
         rim: mesh vertices of the patch's boundary vertices.
         patch: the patch.
-        surface: gives the normals at the patch's points of Ω; None for a discrete patch.
+        surface: gives the normals at the patch's points of Ω; None for a patch that is not on one.
+        is_planned: whether the patch was triangulated in Ω, so that its triangles there have area.
         labels: names of attributes whose values name classes.
 
     Returns:
@@ -52,7 +54,7 @@ def patch_attributes(
         smooth = [name for name in names if name not in labels]
         if smooth:
             joined = np.hstack([columns[name] for name in smooth])
-            inner = harmonic_extension(_laplacian(patch, surface), joined)[size:]
+            inner = harmonic_extension(_laplacian(patch, is_planned=is_planned), joined)[size:]
             ends = np.cumsum([columns[name].shape[1] for name in smooth])[:-1]
             values = dict(zip(smooth, np.split(inner, ends, axis=1), strict=True))
         nearest = cKDTree(patch.vertices[:size]).query(patch.vertices[size:])[1]
@@ -65,13 +67,13 @@ def patch_attributes(
     return values
 
 
-def _laplacian(patch: Patch, surface: SpinorSurface | None) -> csc_array:
+def _laplacian(patch: Patch, *, is_planned: bool) -> csc_array:
     """That of the patch's triangulation in Ω, or for a discrete patch that of its edges.
 
     The Dirichlet energy is conformally invariant, so the harmonic functions in Ω are those of the surface, and the
     triangles in Ω are never degenerate. Those of a discrete patch may be.
     """
-    if surface is None:
+    if not is_planned:
         return graph_laplacian(np.asarray(patch.faces), len(patch.vertices))
     plane = np.column_stack([patch.points.real, patch.points.imag, np.zeros(len(patch.points))])
     return cotangent_laplacian(plane, np.asarray(patch.faces))

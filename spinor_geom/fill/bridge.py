@@ -127,6 +127,7 @@ def fill_between(
         filled=here.filled,
         reason=here.reason,
         solution=here.solution,
+        continuation=here.continuation,
         joined_to=first,
         remarks=loops[second].remarks,
         timings={},

@@ -11,6 +11,7 @@ from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning, OptionError
 from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
+from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open, with_corners_of
 from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
 from spinor_geom.fill.one_loop import FillOptions, refusal, require_positive
@@ -34,6 +35,7 @@ def fill_hole(
     *,
     bridge: Sequence[int] | None = None,
     islands: Islands = "ignore",
+    continuity: Continuity = "C0",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -50,6 +52,7 @@ def fill_hole(
     *,
     bridge: Sequence[int] | None = None,
     islands: Islands = "ignore",
+    continuity: Continuity = "C0",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -66,6 +69,7 @@ def fill_hole(
     *,
     bridge: Sequence[int] | None = None,
     islands: Islands = "ignore",
+    continuity: Continuity = "C0",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -82,6 +86,7 @@ def fill_hole(
     *,
     bridge: Sequence[int] | None = None,
     islands: Islands = "ignore",
+    continuity: Continuity = "C0",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -97,6 +102,7 @@ def fill_hole(
     *,
     bridge: Sequence[int] | None = None,
     islands: Islands = "ignore",
+    continuity: Continuity = "C0",
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -127,6 +133,8 @@ def fill_hole(
         bridge: a pair of places; joins these two loops by a minimal annulus, and fills no other.
         islands: "join" fills a hole in which a loose piece lies by an annulus between both, "ignore" fills hole and
             piece each by themselves; the report says which pieces lie in which holes.
+        continuity: "C0" for the minimal surface over each rim; "C1" for a patch that goes on with the tangents and the
+            curvature of the mesh around it, as the top of a sphere does, and a tube between two rims.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
         max_perimeter: leaves loops longer than this open, in mesh units.
         target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length.
@@ -166,6 +174,7 @@ def fill_hole(
         model=model,
         tolerance=tolerance,
         time_limit=time_limit,
+        continuity=continuity,
         fills_borders=not (isinstance(loop, str) and bridge is None),
     )
     clock = Clock()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal
@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinor_geom.deadline import time_limit
 from spinor_geom.errors import (
     LoneFaceError,
     NoAreaError,
@@ -24,8 +25,10 @@ from spinor_geom.errors import (
 )
 from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.fill.clock import Clock
+from spinor_geom.fill.continuity import CONTINUITY, Continuity
 from spinor_geom.fill.discrete_patch import discrete_patch
 from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.smooth_patch import Finished, continued
 from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim, patch_chords
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -51,17 +54,19 @@ class FillOptions:
         target_edge_length: of the patches, in mesh units, or "auto" for each loop's mean edge length.
         model: the holomorphic model, as `solve_plateau` takes it.
         tolerance: RMS boundary residual per mean loop edge.
-        time_limit: seconds for the exact surface of a loop, and for its discrete one.
+        time_limit: seconds for the exact surface of a loop, for its discrete one, and for its continuation.
+        continuity: "C0" for minimal surfaces, "C1" for their continuations.
         fills_borders: whether a loop is filled whose patch lies on the mesh.
 
     Raises:
-        OptionError: a number is not positive, or the model is unknown.
+        OptionError: a number is not positive, or the model or the continuity is unknown.
     """
 
     target_edge_length: float | Literal["auto"]
     model: Model
     tolerance: float
     time_limit: float = math.inf
+    continuity: Continuity = "C0"
     fills_borders: bool = True
 
     def __post_init__(self) -> None:
@@ -69,6 +74,8 @@ class FillOptions:
         require_model(self.model)
         require_positive("tolerance", self.tolerance)
         require_positive("time_limit", self.time_limit, finite=False)
+        if self.continuity not in CONTINUITY:
+            raise OptionError(f"continuity must be 'C0' or 'C1', not {self.continuity!r}")
         if not isinstance(self.target_edge_length, str):
             require_positive("target_edge_length", self.target_edge_length, instead="'auto' or ")
         elif self.target_edge_length != "auto":
@@ -133,9 +140,6 @@ def fill_loop(
         rim = np.concatenate([one.vertex_ids for one in rims])
         patch, split = fit_to_rim(rim, made.patch, taken, made.middles)
         clock.lap("mesh")
-        surface = None if made.solution is None else made.solution.surface
-        attributes = patch_attributes(mesh.vertex_attributes, rim, patch, surface, labels=mesh.labels)
-        clock.lap("attributes")
         crossings = surroundings.crossings(patch)
         clock.lap("crossings")
     except TooManyPointsError:
@@ -152,27 +156,51 @@ def fill_loop(
                 "fill it all the same name it in loop= (--loop)"
             )
             return unfilled(place, loop, reason, solution=solution, is_border=True, timings=clock.laps()), None
-    surroundings.join(patch)
-    taken.take(rim[patch_chords(patch)])
+    last = Finished(patch=patch, edges_split=split, crossings=crossings)
+    if options.continuity == "C1":
+        with time_limit(options.time_limit):
+            last = continued(
+                last, rim, target_length(rims, options), taken, surroundings, is_exact=made.solution is not None
+            )
+        clock.lap("continuation")
+    attributes = patch_attributes(
+        mesh.vertex_attributes,
+        rim,
+        last.patch,
+        None if made.solution is None or last.continuation is not None else made.solution.surface,
+        is_planned=made.solution is not None,
+        labels=mesh.labels,
+    )
+    clock.lap("attributes")
+    surroundings.join(last.patch)
+    taken.take(rim[patch_chords(last.patch)])
     outcome = LoopOutcome(
         index=place,
         loop=loop,
         requested=True,
         filled=True,
-        reason=made.reason,
+        reason=made.reason if last.continuation is None else last.continuation.reason,
         solution=made.solution,
-        patch=patch,
+        patch=last.patch,
+        continuation=last.continuation,
         joined_to=joined_to,
-        vertices_added=len(patch.vertices) - patch.boundary_size,
-        faces_added=len(patch.faces),
-        edges_split=split,
-        self_intersections=len(crossings.own),
-        mesh_intersections=len(crossings.mesh),
-        patch_intersections=len(crossings.patches),
-        remarks=(*loop.remarks, *crossings.notes),
+        vertices_added=len(last.patch.vertices) - last.patch.boundary_size,
+        faces_added=len(last.patch.faces),
+        edges_split=last.edges_split,
+        self_intersections=len(last.crossings.own),
+        mesh_intersections=len(last.crossings.mesh),
+        patch_intersections=len(last.crossings.patches),
+        remarks=(*loop.remarks, *last.remarks, *last.crossings.notes),
         timings=clock.laps(),
     )
-    return outcome, LoopPatch(place=place, rim=rim, patch=patch, attributes=attributes)
+    return outcome, LoopPatch(place=place, rim=rim, patch=last.patch, attributes=attributes)
+
+
+def target_length(loops: Sequence[BoundaryLoop], options: FillOptions) -> float:
+    """The edge length of the patch over some loops, in mesh units."""
+    if isinstance(options.target_edge_length, str):
+        return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
+    return float(options.target_edge_length)
 
 
 def unfilled(
@@ -230,8 +258,7 @@ def _patch_over(
         if is_bridge:
             raise
         reason = error
-    target = loop.mean_edge_length if options.target_edge_length == "auto" else float(options.target_edge_length)
-    patch, what = discrete_patch(loop, target, seconds=options.time_limit)
+    patch, what = discrete_patch(loop, target_length([loop], options), seconds=options.time_limit)
     return _Made(patch=patch, solution=None, reason=f"{what}, because: {reason}")
 
 

@@ -6,12 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from spinor_geom.fill.continuation import Continuation
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.shown import Shown
+
+_STATES = {
+    "minimal": "is not within the tolerance",
+    "discrete": "is closed by a discrete surface",
+    "smooth": "is not a smooth continuation at rest",
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,13 +30,15 @@ class LoopOutcome:
         loop: the loop itself.
         requested: False where the caller asked to leave it open.
         filled: whether the result has a patch on it.
-        reason: why it was left open, or why its fill is not an exact minimal surface within the tolerance; empty for a
-            fill that is.
+        reason: why it was left open, or why its fill is not an exact minimal surface within the tolerance or, where it
+            was continued, not at rest; empty for a fill that is.
         is_border: whether it was left open because its patch would lie on the mesh itself, which makes it the border of
             a sheet rather than a hole. Such a loop counts as not requested.
-        solution: the minimal surface that the patch is a mesh of; for a loop that is left open the one that was found.
+        solution: the minimal surface that the patch is a mesh of, or that its continuation started from; for a loop
+            that is left open the one that was found.
         patch: its mesh as it was joined to the hole's rim, with the places of its vertices in Ω; None where it is not
-            filled. A discrete patch has the unit disk for Ω.
+            filled. A discrete patch has the unit disk for Ω, one that was meshed anew a domain of its own.
+        continuation: how the patch became the smooth continuation of the mesh around it; None where it did not.
         joined_to: the place of the loop that its surface goes on to; none for a loop that is filled by itself. The
             figures of a bridge stand with the first of the two.
         vertices_added: new vertices of its patch.
@@ -38,10 +47,10 @@ class LoopOutcome:
         self_intersections: pairs of faces of its patch that cross.
         mesh_intersections: pairs of a face of its patch and one of the mesh that cross.
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that cross.
-        remarks: where those crossings are, and which islands lie in the hole, a sentence each. Faces are numbered as
-            the triangles of the filled mesh.
-        timings: seconds by stage ("solve", "mesh", "attributes", "crossings", or "failed" for the stage that was not
-            finished).
+        remarks: where those crossings are, which islands lie in the hole, and why a patch was not continued as asked,
+            a sentence each. Faces are numbered as the triangles of the filled mesh.
+        timings: seconds by stage ("solve", "mesh", "crossings", "continuation", "attributes", or "failed" for the stage
+            that was not finished).
     """
 
     index: int
@@ -52,6 +61,7 @@ class LoopOutcome:
     is_border: bool = False
     solution: PlateauSolution | None = None
     patch: Patch | None = None
+    continuation: Continuation | None = None
     joined_to: int | None = None
     vertices_added: int = 0
     faces_added: int = 0
@@ -63,21 +73,32 @@ class LoopOutcome:
     timings: Mapping[str, float]
 
     @property
-    def kind(self) -> Literal["minimal", "discrete"] | None:
-        """Whether its patch is a mesh of an exact minimal surface, or discrete itself; None for a loop left open."""
+    def kind(self) -> Literal["minimal", "discrete", "smooth"] | None:
+        """What its patch is; None for a loop left open.
+
+        "minimal": a mesh of an exact minimal surface; "discrete": a discrete one; "smooth": the continuation of the
+        mesh around it.
+        """
         if not self.filled:
             return None
+        if self.continuation is not None:
+            return "smooth"
         return "discrete" if self.solution is None else "minimal"
 
     @property
     def converged(self) -> bool:
-        """Whether the loop is filled by an exact minimal surface whose boundary residual is within the tolerance."""
+        """Whether the loop is filled by an exact minimal surface whose boundary residual is within the tolerance.
+
+        Or, where that was asked for, by a smooth continuation that is at rest.
+        """
+        if self.continuation is not None:
+            return self.continuation.converged
         return self.kind == "minimal" and self.solution is not None and bool(self.solution.converged)
 
     @property
     def area(self) -> float | None:
-        """Of the surface, or of a discrete patch, in squared mesh units."""
-        if self.kind == "discrete":
+        """Of the exact surface, or of another patch, in squared mesh units."""
+        if self.kind in ("discrete", "smooth"):
             return None if self.patch is None else self.patch.area
         return None if self.solution is None else float(self.solution.area)
 
@@ -85,10 +106,7 @@ class LoopOutcome:
     def shortcomings(self) -> tuple[str, ...]:
         """What the caller should hear of unasked, a sentence each."""
         name = f"loop {self.index} ({len(self.loop)} vertices)"
-        if self.filled:
-            state = "is closed by a discrete surface" if self.kind == "discrete" else "is not within the tolerance"
-        else:
-            state = "was left open"
+        state = "was left open" if self.kind is None else _STATES[self.kind]
         is_short = self.is_border or (self.requested and not self.converged)
         return (*([f"{name} {state}: {self.reason}"] if is_short else []), *(f"{name}: {n}" for n in self.remarks))
 
@@ -99,7 +117,7 @@ class LoopOutcome:
         These are solved when this is first read.
         """
         annulus = None if self.solution is None or self.patch is None else self.solution.annulus
-        if annulus is None or self.solution is None or annulus.disk_area is None:
+        if annulus is None or self.solution is None or annulus.disk_area is None or self.kind == "smooth":
             return self.remarks
         if self.solution.area < annulus.disk_area:
             return self.remarks
@@ -140,6 +158,7 @@ class LoopOutcome:
                 "eigenvalue": None if stability.eigenvalue is None else float(stability.eigenvalue),
                 "index": None if stability.index is None else int(stability.index),
             },
+            "continuation": None if self.continuation is None else self.continuation.to_dict(),
             "annulus": None if solution is None or solution.annulus is None else solution.annulus.to_dict(),
             "area_minimum": None if solution is None else bool(solution.is_area_minimum),
             "vertices_added": self.vertices_added,

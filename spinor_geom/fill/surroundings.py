@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinor_geom.fill.collar import FacesAround
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
@@ -30,17 +32,27 @@ class Crossings:
     patches: Int[np.ndarray, "k 2"]
     notes: tuple[str, ...]
 
+    def __len__(self) -> int:
+        """All pairs."""
+        return len(self.own) + len(self.mesh) + len(self.patches)
+
 
 class Surroundings:
     """The faces of a mesh and of the patches joined to it so far, numbered as in the filled mesh."""
 
     def __init__(self, mesh: TriangleMesh) -> None:
         """Starts with the mesh alone."""
+        self._whole = mesh
         self._mesh = _Piece(mesh.vertices, mesh.faces, start=0)
         self._patches: list[_Piece] = []
         # their boxes, with room for as many again: rows are low and high corners
         self._boxes = np.empty((16, 6))
         self._count = len(mesh.faces)
+
+    @cached_property
+    def faces_around(self) -> FacesAround:
+        """The mesh's faces at its vertices."""
+        return FacesAround(self._whole)
 
     def crossings(self, patch: Patch) -> Crossings:
         """What a patch would cross of itself and of all that is there."""

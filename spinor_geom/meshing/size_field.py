@@ -37,8 +37,29 @@ def patch_size_field(
     Returns:
         A function from points (k,) of Ω to lengths (k,) in units of Ω.
     """
+    samples = surface.domain.triangulation.points
+    return size_field(samples, np.asarray(surface.conformal_factor(samples)), boundary, target, rims=rims)
+
+
+def size_field(
+    samples: Complex[np.ndarray, " n"],
+    factor: Float[np.ndarray, " n"],
+    boundary: Complex[np.ndarray, " m"],
+    target: float,
+    *,
+    rims: Rims | None = None,
+) -> SizeFunction:
+    """Edge length in Ω as `patch_size_field` gives it, from λ at some points.
+
+    Args:
+        samples: Points of Ω.
+        factor: λ there, lengths in space per length in Ω.
+        boundary: The patch's boundary vertices in Ω, rim after rim.
+        target: In units of space.
+        rims: Numbers of vertices of the rims; none for a single one.
+    """
     bounds = size_bounds(boundary, growth=GROWTH, decay=DECAY, rims=rims)
-    stretch = _interpolated_stretch(surface)
+    stretch = _interpolated_stretch(samples, factor)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         shortest, longest = bounds(z)
@@ -47,10 +68,8 @@ def patch_size_field(
     return size
 
 
-def _interpolated_stretch(surface: SpinorSurface) -> SizeFunction:
-    """λ as a cheap function, from its values at the vertices of the domain's triangulation."""
-    samples = surface.domain.triangulation.points
-    factor = np.asarray(surface.conformal_factor(samples))
+def _interpolated_stretch(samples: Complex[np.ndarray, " n"], factor: Float[np.ndarray, " n"]) -> SizeFunction:
+    """λ as a cheap function, from its values at some points."""
     finite = np.isfinite(factor)
     usual = np.median(factor[finite]) if finite.any() else 1.0
     log_factor = np.log(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY)))

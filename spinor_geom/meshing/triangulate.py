@@ -49,10 +49,15 @@ def triangulate_patch(
     """
     require_few_points(area, target)
     boundary, sizes = np.concatenate(rims), tuple(map(len, rims))
-    triangles = 4 * area / (np.sqrt(3) * target**2)
     return triangulate_polygon(
         rims[0],
         patch_size_field(surface, boundary, target, rims=sizes),
         holes=rims[1:],
-        max_points=int(POINTS_PER_VERTEX * len(boundary) + POINTS_PER_TRIANGLE * triangles),
+        max_points=most_points(area, target, len(boundary)),
     )
+
+
+def most_points(area: float, target: float, boundary_size: int) -> int:
+    """How many points a triangulation may have for a patch of some area, edge length and boundary."""
+    triangles = 4 * area / (np.sqrt(3) * target**2)
+    return int(POINTS_PER_VERTEX * boundary_size + POINTS_PER_TRIANGLE * triangles)

@@ -115,7 +115,7 @@ def test_a_value_that_is_not_finite_spoils_no_other(disk: Patch, bad: float) -> 
 def test_a_discrete_patch_has_the_normals_of_its_faces_and_harmonic_values(disk: Patch) -> None:
     rim = disk.boundary_size
     attributes = {"normal": np.ones((rim, 3)), "value": disk.points[:rim].real[:, None]}
-    inner = patch_attributes(attributes, np.arange(rim), disk, None)
+    inner = patch_attributes(attributes, np.arange(rim), disk, None, is_planned=False)
     np.testing.assert_allclose(inner["normal"], np.tile([0.0, 0.0, 1.0], (len(disk.points) - rim, 1)), atol=1e-12)
     assert (np.abs(inner["value"]) < attributes["value"].max()).all()
     assert np.corrcoef(inner["value"][:, 0], disk.points[rim:].real)[0, 1] > 0.99

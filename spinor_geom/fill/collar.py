@@ -1,0 +1,187 @@
+"""The rings of a mesh around a patch: what of its bending can go on, and what cannot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinor_geom.mesh.bending import Bending, crossing_angles, face_normals, unclosed_vertices
+from spinor_geom.mesh.operators import internal_angles
+from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.meshing.embed import Patch
+
+# An edge with a larger angle between its faces' normals is a crease, and nothing goes on across it.
+CREASE = np.radians(40)
+# Rings of faces whose curvature is compared, and edges between them below which there is nothing to be compared.
+_RINGS = 5
+_FEWEST_EDGES = 12
+# Share of the rings' mean curvature, and of one edge's, that is rounding and triangles rather than shape.
+_CONSTANT = 1e-3
+# Edges over which constant curvature changes.
+_LONGEST = 100.0
+
+
+class FacesAround:
+    """The faces at each vertex of a mesh."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        """Sorts the corners of all faces once."""
+        self.mesh = mesh
+        corners = mesh.faces.ravel()
+        self._order = np.argsort(corners, kind="stable")
+        self._starts = np.searchsorted(corners[self._order], np.arange(len(mesh.vertices) + 1))
+
+    def at(self, vertices: Int[np.ndarray, " k"]) -> Int[np.ndarray, " f"]:
+        """The faces that touch any of some vertices, ascending."""
+        first, count = self._starts[vertices], self._starts[vertices + 1] - self._starts[vertices]
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        return np.unique(self._order[np.repeat(first, count) + within] // 3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bend:
+    """The angle between the normals of a patch and of the mesh along their common edges.
+
+    Attributes:
+        largest: in degrees.
+        rms: root mean square along the rim's length, in degrees.
+    """
+
+    largest: float
+    rms: float
+
+    def to_dict(self) -> dict[str, float]:
+        """The figures in JSON's types."""
+        return {"largest_degrees": self.largest, "rms_degrees": self.rms}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Collar:
+    """The first ring of faces around a patch, and how the mesh bends there.
+
+    The vertices are the patch's boundary, in its order, then those of the ring beyond it.
+
+    Attributes:
+        vertices: (m + r, 3) positions.
+        faces: those of the mesh that touch the boundary.
+        boundary_size: m.
+        bends: which vertices have a mean curvature: not those on another border, at a crease, or where faces do not
+            hang together.
+        curvature: H at the r vertices beyond the boundary; 0 where they have none.
+        length: ℓ, over which H changes in the rings around, in mesh units: that after which the correlation of H has
+            fallen by e; 0 for noise.
+        roughness: the share of the variance of H that lies between neighbours: 0 on a smooth mesh, 1 and more where H
+            is noise.
+        creased: number of boundary vertices at creases.
+    """
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    boundary_size: int
+    bends: Bool[np.ndarray, " v"]
+    curvature: Float[np.ndarray, " r"]
+    length: float
+    roughness: float
+    creased: int
+
+    @property
+    def angles(self) -> Float[np.ndarray, " m"]:
+        """The angle that the mesh's faces have together at each boundary vertex, in radians."""
+        angles = internal_angles(self.vertices, self.faces)
+        total = np.bincount(self.faces.ravel(), angles.ravel(), minlength=len(self.vertices))
+        return np.asarray(total[: self.boundary_size])
+
+
+def collar_of(around: FacesAround, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
+    """The collar of a patch.
+
+    Args:
+        around: the mesh's faces at its vertices.
+        rim: mesh vertices of the patch's boundary vertices.
+        patch: the patch; it has no edge that the mesh has too, other than the rim's.
+    """
+    mesh, m = around.mesh, len(rim)
+    rings = [around.at(rim)]
+    for _ in range(1, _RINGS):
+        rings.append(np.setdiff1d(around.at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
+    first = np.setdiff1d(mesh.faces[rings[0]], rim)
+    beyond = np.setdiff1d(mesh.faces[np.concatenate(rings)], np.concatenate([rim, first]))
+    ids = np.concatenate([rim, first, beyond])
+    faces = [_renumbered(mesh.faces[ring], ids) for ring in rings]
+    vertices = mesh.vertices[ids]
+    together = np.concatenate(faces)
+    # the patch's inner vertices come last; it closes the rim
+    numbers = np.concatenate([np.arange(m), np.arange(len(ids), len(ids) + len(patch.vertices) - m)])
+    closed = HalfEdges.of(np.concatenate([together, numbers[patch.faces]]))
+    bends = ~unclosed_vertices(closed, len(ids) + len(patch.vertices) - m)[: len(ids)]
+    creased = _crease_vertices(together, vertices)
+    bends &= ~creased
+    bending = Bending.of(vertices, together)
+    length, roughness = _correlation(bending, together, bends & (np.arange(len(ids)) >= m), vertices)
+    size = m + len(first)
+    return Collar(
+        vertices=vertices[:size],
+        faces=faces[0],
+        boundary_size=m,
+        bends=bends[:size],
+        curvature=np.where(bends, bending.curvature, 0.0)[m:size],
+        length=length,
+        roughness=roughness,
+        creased=int(creased[:m].sum()),
+    )
+
+
+def bend_across(collar: Collar, patch: Patch) -> Bend:
+    """How a patch bends away from the mesh along its rim."""
+    m, ring = collar.boundary_size, len(collar.vertices)
+    vertices = np.concatenate([collar.vertices, patch.vertices[m:]])
+    numbers = np.concatenate([np.arange(m), np.arange(ring, ring + len(patch.vertices) - m)])
+    faces = np.concatenate([numbers[patch.faces], collar.faces])
+    half_edges = HalfEdges.of(faces)
+    angles = crossing_angles(half_edges, face_normals(vertices, faces))
+    here = np.arange(3 * len(patch.faces))
+    across = here[half_edges.twin[here] >= len(here)]
+    if not len(across):
+        return Bend(largest=0.0, rms=0.0)
+    length = np.linalg.norm(vertices[half_edges.origin[across]] - vertices[half_edges.target[across]], axis=1)
+    angle = np.degrees(angles[across])
+    return Bend(largest=float(angle.max()), rms=float(np.sqrt(length @ angle**2 / length.sum())))
+
+
+def _renumbered(faces: Int[np.ndarray, "f 3"], ids: Int[np.ndarray, " n"]) -> Int[np.ndarray, "f 3"]:
+    order = np.argsort(ids, kind="stable")
+    return np.asarray(order[np.searchsorted(ids[order], faces)])
+
+
+def _crease_vertices(faces: Int[np.ndarray, "f 3"], vertices: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    half_edges = HalfEdges.of(faces)
+    sharp = crossing_angles(half_edges, face_normals(vertices, faces)) > CREASE
+    at_crease = np.zeros(len(vertices), dtype=bool)
+    at_crease[half_edges.origin[sharp]] = True
+    return at_crease
+
+
+def _correlation(
+    bending: Bending, faces: Int[np.ndarray, "f 3"], bends: Bool[np.ndarray, " n"], vertices: Float[np.ndarray, "n 3"]
+) -> tuple[float, float]:
+    """The length over which H changes, and the share of its variance between neighbours."""
+    half_edges = HalfEdges.of(faces)
+    edges = np.stack([half_edges.origin, half_edges.target], axis=1)
+    edges = edges[bends[edges].all(axis=1) & (edges[:, 0] < edges[:, 1])]
+    if len(edges) < _FEWEST_EDGES:
+        return 0.0, 0.0
+    edge = float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).mean())
+    curvature = bending.curvature
+    weight = np.where(bends, bending.areas, 0.0)
+    mean = weight @ curvature / weight.sum()
+    variance = float(weight @ (curvature - mean) ** 2 / weight.sum())
+    if variance <= (_CONSTANT * max(abs(mean), 1 / edge)) ** 2:
+        return _LONGEST * edge, 0.0
+    between = float(np.mean((curvature[edges[:, 0]] - curvature[edges[:, 1]]) ** 2) / 2)
+    correlation = 1 - between / variance
+    if correlation <= 0:
+        return 0.0, between / variance
+    return edge * min(-1 / np.log(correlation), _LONGEST), between / variance

@@ -1,0 +1,241 @@
+"""Smooth continuation: the surface over a hole on which the mean curvature goes on from the mesh around.
+
+Of all surfaces through the rim that have the mesh's tangents there, one of least ∫H² + ℓ²|∇H|², varied with the metric
+held: at rest Δ(H − ℓ²ΔH) = 0. Spheres, cylinders and planes go on as themselves. It is the likeliest surface if H is a
+random field of correlation length ℓ, which is measured around the hole: a smooth mesh's curvature goes on far into the
+patch, a rough one's does not.
+
+Source: Schneider & Kobbelt (2001), Geometric fairing of irregular meshes for free-form surface design, for ΔH = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csc_array, diags_array
+
+from spinor_geom.deadline import is_out_of_time
+from spinor_geom.domain.delaunay import unique_edges
+from spinor_geom.errors import DomainError, SingularMatrixError
+from spinor_geom.fill.collar import Bend, Collar
+from spinor_geom.mesh.bending import Bending, crossing_angles, face_normals
+from spinor_geom.mesh.operators import factor_symmetric
+from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.meshing.embed import Patch
+from spinor_geom.meshing.remesh import over_domain_of_angles, remesh
+
+_STARTS = 3
+_MOST_STEPS = 40
+_MOST_STRETCHED = 2.0
+# At rest: the next step is shorter than this share of an edge, as a mean.
+_AT_REST = 1e-3
+# A factor serves on while each step is so much shorter than the one before.
+_QUICK = 0.3
+_SHORTEST = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Continuation:
+    """How a patch became the smooth continuation of the mesh around it.
+
+    Attributes:
+        started_from: what the patch was before: a minimal surface or a discrete one.
+        before: its bend across the rim then.
+        after: its bend across the rim now.
+        steps: Newton's steps.
+        remeshed: whether it was meshed anew because its triangles were stretched.
+        converged: whether it is at rest.
+        correlation_length: ℓ, over which the mean curvature of the mesh around changes, in mesh units.
+        roughness: share of the variance of that curvature between neighbours: 0 on a smooth mesh, 1 and more in noise,
+            none of which goes on.
+        creased: vertices of the rim at creases of the mesh, where the patch is left free to bend.
+    """
+
+    started_from: Literal["minimal", "discrete"]
+    before: Bend
+    after: Bend
+    steps: int
+    remeshed: bool
+    converged: bool
+    correlation_length: float
+    roughness: float
+    creased: int
+
+    @property
+    def reason(self) -> str:
+        """Why it is not at rest; empty where it is."""
+        return "" if self.converged else f"Newton's method did not come to rest in {self.steps} steps"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures in JSON's types."""
+        return {**asdict(self), "before": self.before.to_dict(), "after": self.after.to_dict()}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moved:
+    """A patch that was moved: Newton's steps to it, whether it was meshed anew, and whether it rests."""
+
+    patch: Patch
+    steps: int
+    remeshed: bool
+    converged: bool
+
+
+def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal: bool) -> Moved:
+    """Moves a patch's inner vertices to the smooth continuation of the mesh around it.
+
+    Where it does not come to rest or is folded, a patch over one loop starts again, over a domain that has the angles
+    which the mesh leaves at the loop: those of a minimal surface are others where it turns back over the mesh. A patch
+    whose edges have become more than twice as long is meshed anew and goes on.
+
+    Args:
+        patch: with inner vertices.
+        collar: the mesh around it.
+        target: edge length with which it may be meshed anew.
+        is_conformal: whether its domain has its shape, and not only its faces.
+
+    Raises:
+        SingularMatrixError: the patch's triangles are degenerate.
+        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+    """
+    moved = _at_rest(patch, collar)
+    folds, stretched = _folds(moved.patch), _stretch(patch, moved.patch) > _MOST_STRETCHED
+    unshaped = stretched and not is_conformal
+    if (folds or unshaped or not moved.converged) and not patch.hole_sizes and not is_out_of_time():
+        start = _start_by_angles(patch, collar, target)
+        again = None if start is None else _at_rest(start, collar)
+        if (
+            start is not None
+            and again is not None
+            and (_folds(again.patch), not again.converged)
+            <= (
+                folds,
+                not moved.converged,
+            )
+        ):
+            stretched, is_conformal = _stretch(start, again.patch) > _MOST_STRETCHED, True
+            moved = replace(again, steps=moved.steps + again.steps, remeshed=True)
+    if not stretched or not is_conformal or is_out_of_time():
+        return moved
+    again = _at_rest(remesh(moved.patch, target), collar)
+    return replace(again, steps=moved.steps + again.steps, remeshed=True)
+
+
+def _start_by_angles(patch: Patch, collar: Collar, target: float) -> Patch | None:
+    """The patch over a domain with the angles that the mesh leaves at its loop; None where no such one is simple."""
+    try:
+        return over_domain_of_angles(patch, 2 * np.pi - collar.angles, target)
+    except (DomainError, SingularMatrixError):
+        return None
+
+
+def _folds(patch: Patch) -> int:
+    """Half-edges across which the patch's normal turns by more than a right angle."""
+    faces = np.asarray(patch.faces)
+    angles = crossing_angles(HalfEdges.of(faces), face_normals(patch.vertices, faces))
+    return int((angles > np.pi / 2).sum())
+
+
+def _at_rest(patch: Patch, collar: Collar) -> Moved:
+    m, steps = collar.boundary_size, 0
+    problem = _Problem(np.asarray(patch.faces), collar, len(patch.vertices))
+    near = np.concatenate([patch.vertices[m:], collar.vertices])
+    for _ in range(_STARTS):
+        near = problem.smoothed(near)
+        x, more, converged = problem.rest(near)
+        steps += more
+        if converged or is_out_of_time():
+            break
+    vertices = np.concatenate([patch.vertices[:m], x[: problem.free]])
+    return Moved(patch=replace(patch, vertices=vertices), steps=steps, remeshed=False, converged=converged)
+
+
+def _stretch(before: Patch, after: Patch) -> float:
+    """By how much the edge that became longer most did so."""
+    edges = unique_edges(np.asarray(before.faces), len(before.vertices))
+    old, new = (np.linalg.norm(p.vertices[edges[:, 0]] - p.vertices[edges[:, 1]], axis=1) for p in (before, after))
+    return float((new / np.maximum(old, np.finfo(np.float64).tiny)).max())
+
+
+class _Problem:
+    """Equations for the patch's inner vertices; these come first, then the collar's."""
+
+    def __init__(self, faces: Int[np.ndarray, "f 3"], collar: Collar, count: int) -> None:
+        m = collar.boundary_size
+        self.free, self.inside = count - m, count
+        numbers = np.concatenate([np.arange(m) + self.free, np.arange(self.free)])
+        self._faces = np.concatenate([numbers[faces], collar.faces + self.free])
+        bends = np.concatenate([np.ones(self.free, dtype=bool), collar.bends])
+        self._bends = bends[:count]
+        self._beyond = collar.curvature
+        self._squared_length = collar.length**2
+        # ∇H is known on faces with three curvatures
+        known = bends[self._faces].all(axis=1)
+        self._known = None if known.all() else self._faces[known]
+
+    def smoothed(self, x: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
+        """The free vertices where ∫|Δx|² is least, Δ being that of x."""
+        n, bending = self.free, Bending.of(x, self._faces)
+        curl = self._slope(bending) @ bending.laplacian[: self.inside]
+        moved = factor_symmetric(curl[:, :n]).solve(-(curl[:, n:] @ x[n:]))
+        return np.concatenate([moved, x[n:]])
+
+    def rest(self, x: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "v 3"], int, bool]:
+        """Newton's steps until the next is too short to matter: where they end, their number, whether it rests."""
+        n, steps, share = self.free, 0, 1.0
+        bending = Bending.of(x, self._faces)
+        edge = float(np.sqrt(bending.areas[:n].mean()))
+        factor = factor_symmetric(self._stiffness(x, bending))
+        step = -factor.solve(self._imbalance(x, bending))
+        length = float(np.sqrt(np.mean(step**2)))
+        while length > _AT_REST * edge:
+            if steps == _MOST_STEPS or share < _SHORTEST or is_out_of_time():
+                return x, steps, False
+            moved = x.copy()
+            moved[:n] += share * step[:, None] * bending.normals[:n]
+            there = Bending.of(moved, self._faces)
+            following = -factor.solve(self._imbalance(moved, there))
+            following_length = float(np.sqrt(np.mean(following**2)))
+            if not following_length < (1 - share / 4) * length:
+                share /= 2
+                continue
+            steps += 1
+            if share < 1 or following_length > _QUICK * length:
+                factor = factor_symmetric(self._stiffness(moved, there))
+                following = -factor.solve(self._imbalance(moved, there))
+                following_length = float(np.sqrt(np.mean(following**2)))
+            x, bending, step, length, share = moved, there, following, following_length, 1.0
+        x = x.copy()
+        x[:n] += step[:, None] * bending.normals[:n]
+        return x, steps, True
+
+    def _slope(self, bending: Bending) -> csc_array:
+        """L/A from the inside vertices that bend to the free ones."""
+        return csc_array(
+            bending.laplacian[: self.free, : self.inside] @ diags_array(self._bends / bending.areas[: self.inside])
+        )
+
+    def _gradient_form(self, x: Float[np.ndarray, "v 3"], bending: Bending) -> csc_array:
+        return bending.laplacian if self._known is None else Bending.of(x, self._known).laplacian
+
+    def _stiffness(self, x: Float[np.ndarray, "v 3"], bending: Bending) -> csc_array:
+        """Derivative of the imbalance by displacements along the normals, but for terms of lower order."""
+        s = self.inside
+        slope = self._slope(bending)
+        weight = diags_array(bending.areas[:s])
+        if self._squared_length:
+            weight = weight + self._squared_length * self._gradient_form(x, bending)[:s, :s]
+        return csc_array(slope @ weight @ slope.T) / 2
+
+    def _imbalance(self, x: Float[np.ndarray, "v 3"], bending: Bending) -> Float[np.ndarray, " k"]:
+        """L(H + ℓ²LH/A) at the free vertices."""
+        s = self.inside
+        curvature = np.where(self._bends, bending.curvature[:s], 0.0)
+        force = bending.areas[:s] * curvature
+        if self._squared_length:
+            whole = np.concatenate([curvature, self._beyond])
+            force = force + self._squared_length * (self._gradient_form(x, bending) @ whole)[:s]
+        return np.asarray(self._slope(bending) @ force)

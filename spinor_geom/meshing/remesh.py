@@ -1,0 +1,115 @@
+"""Patches meshed anew: where their edges have become long, and where their domain fits the mesh around badly."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+
+from spinor_geom.discrete.area_descent import harmonic_extension
+from spinor_geom.domain.delaunay import Rims, plane_coordinates
+from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
+from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
+from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+from spinor_geom.meshing.embed import Patch
+from spinor_geom.meshing.size_field import size_field
+from spinor_geom.meshing.triangulate import most_points, require_few_points
+
+# Between far parts of a domain's boundary, in edges.
+_CLEARANCE = 1.5
+
+
+def remesh(patch: Patch, target: float) -> Patch:
+    """Triangulates a patch's domain for the lengths that its edges have in space, and keeps its shape.
+
+    Args:
+        patch: its faces are counter-clockwise in Ω.
+        target: edge length, in mesh units.
+
+    Returns:
+        A patch over the same domain with the same boundary; its inner vertices lie on the faces of the old one.
+
+    Raises:
+        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+        DomainError: the boundary in Ω is not a simple polygon.
+    """
+    require_few_points(patch.area, target)
+    faces, m = np.asarray(patch.faces), patch.boundary_size
+    flat = _flat(patch.points)
+    areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])
+    space, plane = (np.bincount(faces.ravel(), np.repeat(each, 3), minlength=len(flat)) for each in areas)
+    tiny = np.finfo(np.float64).tiny
+    stretch = np.sqrt(np.maximum(space, tiny) / np.maximum(plane, tiny))
+    plan = _triangulated(patch.points[:m], patch.rims, patch.points, stretch, target, patch.area)
+    inner = _positions(patch, flat, plan.points[m:])
+    return Patch(
+        vertices=np.concatenate([patch.vertices[:m], inner]),
+        faces=plan.faces,
+        boundary_size=m,
+        points=plan.points,
+        hole_sizes=patch.hole_sizes,
+    )
+
+
+def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target: float) -> Patch:
+    """A patch over the same loop whose domain has given angles at the loop's points.
+
+    The domain has the loop's edge lengths too, as nearly as a simple polygon can; what the angles lack to close it, as
+    those of a curved patch do, is spread over its length. The patch is the harmonic map of it.
+
+    Args:
+        patch: over one loop; where the domain must be straightened, it is so by this patch's shape.
+        angles: at the loop's points, in radians.
+        target: edge length, in mesh units.
+
+    Raises:
+        DomainError: no simple domain was found.
+        SingularMatrixError: the patch's triangles are degenerate.
+        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+
+    Source: Sawhney & Crane (2018), Boundary First Flattening, ACM TOG 37, for domains of given angles.
+    """
+    m, rim = patch.boundary_size, patch.vertices[: patch.boundary_size]
+    require_few_points(patch.area, target)
+    edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
+    share = (edge + np.roll(edge, 1)) / (2 * edge.sum())
+    turning = np.pi - angles
+    turning += (2 * np.pi - turning.sum()) * share
+    neumann, _ = dirichlet_to_neumann(patch.vertices, np.asarray(patch.faces), m)
+    boundary = flatten_boundary(edge, turning, neumann, clearance=_CLEARANCE).boundary
+    plan = _triangulated(boundary, (m,), boundary, np.ones(m), target, patch.area)
+    vertices = harmonic_extension(cotangent_laplacian(_flat(plan.points), plan.faces), rim)
+    return Patch(vertices=vertices, faces=plan.faces, boundary_size=m, points=plan.points)
+
+
+def _triangulated(
+    boundary: Complex[np.ndarray, " m"],
+    rims: Rims,
+    samples: Complex[np.ndarray, " n"],
+    stretch: Float[np.ndarray, " n"],
+    target: float,
+    area: float,
+) -> PlaneTriangulation:
+    """The triangulation of a domain for an edge length in space, from the stretch at some points and the area there."""
+    first, *holes = np.split(boundary, np.cumsum(rims)[:-1])
+    field = size_field(samples, stretch, boundary, target, rims=rims)
+    return triangulate_polygon(first, field, holes=holes, max_points=most_points(area, target, len(boundary)))
+
+
+def _flat(points: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    return np.column_stack([plane_coordinates(points), np.zeros(len(points))])
+
+
+def _positions(
+    patch: Patch, flat: Float[np.ndarray, "n 3"], points: Complex[np.ndarray, " k"]
+) -> Float[np.ndarray, "k 3"]:
+    """Where points of Ω lie in space, on the patch's faces."""
+    import igl
+
+    if len(points) == 0:
+        return np.empty((0, 3))
+    faces: Int[np.ndarray, "f 3"] = np.ascontiguousarray(patch.faces)
+    at = _flat(points)
+    _, face, nearest = igl.point_mesh_squared_distance(at, flat, faces)
+    corners = faces[np.asarray(face).reshape(-1)]
+    weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), *(flat[corners[:, k]] for k in range(3)))
+    return np.asarray(np.einsum("ki,kid->kd", np.asarray(weights), patch.vertices[corners]))
