@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.peers import PEERS, Filled, Peer
+from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.fill_hole import fill_hole
 
 OURS, SMOOTH = "spinor-fill", "spinor-fill-c1"
@@ -28,9 +30,9 @@ def _prepare(hole: Hole) -> Any:
     return (hole.vertices, hole.faces), {"bridge" if hole.facing else "loop": hole.places}
 
 
-def _fill(state: Any) -> Any:
+def _fill(state: Any, continuity: Continuity) -> Any:
     mesh, which = state
-    return fill_hole(mesh, **which, islands="join", return_report=True)
+    return fill_hole(mesh, **which, islands="join", continuity=continuity, return_report=True)
 
 
 def _finish(state: Any, answer: Any) -> Filled:
@@ -49,18 +51,30 @@ def _finish(state: Any, answer: Any) -> Filled:
     )
 
 
+_WAYS: tuple[tuple[str, Continuity, str], ...] = (
+    (
+        OURS,
+        "C0",
+        "fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, meshing, "
+        "stitching",
+    ),
+    (SMOOTH, "C1", 'the same with continuity="C1"'),
+)
+
 FILLERS: Mapping[str, Peer] = {
     peer.name: peer
     for peer in (
-        Peer(
-            name=OURS,
-            package="spinor_geom",
-            distribution="spinor-geom",
-            options="fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, "
-            "meshing, stitching",
-            prepare=_prepare,
-            fill=_fill,
-            finish=_finish,
+        *(
+            Peer(
+                name=name,
+                package="spinor_geom",
+                distribution="spinor-geom",
+                options=options,
+                prepare=_prepare,
+                fill=partial(_fill, continuity=continuity),
+                finish=_finish,
+            )
+            for name, continuity, options in _WAYS
         ),
         *PEERS,
     )
