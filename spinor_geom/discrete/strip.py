@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import Descent, descend_area, harmonic_extension
-from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
+from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, size_bounds, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 
 # Longer loops are thinned to so many points for the search of the strip.
@@ -17,6 +17,8 @@ _MOST_POINTS = 128
 _FIRST_CHANGE, _ROUNDS = 1e-3, 2
 # Nodes on a length as long as a round annulus is wide.
 _NODES_PER_MODULUS = 4
+# Change of the edge length per unit of distance from the rims, where it is given.
+_GROWTH = 0.35
 
 
 def minimum_area_strip(
@@ -93,6 +95,39 @@ def discrete_annulus(
         plane = triangulated_annulus(*_conformal_places(descent.vertices, plane.faces, len(first), len(points)))
         descent = _descended(plane, points, relative_change)
     return plane, descent
+
+
+def ruled_annulus(
+    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], target: float
+) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
+    """A triangulated round annulus, and straight lines between two polygons over its radii: nothing is minimised.
+
+    Args:
+        first: a polygon, with the annulus on its left.
+        second: the other, likewise.
+        target: edge length, in units of space.
+
+    Raises:
+        DomainError: the rims lie so that no round annulus can be meshed with their vertices.
+    """
+    rims = (first, second)
+    places = _strip_places(first, second)
+    length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in rims) / 2
+    boundary = np.concatenate(places)
+    bounds = size_bounds(boundary, growth=_GROWTH, decay=_GROWTH, rims=(len(first), len(second)))
+
+    def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        shortest, longest = bounds(z)
+        return np.asarray(np.clip(2 * np.pi * np.abs(z) * target / length, shortest, longest))
+
+    plane = triangulate_polygon(places[0], size, holes=[places[1]])
+    inner = plane.points[plane.boundary_size :]
+    share = (np.log(np.abs(inner)) / math.log(abs(places[1][0])))[:, None]
+    ends = [
+        np.stack([np.interp(np.angle(inner), np.angle(z), column, period=2 * np.pi) for column in points.T], axis=1)
+        for z, points in zip(places, rims, strict=True)
+    ]
+    return plane, np.concatenate([first, second, (1 - share) * ends[0] + share * ends[1]])
 
 
 def _descended(plane: PlaneTriangulation, points: Float[np.ndarray, "m 3"], relative_change: float) -> Descent:

@@ -119,7 +119,9 @@ def fill_between(
         except SpinorGeomError as error:
             return error
 
-    here, patch = fill_loop(mesh, first, loops[first], answer, taken, surroundings, options, joined_to=second)
+    here, patch = fill_loop(
+        mesh, first, loops[first], answer, taken, surroundings, options, joined_to=second, other=loops[second]
+    )
     there = LoopOutcome(
         index=second,
         loop=loops[second],

@@ -20,7 +20,7 @@ _RINGS = 5
 _FEWEST_EDGES = 12
 # Share of the rings' mean curvature, and of one edge's, that is rounding and triangles rather than shape.
 _CONSTANT = 1e-3
-# Edges over which constant curvature changes.
+# Edges over which the curvature of the smoothest mesh changes.
 _LONGEST = 100.0
 
 
@@ -72,7 +72,7 @@ class Collar:
             hang together.
         curvature: H at the r vertices beyond the boundary; 0 where they have none.
         length: ℓ, over which H changes in the rings around, in mesh units: that after which the correlation of H has
-            fallen by e; 0 for noise.
+            fallen by e; 0 for noise, and where H does not change at all, so that nothing depends on ℓ.
         roughness: the share of the variance of H that lies between neighbours: 0 on a smooth mesh, 1 and more where H
             is noise.
         creased: number of boundary vertices at creases.
@@ -179,7 +179,7 @@ def _correlation(
     mean = weight @ curvature / weight.sum()
     variance = float(weight @ (curvature - mean) ** 2 / weight.sum())
     if variance <= (_CONSTANT * max(abs(mean), 1 / edge)) ** 2:
-        return _LONGEST * edge, 0.0
+        return 0.0, 0.0
     between = float(np.mean((curvature[edges[:, 0]] - curvature[edges[:, 1]]) ** 2) / 2)
     correlation = 1 - between / variance
     if correlation <= 0:

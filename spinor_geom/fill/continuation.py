@@ -11,7 +11,7 @@ Source: Schneider & Kobbelt (2001), Geometric fairing of irregular meshes for fr
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -36,13 +36,15 @@ _AT_REST = 1e-3
 _QUICK = 0.3
 _SHORTEST = 0.05
 
+Start: TypeAlias = Literal["minimal", "discrete", "strip"]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Continuation:
     """How a patch became the smooth continuation of the mesh around it.
 
     Attributes:
-        started_from: what the patch was before: a minimal surface or a discrete one.
+        started_from: what the patch was before: a minimal surface, a discrete one, or straight lines between two rims.
         before: its bend across the rim then.
         after: its bend across the rim now.
         steps: Newton's steps.
@@ -54,7 +56,7 @@ class Continuation:
         creased: vertices of the rim at creases of the mesh, where the patch is left free to bend.
     """
 
-    started_from: Literal["minimal", "discrete"]
+    started_from: Start
     before: Bend
     after: Bend
     steps: int

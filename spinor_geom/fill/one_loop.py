@@ -25,8 +25,9 @@ from spinor_geom.errors import (
 )
 from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.fill.clock import Clock
+from spinor_geom.fill.continuation import Start
 from spinor_geom.fill.continuity import CONTINUITY, Continuity
-from spinor_geom.fill.discrete_patch import discrete_patch
+from spinor_geom.fill.discrete_patch import discrete_patch, strip_patch
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.smooth_patch import Finished, continued
 from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim, patch_chords
@@ -111,6 +112,7 @@ def fill_loop(
     options: FillOptions,
     *,
     joined_to: int | None = None,
+    other: BoundaryLoop | None = None,
 ) -> tuple[LoopOutcome, LoopPatch | None]:
     """The patch of one loop, or from it to another, or the reason why it has none.
 
@@ -126,6 +128,7 @@ def fill_loop(
         surroundings: what the patch may cross.
         options: of the call.
         joined_to: the place of the other loop, of a bridge.
+        other: that loop.
 
     Raises:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
@@ -135,9 +138,8 @@ def fill_loop(
     clock.lap("solve")
     solution = found if isinstance(found, PlateauSolution) else None
     try:
-        made = _patch_over(loop, found, options, is_bridge=joined_to is not None)
-        rims = [loop] if made.solution is None else [match.loop for match in made.solution.rims]
-        rim = np.concatenate([one.vertex_ids for one in rims])
+        made = _patch_over(loop, found, options, other)
+        rim = np.concatenate([one.vertex_ids for one in made.rims])
         patch, split = fit_to_rim(rim, made.patch, taken, made.middles)
         clock.lap("mesh")
         crossings = surroundings.crossings(patch)
@@ -159,10 +161,12 @@ def fill_loop(
     last = Finished(patch=patch, edges_split=split, crossings=crossings)
     if options.continuity == "C1":
         with time_limit(options.time_limit):
-            last = continued(
-                last, rim, target_length(rims, options), taken, surroundings, is_exact=made.solution is not None
-            )
+            target = target_length(made.rims, options)
+            last = continued(last, rim, target, taken, surroundings, started_from=made.kind)
         clock.lap("continuation")
+        if made.kind == "strip" and last.continuation is None:
+            reason = "; ".join([made.reason, *last.remarks])
+            return unfilled(place, loop, reason, joined_to=joined_to, timings=clock.laps()), None
     attributes = patch_attributes(
         mesh.vertex_attributes,
         rim,
@@ -231,11 +235,19 @@ def unfilled(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Made:
-    """A patch, the surface that it is a mesh of, and why it is not what was asked for."""
+    """A patch, its loops, the surface that it is a mesh of, and why it is not what was asked for."""
 
     patch: Patch
+    rims: Sequence[BoundaryLoop]
     solution: PlateauSolution | None
     reason: str
+
+    @property
+    def kind(self) -> Start:
+        """What the patch is."""
+        if self.solution is not None:
+            return "minimal"
+        return "strip" if self.patch.hole_sizes else "discrete"
 
     def middles(self, patch: Patch, chords: Int[np.ndarray, "c 2"]) -> Float[np.ndarray, "c 3"]:
         """Positions halfway along chords: on the surface, halfway in Ω, where there is one."""
@@ -245,9 +257,9 @@ class _Made:
 
 
 def _patch_over(
-    loop: BoundaryLoop, found: PlateauSolution | SpinorGeomError, options: FillOptions, *, is_bridge: bool
+    loop: BoundaryLoop, found: PlateauSolution | SpinorGeomError, options: FillOptions, other: BoundaryLoop | None
 ) -> _Made:
-    """The mesh of an exact surface; without one over a single loop, a discrete patch."""
+    """The mesh of an exact surface; without one a discrete patch, or between two loops a strip to be continued."""
     try:
         if isinstance(found, SpinorGeomError):
             raise found
@@ -255,11 +267,15 @@ def _patch_over(
     except (NoAreaError, TooManyPointsError):
         raise
     except SpinorGeomError as error:
-        if is_bridge:
+        if other is not None and (options.continuity == "C0" or not isinstance(error, SurfaceError)):
             raise
         reason = error
-    patch, what = discrete_patch(loop, target_length([loop], options), seconds=options.time_limit)
-    return _Made(patch=patch, solution=None, reason=f"{what}, because: {reason}")
+    rims = [loop] if other is None else [loop, other]
+    target = target_length(rims, options)
+    if other is not None:
+        return _Made(patch=strip_patch(loop, other, target), rims=rims, solution=None, reason=str(reason))
+    patch, what = discrete_patch(loop, target, seconds=options.time_limit)
+    return _Made(patch=patch, rims=rims, solution=None, reason=f"{what}, because: {reason}")
 
 
 def _exact_patch(loop: BoundaryLoop, solution: PlateauSolution, options: FillOptions) -> _Made:
@@ -269,7 +285,8 @@ def _exact_patch(loop: BoundaryLoop, solution: PlateauSolution, options: FillOpt
     patch = mesh_patch(solution, options.target_edge_length)
     if not np.isfinite(patch.vertices).all():
         raise SurfaceError("the surface that was found is not finite everywhere")
-    return _Made(patch=patch, solution=solution, reason="" if solution.converged else solution.reason)
+    rims = [match.loop for match in solution.rims]
+    return _Made(patch=patch, rims=rims, solution=solution, reason="" if solution.converged else solution.reason)
 
 
 def refusal(loop: BoundaryLoop, taken: RimEdges) -> SpinorGeomError | None:

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from spinor_geom.errors import SingularMatrixError
 from spinor_geom.fill.collar import bend_across, collar_of
-from spinor_geom.fill.continuation import Continuation, continue_patch
+from spinor_geom.fill.continuation import Continuation, Start, continue_patch
 from spinor_geom.fill.stitch import RimEdges, fit_to_rim
 from spinor_geom.fill.surroundings import Crossings, Surroundings
 from spinor_geom.meshing.embed import Patch
@@ -41,19 +41,19 @@ def continued(
     taken: RimEdges,
     surroundings: Surroundings,
     *,
-    is_exact: bool,
+    started_from: Start,
 ) -> Finished:
     """The smooth continuation of the mesh around a patch, or the patch itself with the reason why it stays.
 
     A patch without inner vertices has nothing that could move, and stays without a word.
 
     Args:
-        first: a minimal surface, exact or discrete.
+        first: a minimal surface, exact or discrete, or a strip between two loops.
         rim: mesh vertices of its boundary vertices.
         target: edge length, should it be meshed anew, in mesh units.
         taken: edges that it must not have.
         surroundings: what it may cross.
-        is_exact: whether it is a mesh of an exact surface.
+        started_from: what the patch is.
 
     Raises:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
@@ -62,7 +62,7 @@ def continued(
         return first
     collar = collar_of(surroundings.faces_around, rim, first.patch)
     try:
-        moved = continue_patch(first.patch, collar, target, is_conformal=is_exact)
+        moved = continue_patch(first.patch, collar, target, is_conformal=started_from != "discrete")
     except SingularMatrixError as error:
         return replace(first, remarks=(f"the patch was not continued smoothly: {error}",))
     before, after = bend_across(collar, first.patch), bend_across(collar, moved.patch)
@@ -83,7 +83,7 @@ def continued(
         edges_split=first.edges_split + split,
         crossings=crossings,
         continuation=Continuation(
-            started_from="minimal" if is_exact else "discrete",
+            started_from=started_from,
             before=before,
             after=after,
             steps=moved.steps,

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csc_array
 
-from spinor_geom.mesh.operators import face_areas, mollified_laplacian
+from spinor_geom.mesh.operators import face_areas, mollified_laplacian, vertex_normals
 from spinor_geom.mesh.topology import HalfEdges
 
 # Circumcentric areas are negative at some obtuse corners: the least share of the third of the faces' areas that counts.
@@ -20,16 +20,14 @@ _TINY = np.finfo(np.float64).tiny ** 0.5
 class Bending:
     """The mean curvature of a mesh and what it is made of.
 
-    With these normals and areas H is 1/R at every inner vertex of any mesh whose vertices lie on a sphere: at x of the
-    unit sphere (x − y)·x = |x − y|²/2, so the gradient of the area, along x, is twice the circumcentric area.
+    With these areas H is 1/R at the inner vertices of any mesh whose vertices lie on a sphere, up to the error of the
+    normals: at x of the unit sphere (x − y)·x = |x − y|²/2, so along x the gradient of the area is twice the area.
 
     Attributes:
         laplacian: the cotangent Laplacian L.
         areas: of the vertices, circumcentric, in squared mesh units; at least 0.3 of a third of their faces'.
-        normals: unit, of the sphere through a vertex and its neighbours where there is one; 0 where there is none.
-        curvature: H = n·Lx/(2A), positive where a surface with outer normals is convex; without meaning on a boundary.
-
-    Source: Max (1999), Weights for computing vertex normals from facet normals, J. Graphics Tools 4.
+        normals: unit normals at the vertices, outer ones of a mesh whose faces look outwards.
+        curvature: H = n·Lx/(2A), positive where a mesh with outer normals is convex; without meaning on a boundary.
     """
 
     laplacian: csc_array
@@ -50,24 +48,9 @@ class Bending:
         circumcentric = (2 * along - laplacian @ np.einsum("ik,ik->i", x, x)) / 4
         third = np.bincount(flat, np.repeat(face_areas(vertices, faces) / 3, 3), minlength=n)
         areas = np.maximum(circumcentric, np.maximum(_LEAST_SHARE * third, _TINY))
-        normals = _normals(vertices, faces)
+        normals = vertex_normals(vertices, faces)
         curvature = np.einsum("ik,ik->i", gradient, normals) / (2 * areas)
         return cls(laplacian=laplacian, areas=areas, normals=normals, curvature=curvature)
-
-
-def _normals(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "n 3"]:
-    corner = vertices[faces]
-    edge = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
-    squared = np.maximum(np.einsum("fik,fik->fi", edge, edge), _TINY)
-    nearness = squared.min() / squared
-    # at a corner meet the edges opposite to the other two
-    weight = np.roll(nearness, -1, axis=1) * np.roll(nearness, -2, axis=1)
-    cross = np.cross(edge[:, 1], edge[:, 2])
-    total = np.stack(
-        [np.bincount(faces.ravel(), (weight * cross[:, k, None]).ravel(), minlength=len(vertices)) for k in range(3)],
-        axis=1,
-    )
-    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1), np.finfo(np.float64).tiny)[:, None])
 
 
 def face_normals(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3"]:

@@ -28,6 +28,7 @@ from spinor_geom.batching.summary import write_summary
 from spinor_geom.errors import BatchError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.batching.files import circle, curve_text, holed_text, packed_zip, record, results, vertex_lines, write_curves
+from tests.fill.shapes import cylinder
 
 Told = list[dict[str, Any]]
 ROOT = Path(__file__).parents[2]
@@ -144,6 +145,22 @@ def test_comparisons_stand_in_the_record(tmp_path: Path) -> None:
     assert 0 < entry["comparison"]["hausdorff"]["mean"] < entry["comparison"]["hausdorff"]["max"] < 0.2
     assert not any("seconds" in key for key in entry["comparison"])
     assert entry["seconds"]["comparison"] > 0
+
+
+def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
+    vertices, faces = cylinder(16, 4)
+    lines = "".join("f " + " ".join(map(str, face)) + "\n" for face in (faces + 1).tolist())
+    path = tmp_path / "tube.obj"
+    path.write_text(
+        vertex_lines(vertices) + lines + vertex_lines(circle(12)) + "l -12 -11 -10 -9 -8 -7 -6 -5 -4 -3 -2 -1 -12\n"
+    )
+    solved([path], tmp_path / "out", continuity="C1", compare=True)
+    *holes, curve = record(tmp_path / "out", "tube.obj")["loops"]
+    assert [hole["continuation"]["started_from"] for hole in holes] == ["minimal", "minimal"]
+    # two domes over circles of radius 1; the lids have π each
+    assert all(hole["area"] > 3.5 and hole["comparison"] is None for hole in holes)
+    assert (curve["kind"], curve["continuation"]) == ("curve", None)
+    assert curve["comparison"] is not None
 
 
 def test_edge_length_and_tolerance_are_obeyed(tmp_path: Path) -> None:
@@ -284,6 +301,7 @@ def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
         {"edge_length": "long"},
         {"tolerance": -1.0},
         {"closing": float("nan")},
+        {"continuity": "C2"},
     ],
 )
 def test_options_are_checked(wrong: dict[str, Any]) -> None:

@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spinor_geom.adapters import read_mesh
 from spinor_geom.cli import console
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.errors import FirstFillError
 from spinor_geom.fill.loops import boundary_loops
-from tests.fill.shapes import collar, figure_eight, spiked_tetrahedron, tube
+from tests.fill.shapes import collar, cylinder, figure_eight, spiked_tetrahedron, tube
 from tests.fill.test_bridge import island, places, ring
 
 
@@ -180,6 +181,24 @@ def test_bridge_joins_two_rims_and_islands_are_joined_on_request(
     with pytest.raises(SystemExit, match="2"):
         main(["fill", str(path), "-o", output, "--bridge", "1,2", "--loop", "3"])
     assert "not allowed with" in capsys.readouterr().err
+
+
+def test_continuity_makes_smooth_patches_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, output, report = write_obj(tmp_path / "in.obj", *cylinder(16, 4)), tmp_path / "out.ply", tmp_path / "r.json"
+    page = tmp_path / "page.html"
+    arguments = ["fill", str(path), "-o", str(output), "--report", str(report), "--html", str(page), "--compare"]
+    monkeypatch.setattr(sys, "stdout", Terminal())
+    assert main([*arguments, "--continuity", "C1", "--strict"]) == 0
+    assert [entry["kind"] for entry in json.loads(report.read_text())["loops"]] == ["smooth", "smooth"]
+    assert "smooth" in sys.stdout.getvalue()  # type: ignore[attr-defined]
+    assert "smooth" in page.read_text()
+    filled = read_mesh(output).mesh.vertices
+    assert filled[:, 2].max() > 2.3  # a dome on the tube's end at 2
+    with pytest.raises(SystemExit, match="2"):
+        main([*arguments, "--continuity", "C3"])
+    assert "argument --continuity" in capsys.readouterr().err
 
 
 def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

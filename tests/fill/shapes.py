@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -25,6 +27,24 @@ def tube(sides: int = 16, rings: int = 3, *, squeeze: float = 1.0) -> tuple[np.n
         for k in range(rings - 1)
     ]
     return np.concatenate(levels), np.concatenate(faces)
+
+
+def rounds_and_rows(
+    point: Callable[[float, float], tuple[float, float, float]], rounds: int, rows: np.ndarray, *, closed: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh of a surface over an angle and the values of another parameter, with diagonals to and fro."""
+    angle = 2 * np.pi * np.arange(rounds) / rounds
+    vertices = np.array([point(a, row) for row in rows for a in angle])
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(rounds), np.arange(len(rows) - (not closed))))
+    a, b = j * rounds + i, j * rounds + (i + 1) % rounds
+    c, d = ((k + rounds) % len(vertices) for k in (a, b))
+    one = np.where(((i + j) % 2)[:, None], np.stack([a, b, d], 1), np.stack([a, b, c], 1))
+    other = np.where(((i + j) % 2)[:, None], np.stack([a, d, c], 1), np.stack([b, d, c], 1))
+    return vertices, np.concatenate([one, other])
+
+
+def cylinder(rounds: int = 48, rows: int = 31, *, half: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
+    return rounds_and_rows(lambda a, z: (np.cos(a), np.sin(a), z), rounds, np.linspace(-half, half, rows))
 
 
 def folded_quad() -> tuple[np.ndarray, np.ndarray]:

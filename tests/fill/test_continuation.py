@@ -1,0 +1,289 @@
+"""Patches that go on with the mesh: known surfaces come back, the mesh stays as it is, what cannot go on is said."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull
+
+from spinor_geom.errors import OptionError
+from spinor_geom.fill.collar import FacesAround, bend_across, collar_of
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.fill.shapes import cone, cylinder, rounds_and_rows, tube
+
+Mesh = tuple[np.ndarray, np.ndarray]
+
+
+def without(mesh: Mesh, removed: np.ndarray) -> Mesh:
+    """A mesh without some faces, and without the vertices that only they used."""
+    vertices, faces = mesh
+    used, faces = np.unique(faces[~removed], return_inverse=True)
+    return vertices[used], faces.reshape(-1, 3)
+
+
+def centres(mesh: Mesh) -> np.ndarray:
+    return np.asarray(mesh[0][mesh[1]].mean(axis=1))
+
+
+def ball(points: np.ndarray) -> Mesh:
+    """The mesh of points on the unit sphere, normals outwards."""
+    points = points / np.linalg.norm(points, axis=1, keepdims=True)
+    faces = ConvexHull(points).simplices
+    corner = points[faces]
+    inwards = (
+        np.einsum("fk,fk->f", np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), corner[:, 0]) < 0
+    )
+    return points, np.where(inwards[:, None], faces[:, ::-1], faces)
+
+
+def icosphere(subdivisions: int) -> Mesh:
+    mesh = trimesh.creation.icosphere(subdivisions)
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+def jittered_ball() -> Mesh:
+    points = icosphere(3)[0]
+    return ball(points + np.random.default_rng(0).normal(scale=0.02, size=points.shape))
+
+
+def continued(mesh: Mesh, **options: Any) -> tuple[np.ndarray, LoopOutcome]:
+    """The new vertices of a mesh, one of whose holes is filled, and its outcome; the mesh must be left alone."""
+    (vertices, faces), report = fill_hole(mesh, continuity="C1", return_report=True, **options)
+    np.testing.assert_array_equal(vertices[: len(mesh[0])], mesh[0])
+    np.testing.assert_array_equal(faces[: len(mesh[1])], mesh[1])
+    filled = [outcome for outcome in report.loops if outcome.patch is not None]
+    assert len(filled) == 1
+    return vertices[len(mesh[0]) :], filled[0]
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def heights(points: np.ndarray) -> np.ndarray:
+    """Distances from the unit sphere."""
+    return np.asarray(np.linalg.norm(points, axis=1) - 1)
+
+
+@pytest.mark.parametrize("height", [0.85, 0.7, 0.3, 0.0])
+@pytest.mark.parametrize("sphere", [icosphere(3), jittered_ball()], ids=["icosphere", "jittered"])
+def test_caps_of_spheres_come_back(sphere: Mesh, height: float) -> None:
+    mesh = without(sphere, centres(sphere)[:, 2] > height)
+    new, outcome = continued(mesh)
+    assert (outcome.kind, outcome.converged, outcome.reason) == ("smooth", True, "")
+    # vertices on a sphere have one mean curvature, whatever the triangles: only the steps' tolerance is left
+    assert rms(heights(new)) < 1e-3
+    told = outcome.continuation
+    assert told is not None
+    # as the sphere's own edges bend: 5.5°
+    assert told.after.rms < 7 < told.before.rms
+    assert told.after.largest < 30
+
+
+def test_more_than_half_a_sphere_comes_back() -> None:
+    mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.2)
+    new, outcome = continued(mesh, loop=0)
+    assert outcome.continuation is not None
+    # the film turns back over the mesh, and its triangles are stretched by more than 2
+    assert outcome.continuation.before.rms > 90
+    assert outcome.continuation.remeshed
+    assert rms(heights(new)) < 0.02
+
+
+def test_windows_in_cylinders_and_tori_are_closed_round() -> None:
+    tube_mesh = cylinder()
+    x, y, z = centres(tube_mesh).T
+    window = np.hypot(np.arctan2(y, x), z) < 0.9
+    rim = min(boundary_loops(without(tube_mesh, window)), key=lambda loop: abs(loop.points[:, 2]).max())
+    new, _ = continued(without(tube_mesh, window), loop=rim)
+    film = fill_hole(without(tube_mesh, window), rim)[0][len(without(tube_mesh, window)[0]) :]
+    assert rms(np.hypot(new[:, 0], new[:, 1]) - 1) < 1e-3 < 0.05 < rms(np.hypot(film[:, 0], film[:, 1]) - 1)
+    torus = rounds_and_rows(
+        lambda a, b: ((1 + 0.4 * np.cos(a)) * np.cos(b), (1 + 0.4 * np.cos(a)) * np.sin(b), 0.4 * np.sin(a)),
+        36,
+        2 * np.pi * np.arange(72) / 72,
+        closed=True,
+    )
+    for place in ([1.4, 0, 0], [1.0, 0, 0.4], [0.6, 0, 0]):
+        new, _ = continued(without(torus, np.linalg.norm(centres(torus) - place, axis=1) < 0.35))
+        off = np.hypot(np.hypot(new[:, 0], new[:, 1]) - 1, new[:, 2]) - 0.4
+        assert rms(off) < 2e-3
+
+
+def test_plane_surroundings_give_the_plane() -> None:
+    rng = np.random.default_rng(3)
+    flat = rounds_and_rows(lambda a, r: (r * np.cos(a), r * np.sin(a), 0.0), 40, np.linspace(1, 2, 8))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    mesh = flat[0] @ turn.T + 5, flat[1]
+    rim = min(boundary_loops(mesh), key=lambda loop: loop.perimeter)
+    new, outcome = continued(mesh, loop=rim)
+    assert outcome.kind == "smooth"
+    assert np.abs((new - 5) @ turn[:, 2]).max() < 1e-13
+    assert outcome.continuation is not None
+    assert outcome.continuation.after.largest < 1e-5
+
+
+@pytest.mark.parametrize(("half", "start", "error"), [(0.45, "minimal", 1e-3), (1.4, "strip", 1e-3)])
+def test_a_tube_goes_on_as_a_tube(half: float, start: str, error: float) -> None:
+    # farther apart than 1.33 no catenoid joins the rims
+    whole = cylinder(32, 41, half=4.0)
+    mesh = without(whole, abs(centres(whole)[:, 2]) < half)
+    places = [k for k, loop in enumerate(boundary_loops(mesh)) if abs(loop.points[:, 2]).max() < 3]
+    (vertices, faces), report = fill_hole(mesh, bridge=places, continuity="C1", return_report=True)
+    for place in places:
+        told = report.loops[place].continuation
+        assert report.loops[place].kind == "smooth"
+        assert told is not None
+        assert told.started_from == start
+    new = vertices[len(mesh[0]) :]
+    assert len(new)
+    assert rms(np.hypot(new[:, 0], new[:, 1]) - 1) < error
+    assert {abs(loop.points[:, 2]).max() > 3 for loop in boundary_loops((vertices, faces))} == {True}
+    if start == "strip":
+        assert not fill_hole(mesh, bridge=places, return_report=True)[1].closed
+
+
+def test_a_border_near_the_rim_does_not_hold_the_patch_back() -> None:
+    sphere = icosphere(4)
+    x, y, z = centres(sphere).T
+    # two rows of triangles are left between hole and border
+    mesh = without(sphere, (np.hypot(x, y) < 0.35) & (z > 0) | (y > 0.45))
+    rim = min(boundary_loops(mesh), key=lambda loop: loop.perimeter)
+    new, outcome = continued(mesh, loop=rim)
+    assert outcome.kind == "smooth"
+    assert rms(heights(new)) < 1e-3
+
+
+def test_two_rims_may_share_their_rings() -> None:
+    sphere = icosphere(4)
+    middles = np.array([[np.sin(0.35), 0, np.cos(0.35)], [-np.sin(0.35), 0, np.cos(0.35)]])
+    near = np.linalg.norm(centres(sphere)[:, None] - middles, axis=2).min(axis=1) < 0.3
+    mesh = without(sphere, near)
+    (vertices, faces), report = fill_hole(mesh, continuity="C1", return_report=True)
+    assert [outcome.kind for outcome in report.loops] == ["smooth", "smooth"]
+    assert is_watertight(faces)
+    assert rms(heights(vertices[len(mesh[0]) :])) < 1e-3
+
+
+def cube(cells: int = 12) -> Mesh:
+    step = np.linspace(-1, 1, cells + 1)
+    points = np.unique(np.stack(np.meshgrid(step, step, step), axis=-1).reshape(-1, 3), axis=0)
+    points = points[np.abs(points).max(axis=1) == 1]
+    sides = []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            on = np.flatnonzero(points[:, axis] == side)
+            order = np.lexsort(points[on][:, [(axis + 2) % 3, (axis + 1) % 3]].T)
+            square = on[order].reshape(cells + 1, cells + 1)
+            a, b, c, d = square[:-1, :-1], square[1:, :-1], square[1:, 1:], square[:-1, 1:]
+            faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+            sides.append(faces if side > 0 else faces[:, ::-1])
+    return points, np.concatenate(sides)
+
+
+def test_nothing_goes_on_across_a_crease() -> None:
+    box = cube()
+    # the hole lies over an edge of the cube: what went on with both sides would have a ridge outside
+    mesh = without(box, np.linalg.norm(centres(box) - [1, 1, 0], axis=1) < 0.5)
+    new, outcome = continued(mesh)
+    assert outcome.continuation is not None
+    assert outcome.continuation.creased == 2
+    assert np.abs(new).max() <= 1 + 1e-9
+
+
+def test_noise_is_not_amplified_and_told() -> None:
+    vertices, faces = icosphere(4)
+    edge, noise = 0.069, 0.1
+    rng = np.random.default_rng(1)
+    mesh = without((vertices, faces), centres((vertices, faces))[:, 2] > 0.7)
+    _, smooth = continued(mesh)
+    rough = mesh[0] * (1 + noise * edge * rng.normal(size=len(mesh[0])))[:, None], mesh[1]
+    new, outcome = continued(rough)
+    assert outcome.continuation is not None
+    assert smooth.continuation is not None
+    assert smooth.continuation.roughness < 0.1 < 1 < outcome.continuation.roughness
+    assert outcome.continuation.correlation_length == 0
+    # 0.03 is what noise of 0.069 · 0.1 leaves in the sum over all normals of the rim; the film is off by 0.15
+    assert rms(heights(new)) < 0.03
+
+
+def test_what_would_cross_where_the_film_does_not_is_left_a_film() -> None:
+    sphere = icosphere(3)
+    bowl = without(sphere, centres(sphere)[:, 2] > 0.3)
+    # a plate over the lid, where the dome would be
+    plate = np.array([[-0.3, -0.3, 0.8], [0.3, -0.3, 0.8], [0.0, 0.4, 1.2]])
+    mesh = np.concatenate([bowl[0], plate]), np.concatenate([bowl[1], [len(bowl[0]) + np.arange(3)]])
+    rim = max(boundary_loops(mesh), key=len)
+    new, outcome = continued(mesh, loop=rim)
+    assert (outcome.kind, outcome.continuation, outcome.intersections) == ("minimal", None, 0)
+    assert outcome.converged
+    assert "not continued smoothly, as then the patch crosses the mesh" in outcome.remarks[0]
+    assert outcome.remarks[0] in outcome.shortcomings[0]
+    assert new[:, 2].max() < 0.5
+
+
+def test_a_discrete_patch_is_continued_too() -> None:
+    sphere = trimesh.creation.uv_sphere(count=[32, 48])
+    mesh = np.asarray(sphere.vertices), np.asarray(sphere.faces)
+    # teeth as long as the sphere's slender triangles: no exact surface meets them
+    new, outcome = continued(without(mesh, centres(mesh)[:, 2] > 0.85))
+    assert outcome.continuation is not None
+    assert (outcome.kind, outcome.continuation.started_from, outcome.solution) == ("smooth", "discrete", None)
+    assert rms(heights(new)) < 1e-3
+
+
+def test_attributes_follow() -> None:
+    vertices, faces = icosphere(3)
+    mesh = without((vertices, faces), centres((vertices, faces))[:, 2] > 0.7)
+    named = TriangleMesh(*mesh, vertex_attributes={"normal": mesh[0], "place": mesh[0][:, :1]})
+    filled, _ = fill_hole(named, continuity="C1", return_report=True)
+    new = slice(len(mesh[0]), None)
+    normals = filled.vertex_attributes["normal"][new]
+    # the normals are those of the continuation, not of the film, whose are all (0, 0, 1)
+    assert np.einsum("ik,ik->i", normals, filled.vertices[new]).min() > 0.99
+    assert np.corrcoef(filled.vertex_attributes["place"][new, 0], filled.vertices[new, 0])[0, 1] > 0.99
+
+
+def test_a_patch_without_inner_vertices_stays() -> None:
+    mesh = tube(4, 2)
+    (vertices, _), report = fill_hole(mesh, continuity="C1", target_edge_length=10.0, return_report=True)
+    assert len(vertices) == len(mesh[0])
+    assert [(outcome.kind, outcome.remarks) for outcome in report.loops] == [("minimal", ())] * 2
+
+
+def test_the_report_tells_the_bend_and_the_surface_before() -> None:
+    mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > 0.7)
+    _, outcome = continued(mesh)
+    entry = json.loads(json.dumps(outcome.to_dict()))
+    assert entry["kind"] == "smooth"
+    assert entry["continuation"]["started_from"] == "minimal"
+    assert entry["continuation"]["before"]["rms_degrees"] > entry["continuation"]["after"]["rms_degrees"]
+    assert outcome.solution is not None
+    # the film's area is its own; a cap's is 2π(1 − z)
+    assert outcome.solution.area < 1.7 < entry["area"] < 2.1
+
+
+def test_an_unknown_continuity_is_refused() -> None:
+    with pytest.raises(OptionError, match="continuity must be 'C0' or 'C1', not 'C2'"):
+        fill_hole(tube(), continuity="C2")  # type: ignore[call-overload]
+
+
+def test_the_bend_is_the_angle_between_the_faces_at_the_rim() -> None:
+    mesh = cylinder(16, 3)
+    loop = boundary_loops(mesh)[0]
+    lid = cone(loop)
+    collar = collar_of(FacesAround(TriangleMesh(*mesh)), loop.vertex_ids, lid)
+    for tip, angle in ((0.0, 90.0), (np.cos(np.pi / 16), 45.0)):
+        vertices = lid.vertices.copy()
+        vertices[-1, 2] += tip * np.sign(loop.centroid[2])
+        bend = bend_across(collar, replace(lid, vertices=vertices))
+        np.testing.assert_allclose([bend.largest, bend.rms], angle, rtol=1e-9)
