@@ -10,6 +10,7 @@ from spinor_geom.bench.tables import Table
 
 BEGIN, END = "<!-- figures: begin (written by figures.py) -->", "<!-- figures: end -->"
 BENCH_BEGIN, BENCH_END = "<!-- bench: begin (written by figures.py --bench) -->", "<!-- bench: end -->"
+CUT_OUTS_BEGIN, CUT_OUTS_END = "<!-- cut-outs: begin (written by figures.py --cut-outs) -->", "<!-- cut-outs: end -->"
 REASON_LENGTH = 110
 
 

@@ -19,6 +19,7 @@ Each group is measured in one run and makes tables of its own:
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,14 +32,24 @@ from figure_paper import Training, paper
 from figure_rims import rims
 from figure_solutions import solutions
 from figure_speed import speed
-from figure_tables import BENCH_BEGIN, BENCH_END, replaced_section
+from figure_tables import BENCH_BEGIN, BENCH_END, CUT_OUTS_BEGIN, CUT_OUTS_END, replaced_section
 
+from spinor_geom.bench.claims import claims
+from spinor_geom.bench.cut_out_pictures import pictures
+from spinor_geom.bench.cut_out_tables import cut_out_tables
 from spinor_geom.bench.machine import machine, told
-from spinor_geom.bench.page import TABLES
-from spinor_geom.bench.tables import Table
+from spinor_geom.bench.page import TABLES, table_of
+from spinor_geom.bench.runner import DESCRIPTION, PICTURED, VIEWS, read_records
+from spinor_geom.bench.tables import Table, claim_table
 from spinor_geom.files import atomic_path
 
 README = Path(__file__).parent / "README.md"
+CUT_OUTS, PICTURE = README.with_name("cut-outs.csv"), README.parents[1] / "docs" / "cut-outs.png"
+CUT_OUT_FIELDS = (
+    *("suite", "case", "kind", "method", "status", "reason", "seconds", "open_rim_edges", "new_open_edges"),
+    *("old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "triangles", "min_angle", "max_angle"),
+    *("diameter", "distance", "vertex_distance", "surface_distance", "bend", "removed_bend"),
+)
 USUAL_GROUPS = ("curves", "any_loop", "random", "solutions", "rims", "speed", "paper", "everyday", "meshes")
 
 
@@ -47,6 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parsed(arguments)
     if options.bench is not None:
         write_whole(README, with_bench(README.read_text(encoding="utf-8"), options.bench))
+        return 0
+    if options.cut_outs is not None:
+        show_cut_outs(options.cut_outs)
         return 0
     groups: dict[str, Callable[[], list[Table]]] = {
         "curves": lambda: curves(options.only),
@@ -102,6 +116,13 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         metavar="RUN",
         help="measure nothing; put the tables of a run of spinor-geom bench, a folder, into benchmarks/README.md",
     )
+    parser.add_argument(
+        "--cut-outs",
+        type=Path,
+        metavar="RUN",
+        help="measure nothing; put what a run of spinor-geom bench --cases cut-outs, a folder, measured into "
+        "benchmarks/README.md, benchmarks/cut-outs.csv and docs/cut-outs.png",
+    )
     output = parser.add_mutually_exclusive_group()
     output.add_argument("-o", "--output", type=Path, metavar="FILE", help="write there instead of standard output")
     output.add_argument("--write", action="store_true", help="replace the tables in benchmarks/README.md")
@@ -122,6 +143,20 @@ def with_bench(text: str, run: Path) -> str:
     parts = (run / TABLES).read_text(encoding="utf-8").split("\n### ")
     section = "\n### ".join(part for part in parts if not part.startswith("Odd rims, in full"))
     return replaced_section(text, section, begin=BENCH_BEGIN, end=BENCH_END)
+
+
+def show_cut_outs(run: Path) -> None:
+    """Writes the tables of a run of cut-outs into the page, a line a measurement as CSV, and the picture."""
+    records = read_records(run)
+    description = json.loads((run / DESCRIPTION).read_text(encoding="utf-8"))
+    promises = claim_table([claim for claim in claims(records) if claim.kind == "accuracy"])
+    section = "\n\n".join([told(description["machine"]), *map(str, [promises, *cut_out_tables(records)])])
+    page = README.read_text(encoding="utf-8")
+    write_whole(README, replaced_section(page, section, begin=CUT_OUTS_BEGIN, end=CUT_OUTS_END))
+    write_whole(CUT_OUTS, table_of([{name: r[name] for name in CUT_OUT_FIELDS if name in r} for r in records]))
+    figure = pictures([run / VIEWS / case for case in PICTURED])
+    with atomic_path(PICTURE) as temporary:
+        figure.savefig(temporary, dpi=100)
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 
 from spinor_geom import gallery, read_mesh
+from spinor_geom.bench import runner
+from spinor_geom.bench.runner import Settings, measure
 from spinor_geom.bench.tables import Table
 from spinor_geom.errors import SurfaceError
+from tests.bench.test_run import in_this_process
 from tests.exact_solutions import ENNEPER, exact_solution, with_stability
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -276,3 +279,27 @@ def test_rims_are_measured_beside_their_targets(figures: ModuleType, capsys: pyt
     assert figures.main(["rims", "--only", "plane rings"]) == 0
     rows = [cells(line) for line in capsys.readouterr().out.splitlines() if line.startswith("| plane")]
     assert [row[4] for row in rows if row[1] == "error of the area"] == ["met", "met"]
+
+
+def test_a_run_of_cut_outs_becomes_tables_a_csv_and_a_picture(
+    figures: ModuleType, tables: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runner, "run_isolated", in_this_process)
+    run = tmp_path / "run"
+    settings = Settings.short(cases=("torus-outside-0.4", "open-cone"), methods=("spinor-fill",))
+    measure(settings, run)
+    page = tmp_path / "README.md"
+    page.write_text(f"before\n\n{tables.CUT_OUTS_BEGIN}\nold\n{tables.CUT_OUTS_END}\nafter\n", encoding="utf-8")
+    places = {"README": page, "CUT_OUTS": tmp_path / "all.csv", "PICTURE": tmp_path / "all.png"}
+    for name, value in {**places, "PICTURED": ("torus-outside-0.4",)}.items():
+        monkeypatch.setattr(figures, name, value)
+    assert figures.main(["--cut-outs", str(run)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "old" not in text
+    assert "| spinor-fill | 1 of 1 |" in text
+    header, *lines = places["CUT_OUTS"].read_text(encoding="utf-8").splitlines()
+    assert [line.split(",")[1] for line in lines] == ["torus-outside-0.4", "open-cone"]
+    # neither paths of this machine nor what a tool said
+    assert str(tmp_path) not in text + "".join(lines)
+    assert "distance" in header.split(",")
+    assert places["PICTURE"].stat().st_size > 5000

@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.peers import PEERS, Filled, Peer
+from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.fill_hole import fill_hole
 
-OURS = "spinor-fill"
+OURS, SMOOTH = "spinor-fill", "spinor-fill-c1"
+OUR_FILLERS = (OURS, SMOOTH)
+# those that are asked to continue the mesh smoothly, each in the ways that do it best, beside ours
+SMOOTHEST = (
+    *OUR_FILLERS,
+    "meshlib-nicely",
+    "meshlib-nicely-fine",
+    "meshlib-nicely-natural",
+    "cgal-fair",
+    "cgal-fair-2",
+    "meshlab-close-smoothed",
+    "pymeshfix-refined",
+)
 
 
 def _prepare(hole: Hole) -> Any:
     return (hole.vertices, hole.faces), {"bridge" if hole.facing else "loop": hole.places}
 
 
-def _fill(state: Any) -> Any:
+def _fill(state: Any, continuity: Continuity) -> Any:
     mesh, which = state
-    return fill_hole(mesh, **which, islands="join", return_report=True)
+    return fill_hole(mesh, **which, islands="join", continuity=continuity, return_report=True)
 
 
 def _finish(state: Any, answer: Any) -> Filled:
@@ -37,18 +51,30 @@ def _finish(state: Any, answer: Any) -> Filled:
     )
 
 
+_WAYS: tuple[tuple[str, Continuity, str], ...] = (
+    (
+        OURS,
+        "C0",
+        "fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, meshing, "
+        "stitching",
+    ),
+    (SMOOTH, "C1", 'the same with continuity="C1"'),
+)
+
 FILLERS: Mapping[str, Peer] = {
     peer.name: peer
     for peer in (
-        Peer(
-            name=OURS,
-            package="spinor_geom",
-            distribution="spinor-geom",
-            options="fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, "
-            "meshing, stitching",
-            prepare=_prepare,
-            fill=_fill,
-            finish=_finish,
+        *(
+            Peer(
+                name=name,
+                package="spinor_geom",
+                distribution="spinor-geom",
+                options=options,
+                prepare=_prepare,
+                fill=partial(_fill, continuity=continuity),
+                finish=_finish,
+            )
+            for name, continuity, options in _WAYS
         ),
         *PEERS,
     )

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.bench.cases import Case, diameter_of
+from spinor_geom.bench.cut_outs import CutOut
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.methods import Spanned
 from spinor_geom.bench.peers import Filled
 from spinor_geom.gallery.chart import Chart
+from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.measures.quality import triangle_quality
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.intersections import self_intersections
-from spinor_geom.mesh.operators import face_areas
+from spinor_geom.mesh.intersections import intersections_between, self_intersections
+from spinor_geom.mesh.operators import face_areas, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -30,7 +33,10 @@ _MOST_CROSSING_FACES = 300_000
 # vertices nearer than this share of the diagonal are the same: room for tools that keep single precision
 _SAME = 1e-6
 
+DISTANCE = "distance / diameter"
+
 Figures = dict[str, Any]
+View: TypeAlias = tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]
 
 
 def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Figures:
@@ -60,10 +66,7 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Fig
 
 def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     """The figures of a mesh with its rims closed, or not."""
-    old, vertex_of = _old_faces(filled, hole)
-    # sides of old triangles that a tool divided or moved are no part of the patch, nor are caps on other boundaries
-    elsewhere = np.setdiff1d(np.arange(len(hole.vertices)), hole.rim)
-    patch = filled.faces[~old & ~np.isin(vertex_of[filled.faces], elsewhere).any(axis=1)]
+    old, vertex_of, patch = _parts(filled, hole)
     diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
     rim_left = _open(filled.faces, vertex_of, hole.rim_edges)
     half = HalfEdges.of(filled.faces)
@@ -73,7 +76,7 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
         "new_open_edges": new_open,
         "outer_kept_open": _open(filled.faces, vertex_of, hole.outer_edges) == len(hole.outer_edges),
         "nonmanifold_edges": int((half.counts > 2).sum()),
-        "old_faces_kept": int(old.sum()) == len(hole.faces),
+        "old_faces_kept": int(old.sum()) == len(hole.faces) and not _moved(filled, hole, vertex_of),
         "rim_kept": _contains_rows(filled.vertices, hole.vertices[hole.rim]),
         "triangles": len(patch),
         "told": filled.told,
@@ -92,7 +95,70 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
         figures["mesh_area_error"] = abs(figures["mesh_area"] / case.area - 1)
         figures["area_excess"] = figures["mesh_area"] / case.area - 1
     figures["patches"] = 1 + int(face_components(patch).max())
+    if len(filled.faces) <= _MOST_CROSSING_FACES:
+        figures["mesh_crossings"] = len(
+            intersections_between(vertices, faces.reshape(-1, 3), filled.vertices, _others(filled, patch))
+        )
     return figures
+
+
+def cut_out_figures(filled: Filled, cut_out: CutOut) -> Figures:
+    """The figures of a hole of which it is known what was in it, and how far what a filler put there is from that.
+
+    Lengths are in units of the largest distance of two points of the rims.
+    """
+    figures = hole_figures(filled, cut_out.hole, None) | {"diameter": cut_out.diameter, "kind": cut_out.kind}
+    _, vertex_of, patch = _parts(filled, cut_out.hole)
+    if not len(patch):
+        return figures
+    new = np.unique(patch)
+    new = new[vertex_of[new] < 0]
+    there = mesh_samples(filled.vertices, patch, _DISTANCE_SAMPLES)
+    missed = mesh_samples(cut_out.vertices, cut_out.faces, _DISTANCE_SAMPLES)
+    forth = _rms(cut_out.distances(there.points), there.areas)
+    back = _rms(distances_to_mesh(missed.points, filled.vertices, patch), missed.areas)
+    figures["surface_distance"] = math.sqrt((forth**2 + back**2) / 2) / cut_out.diameter
+    if len(new):
+        figures["vertex_distance"] = _rms(cut_out.distances(filled.vertices[new])) / cut_out.diameter
+    # chords are off an exact surface however good their ends are
+    of_ends = cut_out.exact is not None and len(new) > 0
+    figures["distance"] = figures["vertex_distance" if of_ends else "surface_distance"]
+    rest = cut_out.places[cut_out.hole.faces]
+    figures["bend"] = rim_bend(filled.vertices, patch, _others(filled, patch))
+    figures["removed_bend"] = rim_bend(cut_out.vertices, cut_out.faces, rest)
+    return figures
+
+
+def cut_out_views(filled: Filled, cut_out: CutOut) -> dict[str, View]:
+    """What was removed, by the name "removed", and the patches, by none; coloured by distance per diameter."""
+    _, _, patch = _parts(filled, cut_out.hole)
+    made: dict[str, View] = {}
+    for name, vertices, faces in (("removed", cut_out.vertices, cut_out.faces), ("", filled.vertices, patch)):
+        if len(faces):
+            used, index = np.unique(faces, return_inverse=True)
+            distance = cut_out.distances(vertices[used]) / cut_out.diameter
+            made[name] = vertices[used], index.reshape(-1, 3), {DISTANCE: distance}
+    return made
+
+
+def rim_bend(
+    vertices: Float[np.ndarray, "n 3"], patch: Int[np.ndarray, "p 3"], rest: Int[np.ndarray, "f 3"]
+) -> float | None:
+    """Root mean square angle, in radians and by length, between a patch and the rest of its mesh along their edges.
+
+    None where they have no edge in common.
+    """
+    half = HalfEdges.of(np.concatenate([patch, rest]))
+    first, second = half.pairs[(half.pairs < 3 * len(patch)).sum(axis=1) == 1].T
+    if not len(first):
+        return None
+    corners = vertices[np.concatenate([patch, rest])]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # faces that run through their edge in the same direction have their normals on different sides
+    sign = np.where(half.origin[first] == half.origin[second], -1.0, 1.0)
+    one, other = normals[first // 3], sign[:, None] * normals[second // 3]
+    angles = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+    return _rms(angles, np.linalg.norm(vertices[half.origin[first]] - vertices[half.target[first]], axis=1))
 
 
 def patch_figures(
@@ -107,6 +173,8 @@ def patch_figures(
         "curvature_max": curvature.max * diameter,
         "curvature_rms": curvature.rms * diameter,
         "min_angle": triangle_quality(vertices, faces).min,
+        # of a triangle without area as of one that is flat
+        "max_angle": float(np.degrees(np.nan_to_num(internal_angles(vertices, faces), nan=np.pi).max())),
         "nonmanifold_edges": int((HalfEdges.of(faces).counts > 2).sum()),
         "crossings": len(self_intersections(vertices, faces)) if len(faces) <= _MOST_CROSSING_FACES else None,
     }
@@ -126,7 +194,7 @@ def vertex_fields(
     bend[curvature.vertices] = curvature.values * diameter
     fields = {"mean curvature · diameter": bend}
     if chart is not None:
-        fields["distance / diameter"] = chart.distances(vertices) / diameter
+        fields[DISTANCE] = chart.distances(vertices) / diameter
     return fields
 
 
@@ -141,15 +209,30 @@ def _exact_curvature(solution: PlateauSolution, diameter: float) -> Figures:
     return {"exact_curvature_median": float(np.median(values)), "exact_curvature_max": float(values.max(initial=0))}
 
 
+def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " n"], Int[np.ndarray, "p 3"]]:
+    """What `_old_faces` finds, and the faces of the patches.
+
+    Sides of old triangles that a tool divided or moved are no part of the patches, nor are caps on other boundaries.
+    """
+    old, vertex_of = _old_faces(filled, hole)
+    elsewhere = np.setdiff1d(np.arange(len(hole.vertices)), hole.rim)
+    new = filled.faces[~old & ~np.isin(vertex_of[filled.faces], elsewhere).any(axis=1)]
+    # the inside of a cap has no old vertex: it is told by its piece, which meets no rim
+    pieces = face_components(new)
+    return old, vertex_of, new[np.isin(pieces, pieces[(vertex_of[new] >= 0).any(axis=1)])]
+
+
 def _old_faces(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " n"]]:
     """Which faces were there before, and for each vertex the one of the hole's mesh it is, or −1.
 
-    By positions: some tools renumber, and some keep single precision only.
+    By positions: some tools renumber, and some keep single precision only. Where most old vertices are in their places
+    the order was kept, though a tool that smooths may have moved others.
     """
     diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
     distance, nearest = cKDTree(hole.vertices).query(filled.vertices)
-    kept = len(filled.vertices) >= len(hole.vertices) and bool(
-        (np.abs(filled.vertices[: len(hole.vertices)] - hole.vertices) <= _SAME * diagonal).all()
+    first = filled.vertices[: len(hole.vertices)]
+    kept = len(first) == len(hole.vertices) and bool(
+        (np.abs(first - hole.vertices) <= _SAME * diagonal).all(axis=1).mean() > 0.5
     )
     vertex_of = np.where(np.asarray(distance) <= _SAME * diagonal, np.asarray(nearest), -1)
     if kept:
@@ -167,6 +250,23 @@ def _face_keys(faces: Int[np.ndarray, "f 3"], count: int) -> Int[np.ndarray, " f
     a, b, c = np.sort(faces, axis=1).astype(np.int64).T
     # meshes have fewer than two million vertices here
     return np.asarray((a * count + b) * count + c)
+
+
+def _others(filled: Filled, patch: Int[np.ndarray, "p 3"]) -> Int[np.ndarray, "f 3"]:
+    """The faces that are not of the patches."""
+    count = len(filled.vertices)
+    return filled.faces[~np.isin(_face_keys(filled.faces, count), _face_keys(patch, count))]
+
+
+def _moved(filled: Filled, hole: Hole, vertex_of: Int[np.ndarray, " n"]) -> bool:
+    """Whether old vertices lie elsewhere now."""
+    old = vertex_of >= 0
+    step = np.abs(filled.vertices[old] - hole.vertices[vertex_of[old]]).max(initial=0.0)
+    return bool(step > _SAME * np.linalg.norm(np.ptp(hole.vertices, axis=0)))
+
+
+def _rms(values: Float[np.ndarray, " k"], weights: Float[np.ndarray, " k"] | None = None) -> float:
+    return float(np.sqrt(np.average(values**2, weights=weights)))
 
 
 def _open(faces: Int[np.ndarray, "f 3"], vertex_of: Int[np.ndarray, " n"], edges: Int[np.ndarray, "e 2"]) -> int:

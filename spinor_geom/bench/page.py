@@ -12,15 +12,18 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from spinor_geom.bench.cut_out_pictures import pieces_of, scale_of
+from spinor_geom.bench.cut_out_tables import cut_out_tables
 from spinor_geom.bench.isolate import Record
 from spinor_geom.bench.machine import told
+from spinor_geom.bench.measure import DISTANCE
 from spinor_geom.bench.runner import VIEWS, Run
 from spinor_geom.bench.scaling import fits
 from spinor_geom.bench.tables import Table, option_table, tables
 from spinor_geom.files import atomic_path, write_json
 from spinor_geom.render import page
 from spinor_geom.render.plots import log_log
-from spinor_geom.render.viewer import STYLE, MeshView, Views
+from spinor_geom.render.viewer import STYLE, Faces, MeshView, Scene, Views
 
 PAGE, TABLES, CSV, JSON, PLOTS = "report.html", "tables.md", "records.csv", "records.json", "plots"
 _RESOLUTION = 110
@@ -31,7 +34,7 @@ _MOST_VIEWS = 12
 
 def write(run: Run) -> None:
     """Writes all files of a run beside its records, each whole or not at all."""
-    made = tables(run.records)
+    made = [*tables(run.records), *cut_out_tables(run.records)]
     pictures = plots(run.records)
     _text(run.folder / TABLES, markdown(run, made))
     _text(run.folder / CSV, table_of(run.records))
@@ -101,6 +104,7 @@ def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
         *_rows(made[:2]),
         "<h2>Disks to turn</h2><p>Drag to turn, wheel to zoom, double click to set it spinning again.</p>",
         *_figures(run, views),
+        *_cut_outs(run, views),
         "<h2>Error against cost</h2>",
         *(
             f"<figure>{page.picture(data, name)}<figcaption>{name}</figcaption></figure>"
@@ -123,6 +127,18 @@ def _figures(run: Run, views: Views) -> list[str]:
             view = MeshView(title=path.stem, vertices=arrays["vertices"], faces=arrays["faces"], fields=ordered)
         found.append(views.figure(view))
     return found
+
+
+def _cut_outs(run: Run, views: Views) -> list[str]:
+    """A view of each pictured cut-out: what was removed, and what the fillers put there."""
+    found = []
+    for folder in sorted(path for path in (run.folder / VIEWS).glob("*") if path.is_dir()):
+        pieces = pieces_of(folder)
+        layers = [Faces(vertices=p.vertices, faces=p.faces, fields={DISTANCE: p.values}, edges=True) for p in pieces]
+        view = Scene(title="", layers=layers, scales={DISTANCE: scale_of(pieces)}, shape="wide")
+        names = ", ".join(piece.name for piece in pieces)
+        found.append(f"<h3>{folder.name}</h3><p>From left to right: {names}.</p>{views.figure(view)}")
+    return ["<h2>Cut-outs</h2>", *found] if found else []
 
 
 def _rows(made: Sequence[Table]) -> list[str]:

@@ -13,6 +13,8 @@ from spinor_geom.bench.holes import Hole
 
 # radius of holes for tools that cannot tell ours from the others by it
 _EVERY_SIZE = 1e6
+# CGAL's own default, which its bindings ask for before the continuity
+_CGAL_DENSITY = 2**0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +62,9 @@ class Peer:
 # --- MeshLab ----------------------------------------------------------------------------------------------------------
 
 
-def _meshlab(refine: bool) -> tuple[Callable[[Hole], Any], Callable[[Any], Any], Callable[[Any, Any], Filled]]:
+def _meshlab(
+    refine: bool, smooth: bool = False
+) -> tuple[Callable[[Hole], Any], Callable[[Any], Any], Callable[[Any, Any], Filled]]:
     def prepare(hole: Hole) -> Any:
         import pymeshlab
 
@@ -72,7 +76,10 @@ def _meshlab(refine: bool) -> tuple[Callable[[Hole], Any], Callable[[Any], Any],
     def fill(state: Any) -> Any:
         meshes, limit, length = state
         if refine:
-            return meshes.meshing_close_holes(maxholesize=limit, refinehole=True, refineholeedgelen=length)
+            closed = meshes.meshing_close_holes(maxholesize=limit, refinehole=True, refineholeedgelen=length)
+            if smooth:  # the new faces, which are selected now
+                meshes.apply_coord_laplacian_smoothing(selected=True)
+            return closed
         return meshes.meshing_close_holes(maxholesize=limit, refinehole=False)
 
     def finish(state: Any, answer: Any) -> Filled:
@@ -119,7 +126,7 @@ def _meshlib_plain(metric: str) -> Callable[[Any], Any]:
     return fill
 
 
-def _meshlib_nicely(fine: bool) -> Callable[[Any], Any]:
+def _meshlib_nicely(*, fine: bool = False, natural: bool = False) -> Callable[[Any], Any]:
     def fill(state: Any) -> Any:
         from meshlib import mrmeshpy
 
@@ -128,6 +135,7 @@ def _meshlib_nicely(fine: bool) -> Callable[[Any], Any]:
         if fine:
             settings.subdivideSettings.maxEdgeLen = hole.mean_edge
             settings.subdivideSettings.maxEdgeSplits = 1_000_000
+        settings.smoothSettings.naturalSmooth = natural
         if hole.facing:
             mrmeshpy.stitchHolesNicely(mesh, *edges, settings)
             return
@@ -200,12 +208,12 @@ def _cgal_rims(polyhedron: Any, rim: set[int]) -> list[Any]:
     return found
 
 
-def _cgal(function: str, outputs: int) -> Callable[[Any], Any]:
+def _cgal(function: str, outputs: int, *options: float) -> Callable[[Any], Any]:
     def fill(state: Any) -> Any:
         from CGAL import CGAL_Polygon_mesh_processing
 
         call = getattr(CGAL_Polygon_mesh_processing, function)
-        return [call(state[0], halfedge, *([] for _ in range(outputs))) for halfedge in state[1]]
+        return [call(state[0], halfedge, *([] for _ in range(outputs)), *options) for halfedge in state[1]]
 
     return fill
 
@@ -314,7 +322,7 @@ def _trimesh_stitched(mesh: Any, answer: Any) -> Filled:
 
 
 def _peers() -> tuple[Peer, ...]:
-    meshlab_plain, meshlab_fine = _meshlab(False), _meshlab(True)
+    meshlab_plain, meshlab_fine, meshlab_smooth = _meshlab(False), _meshlab(True), _meshlab(True, smooth=True)
     return (
         Peer(
             name="meshlab-close",
@@ -334,6 +342,15 @@ def _peers() -> tuple[Peer, ...]:
             fill=meshlab_fine[1],
             finish=meshlab_fine[2],
         ),
+        Peer(
+            name="meshlab-close-smoothed",
+            package="pymeshlab",
+            distribution="pymeshlab",
+            options="the same, and apply_coord_laplacian_smoothing of the new faces with its defaults",
+            prepare=meshlab_smooth[0],
+            fill=meshlab_smooth[1],
+            finish=meshlab_smooth[2],
+        ),
         *(
             Peer(
                 name=name,
@@ -350,12 +367,17 @@ def _peers() -> tuple[Peer, ...]:
                 (
                     "meshlib-nicely",
                     "fillHoleNicely with its defaults, stitchHolesNicely between facing rims",
-                    _meshlib_nicely(False),
+                    _meshlib_nicely(),
                 ),
                 (
                     "meshlib-nicely-fine",
                     "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",
-                    _meshlib_nicely(True),
+                    _meshlib_nicely(fine=True),
+                ),
+                (
+                    "meshlib-nicely-natural",
+                    "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too",
+                    _meshlib_nicely(natural=True),
                 ),
             )
         ),
@@ -364,15 +386,24 @@ def _peers() -> tuple[Peer, ...]:
                 name=name,
                 package="CGAL",
                 distribution="cgal",
-                options=function,
+                options=options,
                 prepare=_cgal_prepare,
-                fill=_cgal(function, outputs),
+                fill=fill,
                 finish=_cgal_finish,
             )
-            for name, function, outputs in (
-                ("cgal", "triangulate_hole", 1),
-                ("cgal-refine", "triangulate_and_refine_hole", 2),
-                ("cgal-fair", "triangulate_refine_and_fair_hole", 2),
+            for name, options, fill in (
+                ("cgal", "triangulate_hole", _cgal("triangulate_hole", 1)),
+                ("cgal-refine", "triangulate_and_refine_hole", _cgal("triangulate_and_refine_hole", 2)),
+                (
+                    "cgal-fair",
+                    "triangulate_refine_and_fair_hole, which fairs with continuity 1",
+                    _cgal("triangulate_refine_and_fair_hole", 2),
+                ),
+                (
+                    "cgal-fair-2",
+                    "the same with fairing continuity 2",
+                    _cgal("triangulate_refine_and_fair_hole", 2, _CGAL_DENSITY, 2),
+                ),
             )
         ),
         Peer(

@@ -12,8 +12,9 @@ from typing import Any
 
 from spinor_geom.bench.cases import KNOWN, Variation, known_case
 from spinor_geom.bench.claims import REFERENCE_CASE
-from spinor_geom.bench.fillers import FILLERS
-from spinor_geom.bench.holes import ODD, file_hole, mesh_files
+from spinor_geom.bench.cut_outs import CAPS, SCANS, WINDOWS, scan_names
+from spinor_geom.bench.fillers import FILLERS, SMOOTHEST
+from spinor_geom.bench.holes import ODD, PEER_TESTS, file_hole, mesh_files
 from spinor_geom.bench.isolate import Record, Task, run_isolated
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.methods import LOOP_METHODS
@@ -33,7 +34,7 @@ class Settings:
     """What a run measures.
 
     Attributes:
-        cases: names of known cases, odd rims and mesh files; empty for the usual ones.
+        cases: names of known cases, odd rims, cut-outs and mesh files, and of groups; empty for the usual ones.
         methods: names of loop methods and fillers; empty for all.
         points: of the loops of known cases.
         hole_points: of the rims of known cases, for the fillers: all where they are compared with a reference, two of
@@ -72,15 +73,34 @@ class Settings:
         }
         return cls(**{**values, **changed})
 
+    @property
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """Names of cases that may be asked for by one name."""
+        scans = scan_names(self.data)
+        parts = {"caps": tuple(CAPS), "windows": tuple(WINDOWS), "scans": scans, "peer-tests": tuple(PEER_TESTS)}
+        return {**parts, "cut-outs": tuple(itertools.chain(*parts.values()))}
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """Names of the cases that were asked for, without groups."""
+        groups = self.groups
+        return tuple(dict.fromkeys(itertools.chain(*(groups.get(name, (name,)) for name in self.cases))))
+
     def known_names(self) -> tuple[str, ...]:
         """Names of the known cases that are measured."""
         if self.cases:
-            return tuple(name for name in self.cases if name in KNOWN or name.startswith("random-"))
+            return tuple(name for name in self.chosen if name in KNOWN or name.startswith("random-"))
         return QUICK_CASES if self.quick else tuple(KNOWN)
 
     def odd_names(self) -> tuple[str, ...]:
         """Names of the odd rims that are measured."""
-        return tuple(name for name in ODD if name in self.cases) if self.cases else tuple(ODD)
+        return tuple(name for name in ODD if name in self.chosen) if self.cases else tuple(ODD)
+
+    def cut_out_names(self) -> tuple[str, ...]:
+        """Names of the cut-outs that are measured."""
+        there = (*CAPS, *WINDOWS, *scan_names(self.data))
+        wanted = self.chosen if self.cases else QUICK_CUT_OUTS if self.quick else there
+        return tuple(name for name in there if name in wanted)
 
     def files(self) -> list[Path]:
         """The mesh files that are measured.
@@ -92,7 +112,7 @@ class Settings:
             raise OptionError(f"{self.data}: is not a folder; name one that holds mesh files")
         if self.data is None or (self.quick and not self.cases):
             return []
-        return mesh_files(self.data, self.cases)
+        return mesh_files(self.data, self.chosen)
 
     def wants(self, method: str) -> bool:
         """Whether a method is measured."""
@@ -104,6 +124,9 @@ class Settings:
         return {**values, "data": None if self.data is None else str(self.data)}
 
 
+QUICK_CUT_OUTS = ("icosphere-3-0.7", "torus-outside-0.4")
+# cut-outs of which the page shows what was removed and what each filler put there
+PICTURED = ("icosphere-4-0.3", "torus-outside-0.4", "bunny_scan-02", "demosthenes_low_res-03")
 QUICK_CASES = ("enneper-0.8", "tennis-seam", "random-1", "plane-l", "schwarz-d-quad")
 # cases whose time is fitted, and the one whose patches grow
 SCALED_LOOP, SCALED_PATCH = "tennis-seam", "enneper-0.8"
@@ -120,7 +143,7 @@ def plan(settings: Settings, folder: Path) -> list[list[Task]]:
     """
     files = settings.files()
     _check(settings, files)
-    groups = [*_loops(settings, folder, files), *_fillers(settings, files), *_scaling(settings)]
+    groups = [*_loops(settings, folder, files), *_fillers(settings, folder, files), *_scaling(settings)]
     groups = [group for group in groups if group]
     if not groups:
         raise OptionError("the chosen methods do not work on the chosen cases; nothing is left to measure")
@@ -131,11 +154,17 @@ def plan(settings: Settings, folder: Path) -> list[list[Task]]:
 def _check(settings: Settings, paths: Sequence[Path]) -> None:
     files = [path.name for path in paths]
     for name in settings.cases:
-        if name not in ODD and name not in files:
+        if settings.groups.get(name) == ():
+            raise OptionError(
+                f"none of {', '.join(SCANS)} is in the folder of mesh files; name the one that holds them"
+            )
+    cut_outs = settings.cut_out_names()
+    for name in settings.chosen:
+        if name not in ODD and name not in files and name not in cut_outs:
             try:
                 known_case(name)
             except OptionError:
-                choice = ", ".join([*KNOWN, "random-SEED", *ODD, *files])
+                choice = ", ".join([*KNOWN, "random-SEED", *ODD, *settings.groups, *files])
                 raise OptionError(f"there is no case {name!r}; choose from: {choice}") from None
     for name in settings.methods:
         if name not in LOOP_METHODS and name not in FILLERS:
@@ -188,7 +217,7 @@ SLOW = ("spinor-cauchy", "spinor-mlp", "pymeshlab")
 ONE_SIZE = ("spinor-cauchy", "spinor-series", "spinor-mlp", "spinor-formula")
 
 
-def _fillers(settings: Settings, files: Sequence[Path]) -> Iterator[list[Task]]:
+def _fillers(settings: Settings, folder: Path, files: Sequence[Path]) -> Iterator[list[Task]]:
     names = settings.known_names()
     if settings.quick and not settings.cases:
         names = names[:1]
@@ -200,6 +229,20 @@ def _fillers(settings: Settings, files: Sequence[Path]) -> Iterator[list[Task]]:
             for case in names
             for n in _hole_points(settings, case)
         ]
+        if name in SMOOTHEST or name in settings.methods:
+            group += [
+                _task(
+                    settings,
+                    suite="cut-out",
+                    method=name,
+                    case=case,
+                    n=None,
+                    data=None if settings.data is None else str(settings.data),
+                    repeat=1,
+                    view=str(folder / VIEWS / case) if case in PICTURED else None,
+                )
+                for case in settings.cut_out_names()
+            ]
         group += [
             _task(settings, suite="odd", method=name, case=case, n=None, repeat=0) for case in settings.odd_names()
         ]

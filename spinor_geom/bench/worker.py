@@ -41,7 +41,7 @@ def run(task: Task) -> Record:
 
 
 def _suite(name: str) -> Callable[[Task], Record]:
-    return {"loop": _span, "hole": _fill, "odd": _fill, "file": _fill, "file loop": _span}[name]
+    return {"loop": _span, "hole": _fill, "odd": _fill, "file": _fill, "file loop": _span, "cut-out": _fill}[name]
 
 
 def _span(task: Task) -> Record:
@@ -67,10 +67,13 @@ def _span(task: Task) -> Record:
 def _fill(task: Task) -> Record:
     from spinor_geom.bench.fillers import FILLERS
     from spinor_geom.bench.holes import hole_over, odd_hole
-    from spinor_geom.bench.measure import hole_figures
+    from spinor_geom.bench.measure import cut_out_figures, cut_out_views, hole_figures
 
-    case = None
-    if task["suite"] == "hole":
+    case, cut_out = None, None
+    if task["suite"] == "cut-out":
+        cut_out = _cut_out(task["case"], task["data"])
+        hole = cut_out.hole
+    elif task["suite"] == "hole":
         case = _case(task)
         hole = hole_over(case.name, case.loop(task["n"]))
     elif task["suite"] == "odd":
@@ -87,7 +90,14 @@ def _fill(task: Task) -> Record:
 
     timed, answer = _timed(prepare, tool.fill, task["repeat"])
     filled = tool.finish(state, answer)
-    return {**timed, **hole_figures(filled, hole, case), "expected": hole.expected, "rims": len(hole.places)}
+    if cut_out is not None:
+        figures = cut_out_figures(filled, cut_out)
+        if task["view"]:
+            for name, piece in cut_out_views(filled, cut_out).items():
+                _keep(str(Path(task["view"]) / f"{name or task['method']}.npz"), *piece)
+    else:
+        figures = hole_figures(filled, hole, case)
+    return {**timed, **figures, "expected": hole.expected, "rims": len(hole.places)}
 
 
 def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) -> tuple[Record, Any]:
@@ -132,6 +142,14 @@ def _file(path: str) -> Any:
     from spinor_geom.bench.holes import file_hole
 
     return file_hole(Path(path))
+
+
+# every scan's disks are asked for by one tool after the other
+@lru_cache(maxsize=128)
+def _cut_out(name: str, data: str | None) -> Any:
+    from spinor_geom.bench.cut_outs import named_cut_out
+
+    return named_cut_out(name, None if data is None else Path(data))
 
 
 def _keep(path: str, vertices: Any, faces: Any, fields: dict[str, Any]) -> None:

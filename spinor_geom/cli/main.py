@@ -210,7 +210,8 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--cases",
         metavar="NAME[,NAME…]",
         type=_names,
-        help="known cases, odd rims, mesh files (default: all)",
+        help="known cases, odd rims, cut-outs, mesh files, and groups of them: caps, windows, scans, peer-tests, "
+        "cut-outs (default: all)",
     )
     bench.add_argument("--methods", metavar="NAME[,NAME…]", type=_names, help="methods and tools (default: all)")
     bench.add_argument("--repeat", metavar="N", type=_count, help="counted calls of each (default: 3)")

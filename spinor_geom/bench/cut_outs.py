@@ -1,0 +1,254 @@
+"""Pieces cut out of known surfaces and of scans: a filler should put back what was removed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+import trimesh
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial.distance import pdist
+
+from spinor_geom.adapters import read_mesh
+from spinor_geom.bench.holes import Hole
+from spinor_geom.errors import OptionError
+from spinor_geom.measures.hausdorff import distances_to_mesh
+from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
+
+Kind = Literal["flat", "dome", "curved", "long", "ring", "tube", "scan"]
+_Points: TypeAlias = Float[np.ndarray, "k 3"]
+_Values: TypeAlias = Float[np.ndarray, " k"]
+Distances: TypeAlias = Callable[[_Points], _Values]
+Choice: TypeAlias = Callable[[_Points], Bool[np.ndarray, " k"]]
+_Mesh: TypeAlias = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]
+
+HEIGHTS = (0.85, 0.7, 0.3, 0.0)  # above which the caps of unit spheres are removed
+JITTER = 0.2  # moves of vertices, in mean edges
+TUBE, TORUS, TORUS_TUBE = 0.5, 1.0, 0.4  # radii
+SCANS = ("bunny_scan.ply", "spot_cut.obj", "max_face.obj", "mountain.obj", "demosthenes_low_res.obj")
+PER_SCAN = 12
+FEWEST, MOST = 20, 150  # points of a scan's rim
+# radii of the disks grown on scans, in mean edges: rims of about 20 and 150 points
+_SMALLEST, _LARGEST = 3.0, 24.0
+_SEED = 17
+_TRIES = 1000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CutOut:
+    """A mesh with a hole, and what was in it.
+
+    Attributes:
+        name: on the command line and in tables.
+        kind: of the hole: "long" windows are many times longer than wide, a "ring" has an island in it, and "tube" is a
+            band between two rims.
+        hole: the rest of the mesh.
+        vertices: of the whole mesh, a surface's own points.
+        faces: the removed ones.
+        places: of each vertex of the hole's mesh, where it is among those of the whole.
+        exact: distances of points from the exact surface; None where the removed faces are all that is known.
+    """
+
+    name: str
+    kind: Kind
+    hole: Hole
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "f 3"]
+    places: Int[np.ndarray, " v"]
+    exact: Distances | None = None
+
+    @cached_property
+    def diameter(self) -> float:
+        """Largest distance of two points of the rims."""
+        return float(pdist(self.hole.vertices[self.hole.rim]).max())
+
+    def distances(self, points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+        """Distances of points from what was removed: from the exact surface where it is known."""
+        return distances_to_mesh(points, self.vertices, self.faces) if self.exact is None else self.exact(points)
+
+
+def cut(name: str, kind: Kind, mesh: _Mesh, removed: Bool[np.ndarray, " f"], exact: Distances | None = None) -> CutOut:
+    """Takes faces out of a mesh; vertices that no other face uses go with them."""
+    vertices, faces = mesh
+    used, rest = np.unique(faces[~removed], return_inverse=True)
+    rim = np.flatnonzero(np.isin(used, faces[removed]))
+    hole = Hole(name=name, vertices=vertices[used], faces=rest.reshape(-1, 3), rim=rim, facing=kind in ("ring", "tube"))
+    return CutOut(name=name, kind=kind, hole=hole, vertices=vertices, faces=faces[removed], places=used, exact=exact)
+
+
+# --- known surfaces ---------------------------------------------------------------------------------------------------
+
+
+def _sphere(ball: str) -> _Mesh:
+    if ball == "uv-sphere":
+        made = trimesh.creation.uv_sphere(count=[32, 32])
+    else:
+        made = trimesh.creation.icosphere(3 if ball == "icosphere-3" else 4)
+    vertices = np.array(made.vertices)
+    if ball == "jittered-sphere":
+        vertices += _jitter(vertices.shape, made.edges_unique_length.mean())
+        vertices /= np.linalg.norm(vertices, axis=1)[:, None]
+    return vertices, np.array(made.faces)
+
+
+def _plane() -> _Mesh:
+    (x, y), faces = _grid(40, 40, wrap_x=False, wrap_y=False)
+    return np.stack([x, y, 0 * x], axis=1) + [1, 1, 0] * _jitter((len(x), 3), 1.0), faces
+
+
+def _cylinder() -> _Mesh:
+    (x, y), faces = _grid(48, 32, wrap_x=True, wrap_y=False)
+    angle = 2 * np.pi * x / 48
+    return np.stack([TUBE * np.cos(angle), TUBE * np.sin(angle), y / 16 - 1], axis=1), faces
+
+
+def _torus() -> _Mesh:
+    (x, y), faces = _grid(72, 30, wrap_x=True, wrap_y=True)
+    angle, around = 2 * np.pi * x / 72, 2 * np.pi * y / 30
+    radius = TORUS + TORUS_TUBE * np.cos(around)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), TORUS_TUBE * np.sin(around)], axis=1), faces
+
+
+def _grid(nx: int, ny: int, *, wrap_x: bool, wrap_y: bool) -> tuple[Float[np.ndarray, "2 n"], Int[np.ndarray, "f 3"]]:
+    """Lattice points 0, 1, … and two triangles a cell, round where it wraps."""
+    width, depth = nx + (not wrap_x), ny + (not wrap_y)
+    places = np.stack(np.meshgrid(np.arange(width), np.arange(depth))).reshape(2, -1).astype(np.float64)
+    i, j = (part.ravel() for part in np.meshgrid(np.arange(nx), np.arange(ny)))
+    right, up = (i + 1) % width, (j + 1) % depth
+    a, b, c, d = i + width * j, right + width * j, right + width * up, i + width * up
+    return places, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def _jitter(shape: tuple[int, ...], edge: float) -> Float[np.ndarray, "n 3"]:
+    return JITTER * edge * np.random.default_rng(_SEED).uniform(-1, 1, shape)
+
+
+def _axis_distance(points: _Points) -> _Values:
+    return np.asarray(np.hypot(points[:, 0], points[:, 1]))
+
+
+def _turn(points: _Points) -> _Values:
+    """Angles about the third axis."""
+    return np.asarray(np.arctan2(points[:, 1], points[:, 0]))
+
+
+def _above(height: float) -> Choice:
+    return lambda points: points[:, 2] > height
+
+
+def _near(x: float, y: float, z: float, radius: float) -> Choice:
+    return lambda points: np.linalg.norm(points - [x, y, z], axis=1) < radius
+
+
+SURFACES: Mapping[str, tuple[Callable[[], _Mesh], Distances]] = {
+    **{
+        ball: (partial(_sphere, ball), lambda points: np.abs(np.linalg.norm(points, axis=1) - 1))
+        for ball in ("icosphere-3", "icosphere-4", "uv-sphere", "jittered-sphere")
+    },
+    "plane": (_plane, lambda points: np.abs(points[:, 2])),
+    "cylinder": (_cylinder, lambda points: np.abs(_axis_distance(points) - TUBE)),
+    "torus": (
+        _torus,
+        lambda points: np.abs(np.hypot(_axis_distance(points) - TORUS, points[:, 2]) - TORUS_TUBE),
+    ),
+}
+"""Meshes of known surfaces, and the distance of points from each."""
+
+CAPS: Mapping[str, tuple[Kind, str, Choice]] = {
+    f"{ball}-{height:g}": ("dome", ball, _above(height))
+    for ball in ("icosphere-3", "icosphere-4", "uv-sphere", "jittered-sphere")
+    for height in HEIGHTS
+}
+"""Caps of unit spheres: kind, surface, and which faces are cut out, by their middles."""
+
+WINDOWS: Mapping[str, tuple[Kind, str, Choice]] = {
+    "plane-window": ("flat", "plane", _near(20, 20, 0, 10)),
+    **{f"cylinder-{radius:g}": ("curved", "cylinder", _near(TUBE, 0, 0, radius)) for radius in (0.2, 0.35, 0.5)},
+    **{f"torus-outside-{radius:g}": ("curved", "torus", _near(1.4, 0, 0, radius)) for radius in (0.25, 0.4)},
+    **{f"torus-inside-{radius:g}": ("curved", "torus", _near(0.6, 0, 0, radius)) for radius in (0.25, 0.4)},
+    **{f"torus-top-{radius:g}": ("curved", "torus", _near(1, 0, 0.4, radius)) for radius in (0.25, 0.4)},
+    "cylinder-slot": ("long", "cylinder", lambda points: (abs(_turn(points)) < 0.3) & (abs(points[:, 2]) < 0.8)),
+    "torus-slot": (
+        "long",
+        "torus",
+        lambda points: (abs(_turn(points)) < 1) & (abs(points[:, 2]) < 0.15) & (_axis_distance(points) > TORUS),
+    ),
+    "sphere-ring": ("ring", "icosphere-4", lambda points: (points[:, 2] > 0.3) & (points[:, 2] < 0.8)),
+    # no minimal surface joins the rims of the wide one
+    "cylinder-band": ("tube", "cylinder", lambda points: abs(points[:, 2]) < 0.2),
+    "cylinder-band-wide": ("tube", "cylinder", lambda points: abs(points[:, 2]) < 0.4),
+    "torus-band": ("tube", "torus", lambda points: abs(_turn(points)) < 0.2),
+}
+"""Windows, slots and bands of planes, cylinders, tori and a sphere."""
+
+
+# --- scans ------------------------------------------------------------------------------------------------------------
+
+
+def scan_names(folder: Path | None) -> tuple[str, ...]:
+    """Names of the disks cut out of the scans that a folder holds."""
+    here = [] if folder is None else [name for name in SCANS if (folder / name).is_file()]
+    return tuple(f"{Path(name).stem}-{place:02d}" for name in here for place in range(PER_SCAN))
+
+
+def scan_disk(name: str, folder: Path) -> CutOut:
+    """A disk grown on a scan: the faces within a random distance along edges from a random vertex.
+
+    Vertex and distance are drawn until what is cut out is a disk with a simple rim of 20 to 150 points that is away
+    from the mesh's own boundary. They depend on the name alone.
+    """
+    stem, _, place = name.rpartition("-")
+    scan = next(file for file in SCANS if Path(file).stem == stem)
+    mesh, graph, edge = _read_scan(folder / scan)
+    border = np.unique(boundary_edges(mesh[1]))
+    random = np.random.default_rng([_SEED, int(place)])
+    for _ in range(_TRIES):
+        seed = int(random.choice(np.unique(mesh[1])))
+        radius = edge * np.exp(random.uniform(np.log(_SMALLEST), np.log(_LARGEST)))
+        near = np.isfinite(dijkstra(graph, directed=False, indices=seed, limit=radius))
+        removed = near[mesh[1]].all(axis=1)
+        if is_disk(mesh[1][removed]) and not np.isin(mesh[1][removed], border).any():
+            found = cut(name, "scan", mesh, removed)
+            loops = [found.hole.loops[k] for k in found.hole.places]
+            if len(loops) == 1 and FEWEST <= len(loops[0]) == len(found.hole.rim) <= MOST:
+                return found
+    raise OptionError(f"{scan}: no disk with a rim of {FEWEST} to {MOST} points was found in {_TRIES} tries")
+
+
+def is_disk(faces: Int[np.ndarray, "f 3"]) -> bool:
+    """Whether faces are one piece with a simple rim and without a hole."""
+    if not len(faces) or face_components(faces).any():
+        return False
+    rim = boundary_edges(faces)
+    edges = (3 * len(faces) + len(rim)) // 2
+    return len(np.unique(rim)) == len(rim) and len(np.unique(faces)) - edges + len(faces) == 1
+
+
+@lru_cache(maxsize=1)
+def _read_scan(path: Path) -> tuple[_Mesh, csr_array, float]:
+    """A mesh, its edges with their lengths, and their mean."""
+    mesh = read_mesh(path).mesh
+    half = HalfEdges.of(mesh.faces)
+    first = half.order[half.starts[:-1]]
+    a, b = half.origin[first], half.target[first]
+    lengths = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
+    graph = coo_array((lengths, (a, b)), shape=(len(mesh.vertices),) * 2)
+    return (mesh.vertices, mesh.faces), graph.tocsr(), float(lengths.mean())
+
+
+def named_cut_out(name: str, folder: Path | None = None) -> CutOut:
+    """The cut-out of a name; those of scans need the folder of the mesh files."""
+    if name in CAPS or name in WINDOWS:
+        kind, surface, chosen = {**CAPS, **WINDOWS}[name]
+        make, exact = SURFACES[surface]
+        vertices, faces = make()
+        return cut(name, kind, (vertices, faces), chosen(vertices[faces].mean(axis=1)), exact)
+    if folder is None or name not in scan_names(folder):
+        raise OptionError(f"there is no cut-out {name!r} here; scans are read from the folder of mesh files")
+    return scan_disk(name, folder)

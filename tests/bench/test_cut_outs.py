@@ -1,0 +1,262 @@
+"""What is cut out is a disk, the rest and it are the mesh, and distances from it are what they are called."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom.adapters import read_mesh
+from spinor_geom.bench import page, runner
+from spinor_geom.bench.claims import CAP_DISTANCES, claims
+from spinor_geom.bench.cut_out_pictures import pieces_of, scale_of
+from spinor_geom.bench.cut_out_tables import cut_out_tables
+from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, is_disk, named_cut_out, scan_names
+from spinor_geom.bench.holes import ODD, PEER_TESTS
+from spinor_geom.bench.measure import cut_out_figures, hole_figures, rim_bend
+from spinor_geom.bench.peers import Filled
+from spinor_geom.bench.runner import Settings, measure, plan
+from spinor_geom.errors import OptionError
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.topology import is_watertight
+from tests.bench.test_run import in_this_process
+
+DATA = Path(__file__).parents[2] / "data"
+SHIPPED = ("spot_cut.obj", "mountain.obj", "demosthenes_low_res.obj")
+
+
+def rows(vertices, faces):
+    """Faces by their corners' positions, in a fixed order."""
+    corners = vertices[faces].reshape(len(faces), 9)
+    return corners[np.lexsort(corners.T)]
+
+
+def put_back(cut_out, vertices=None):
+    """A filler that puts back what was removed, or the same triangles with other vertices."""
+    hole = cut_out.hole
+    points = cut_out.vertices if vertices is None else vertices
+    rest = np.full(len(points), -1)
+    rest[cut_out.places] = np.arange(len(hole.vertices))
+    new = np.flatnonzero(rest < 0)
+    rest[new] = len(hole.vertices) + np.arange(len(new))
+    faces = np.concatenate([hole.faces, rest[cut_out.faces]])
+    return Filled(vertices=np.concatenate([hole.vertices, points[new]]), faces=faces)
+
+
+@pytest.mark.parametrize("name", [*CAPS, *WINDOWS])
+def test_rest_and_removed_piece_are_the_known_surface(name):
+    cut_out = named_cut_out(name)
+    hole = cut_out.hole
+    assert cut_out.exact(cut_out.vertices).max() < 1e-14
+    rims = [hole.loops[place] for place in hole.places]
+    # every vertex of the rims once
+    assert sorted(np.concatenate([rim.vertex_ids for rim in rims])) == hole.rim.tolist()
+    assert len(rims) == (2 if hole.facing else 1)
+    assert is_disk(cut_out.faces) == (not hole.facing)
+    filled = put_back(cut_out)
+    closed = name in CAPS or "torus" in name or "sphere" in name
+    assert is_watertight(filled.faces) == closed
+    assert len(filled.vertices) == len(np.unique(filled.faces))
+
+
+@pytest.mark.parametrize("scan", SHIPPED)
+def test_disks_cut_out_of_a_scan_leave_the_rest_of_it_and_a_simple_rim(scan):
+    mesh = read_mesh(DATA / scan).mesh
+    names = [name for name in scan_names(DATA) if name.startswith(scan.partition(".")[0])]
+    assert len(names) == PER_SCAN
+    for name in names[:3]:
+        cut_out = named_cut_out(name, DATA)
+        hole = cut_out.hole
+        assert is_disk(cut_out.faces)
+        (place,) = hole.places
+        assert 20 <= len(hole.loops[place]) == len(hole.rim) <= 150
+        filled = put_back(cut_out)
+        np.testing.assert_array_equal(rows(filled.vertices, filled.faces), rows(mesh.vertices, mesh.faces))
+        # the scan's own boundaries are elsewhere, as they were
+        assert len(hole.loops) == len(find_boundary_loops(mesh)) + 1
+
+
+def test_seeds_are_fixed():
+    """Whoever changes what is cut out measures other disks than those that the figures were promised on."""
+    found = {name: named_cut_out(name, DATA) for name in ("spot_cut-00", "mountain-05", "demosthenes_low_res-03")}
+    sizes = {name: (len(cut_out.faces), len(cut_out.hole.rim)) for name, cut_out in found.items()}
+    assert sizes == {"spot_cut-00": (143, 27), "mountain-05": (180, 40), "demosthenes_low_res-03": (583, 61)}
+
+
+def test_scans_need_their_files(tmp_path):
+    assert scan_names(None) == scan_names(tmp_path) == ()
+    with pytest.raises(OptionError, match="scans are read from"):
+        named_cut_out("spot_cut-00", tmp_path)
+    with pytest.raises(OptionError, match="none of bunny_scan"):
+        plan(Settings(cases=("scans",)), tmp_path)
+
+
+def test_distances_are_those_from_the_sphere():
+    cut_out = named_cut_out("icosphere-3-0.3")
+    exact = cut_out_figures(put_back(cut_out), cut_out)
+    assert exact["vertex_distance"] < 1e-15
+    # of chords: at most the height of an arc of 9°, per diameter
+    assert 1e-5 < exact["surface_distance"] < 1 - np.cos(np.radians(4.5))
+    assert exact["bend"] == pytest.approx(exact["removed_bend"], rel=1e-12)
+    assert (exact["crossings"], exact["mesh_crossings"], exact["open_rim_edges"]) == (0, 0, 0)
+    off = cut_out_figures(put_back(cut_out, 1.01 * cut_out.vertices), cut_out)
+    assert off["distance"] * cut_out.diameter == pytest.approx(0.01, rel=1e-12)
+    # a lid: a fan around the point above the middle of the rim
+    rim = cut_out.hole.loops[cut_out.hole.places[0]].vertex_ids
+    fan = np.stack([np.roll(rim, -1), rim, np.full(len(rim), len(cut_out.hole.vertices))], axis=1)
+    vertices = np.vstack([cut_out.hole.vertices, [0, 0, 0.3]])
+    lid = cut_out_figures(Filled(vertices=vertices, faces=np.concatenate([cut_out.hole.faces, fan])), cut_out)
+    assert lid["distance"] * cut_out.diameter == pytest.approx(0.7, rel=1e-12)
+    assert lid["bend"] > 10 * lid["removed_bend"]
+
+
+def test_distances_from_a_scan_count_both_ways():
+    cut_out = named_cut_out("demosthenes_low_res-01", DATA)
+    same = cut_out_figures(put_back(cut_out), cut_out)
+    assert same["distance"] < 1e-7  # of a point of a triangle from that triangle
+    part = put_back(cut_out)
+    # what is there is right, but half of it is missing
+    half = Filled(vertices=part.vertices, faces=part.faces[: -len(cut_out.faces) // 2])
+    assert cut_out_figures(half, cut_out)["distance"] > 0.01
+
+
+def test_the_bend_of_a_folded_square_is_its_angle():
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1.0]])
+    flat, upright = np.array([[0, 1, 2]]), np.array([[0, 3, 1]])
+    assert rim_bend(points, flat, upright) == pytest.approx(np.pi / 2, rel=1e-15)
+    # the same with one face inside out
+    assert rim_bend(points, flat, upright[:, ::-1]) == pytest.approx(np.pi / 2, rel=1e-15)
+    assert rim_bend(points, flat, np.array([[3, 4, 3]])) is None
+
+
+def test_a_filler_that_moves_or_renumbers_the_mesh_is_measured_on_its_patch():
+    cut_out = named_cut_out("torus-outside-0.4")
+    filled = put_back(cut_out)
+    count = len(cut_out.hole.vertices)
+    moved = filled.vertices.copy()
+    moved[cut_out.hole.rim] *= 1.001
+    figures = cut_out_figures(Filled(vertices=moved, faces=filled.faces), cut_out)
+    assert not figures["old_faces_kept"]
+    assert figures["triangles"] == len(cut_out.faces)
+    # faces of a lattice are the same after a shift, and are others
+    shift = (np.arange(len(filled.vertices)) + 1) % len(filled.vertices)
+    vertices = np.empty_like(filled.vertices)
+    vertices[shift] = filled.vertices
+    figures = cut_out_figures(Filled(vertices=vertices, faces=shift[filled.faces]), cut_out)
+    assert figures["old_faces_kept"]
+    assert figures["triangles"] == len(cut_out.faces)
+    assert figures["distance"] < 1e-15
+    assert count < len(filled.vertices)
+
+
+@pytest.mark.parametrize(
+    ("name", "rims"),
+    [
+        ("open-cone", [8]),
+        ("torus-window", [3]),
+        ("prism", [4, 3]),
+        ("facing-triangles", [3, 3]),
+        ("holey-cube", [3, 3]),
+        ("quad-hole", [4]),
+        ("squiggle", [86]),
+        ("fin", [24]),
+        ("bow-tie", [12, 12]),
+    ],
+)
+def test_cases_of_other_projects_have_the_rims_they_are_known_for(name, rims):
+    hole = ODD[name]()
+    assert [len(hole.loops[place]) for place in hole.places] == rims
+    assert hole.expected
+    assert name in PEER_TESTS
+    # an edge with three faces ends in the rim
+    assert (hole_figures(Filled(vertices=hole.vertices, faces=hole.faces), hole, None)["nonmanifold_edges"] > 0) == (
+        name == "fin"
+    )
+
+
+def test_a_group_of_cases_has_a_name():
+    settings = Settings(cases=("cut-outs", "knot"), data=DATA)
+    assert settings.cut_out_names() == (*CAPS, *WINDOWS, *scan_names(DATA))
+    assert set(settings.odd_names()) == {*PEER_TESTS, "knot"}
+    assert settings.known_names() == ()
+    assert settings.files() == []
+
+
+def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "run_isolated", in_this_process)
+    settings = Settings.short(cases=("torus-outside-0.4", "open-cone"), methods=("spinor-fill", "trimesh"))
+    run = measure(settings, tmp_path)
+    ours, theirs = (r for r in run.records if r["suite"] == "cut-out")
+    assert ours["status"] == theirs["status"] == "done"
+    # a soap film lies flatter than the torus
+    assert 0.01 < ours["distance"] < 0.2
+    fillers, kinds, tests = cut_out_tables(run.records)
+    assert fillers.rows[0][:2] == ("spinor-fill", "1 of 1")
+    assert fillers.rows[1][1] == "0 of 1"
+    assert kinds.columns == ("filler", "curved")
+    assert kinds.rows[0][1].startswith("**")
+    assert tests.rows[0][1].startswith("closed, ")
+    page.write(run)
+    text = (tmp_path / page.PAGE).read_text(encoding="utf-8")
+    assert "From left to right: removed, spinor-fill." in text
+    removed, patch = pieces_of(tmp_path / "views" / "torus-outside-0.4")
+    assert removed.values.max() < 1e-7
+    assert scale_of([removed, patch]).high == pytest.approx(np.quantile(patch.values, 0.95))
+    # side by side
+    assert removed.vertices[:, 0].max() < patch.vertices[:, 0].min()
+
+
+def cut_out_record(method, **changed):
+    record = {
+        **{
+            "suite": "cut-out",
+            "status": "done",
+            "case": "icosphere-3-0.85",
+            "kind": "dome",
+            "method": method,
+            "n": None,
+        },
+        **{"open_rim_edges": 0, "new_open_edges": 0, "nonmanifold_edges": 0, "rim_kept": True, "old_faces_kept": True},
+        **{"diameter": 2.0, "vertex_distance": 1e-3, "surface_distance": 1e-3, "distance": 1e-3},
+        **{"bend": 0.1, "removed_bend": 0.1, "crossings": 0, "mesh_crossings": 0, "seconds": 0.1},
+    }
+    return {**record, **changed}
+
+
+def met(*records):
+    return {(claim.case, claim.text.split(":")[0]): claim.met for claim in claims(records)}
+
+
+def test_promises_of_the_continuation_are_kept_or_missed():
+    ours, other = cut_out_record("spinor-fill-c1"), cut_out_record("cgal-fair", distance=5e-3)
+    sphere = ("caps", "new vertices of caps above z = 0.85 at most 0.002 from the unit sphere, root mean square")
+    share = ("caps", "at most 0.25 times as far as the best other filler")
+    assert CAP_DISTANCES[0.85] == 2e-3
+    assert met(ours, other)[sphere]
+    assert not met(cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other)[sphere]
+    assert met(ours, other)[share]
+    assert not met(ours, cut_out_record("cgal-fair", distance=3e-3))[share]
+    # ours without continuity is no other filler, and neither is one that leaves the hole open
+    for spared in ({"method": "spinor-fill"}, {"method": "vtk", "open_rim_edges": 3}):
+        assert met(ours, other, cut_out_record(**{"method": "", "distance": 1e-9, **spared}))[share]
+    bend = ("cut-outs", "bend across the rim at most 1.3 times the removed piece's")
+    assert met(ours)[bend]
+    assert not met(cut_out_record("spinor-fill-c1", bend=0.14))[bend]
+    assert claims([other]) == []
+
+
+def test_the_continuation_is_nearest_on_most_scans_or_not():
+    def scans(method, distances):
+        return [
+            cut_out_record(method, case=f"spot_cut-{k:02d}", kind="scan", distance=distance)
+            for k, distance in enumerate(distances)
+        ]
+
+    nearest = ("scans", "nearer than every other filler on at least 85% of the disks")
+    ratio = ("scans", "median distance at most 0.6 times the best other filler's")
+    theirs = scans("cgal-fair", [1e-2] * 10)
+    good = met(*scans("spinor-fill-c1", [5e-3] * 9 + [2e-2]), *theirs)
+    assert good[nearest]
+    assert good[ratio]
+    poor = met(*scans("spinor-fill-c1", [7e-3] * 8 + [2e-2] * 2), *theirs)
+    assert not poor[nearest]
+    assert not poor[ratio]
