@@ -206,7 +206,8 @@ def _fillers(case: str, here: list[Record]) -> list[Claim]:
 
 def is_whole(record: Record) -> bool:
     """Whether a cut-out was closed, so that its patch can be measured."""
-    return record["status"] == "done" and record["open_rim_edges"] == record["new_open_edges"] == 0
+    done = record["status"] == "done" and record.get("distance") is not None
+    return done and record["open_rim_edges"] == record["new_open_edges"] == 0
 
 
 def cap_distances(records: Sequence[Record], height: float) -> list[float]:

@@ -225,14 +225,13 @@ def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.n
 def _old_faces(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " n"]]:
     """Which faces were there before, and for each vertex the one of the hole's mesh it is, or −1.
 
-    By positions: some tools renumber, and some keep single precision only. Where most old vertices are in their places
-    the order was kept, though a tool that smooths may have moved others.
+    By positions: some tools renumber, and some keep single precision only; by numbers where the tool keeps them.
     """
     diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
     distance, nearest = cKDTree(hole.vertices).query(filled.vertices)
     first = filled.vertices[: len(hole.vertices)]
-    kept = len(first) == len(hole.vertices) and bool(
-        (np.abs(first - hole.vertices) <= _SAME * diagonal).all(axis=1).mean() > 0.5
+    kept = filled.in_order or (
+        len(first) == len(hole.vertices) and bool((np.abs(first - hole.vertices) <= _SAME * diagonal).all())
     )
     vertex_of = np.where(np.asarray(distance) <= _SAME * diagonal, np.asarray(nearest), -1)
     if kept:

@@ -27,6 +27,7 @@ class Filled:
         told: what the call returned, in words; empty where it returns nothing.
         succeeded: whether the tool says that it filled; None where it says nothing, which users take for a yes.
         area: of the surface that the patches are meshes of, where there is one.
+        in_order: whether the mesh's vertices are known to come first as before, wherever they are now.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -34,6 +35,7 @@ class Filled:
     told: str = ""
     succeeded: bool | None = None
     area: float | None = None
+    in_order: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +157,7 @@ def _meshlib_finish(state: Any, answer: Any) -> Filled:
         faces=mrmeshnumpy.getNumpyFaces(mesh.topology).astype(np.int64),
         told=f"{left} holes left" if left else "",
         succeeded=None,
+        in_order=True,
     )
 
 
