@@ -1,11 +1,10 @@
 """Makes the README's pictures anew: `python docs/pictures.py`, from a clone, with the extra `dev` installed.
 
-The first is what the README's first command leaves; the others are pictures of the site, made by the code on its pages.
+The first is a fill of both kinds, the other pictures of the site, made by the code on its pages.
 """
 
 from __future__ import annotations
 
-import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 DOCS = Path(__file__).parent
-FILL, CONTINUATION, ERROR, GALLERY = "demosthenes.png", "continuation.png", "error.png", "gallery.png"
+CONTINUATION, GALLERY = "continuation.png", "gallery.png"
 WIDTH = 1200
 # the crown above this height is cut off, and looked at from here, so far around
 _CROWN, _EYE, _RADIUS, _BELOW = 1.93, np.array([-0.75, 0.35, 0.45]), 0.85, 0.28
@@ -37,12 +36,6 @@ def gallery_strip(pictures: Sequence[Path]) -> Image.Image:
     return strip
 
 
-def fill_picture(picture: Path) -> Image.Image:
-    """The picture of a fill, as wide as the README."""
-    image = Image.open(picture).convert("RGB")
-    return image.resize((WIDTH, WIDTH * image.height // image.width), Image.Resampling.LANCZOS)
-
-
 def continuation_picture(folder: Path) -> Image.Image:
     """A head without its crown: open, under a film, and continued."""
     import spinor_geom
@@ -60,7 +53,7 @@ def continuation_picture(folder: Path) -> Image.Image:
         )
         focus = report.loops[0].loop.centroid - np.array([0.0, _BELOW, 0.0])
         camera = Camera(focus=focus, direction=direction, up=up / np.linalg.norm(up), radius=_RADIUS)
-        write_png(replace(fill_scene(report), camera=camera), folder / "drawn.png")
+        write_png(replace(fill_scene(report), cameras=(camera, camera)), folder / "drawn.png")
         drawn.append(Image.open(folder / "drawn.png").convert("RGB"))
     width, height = drawn[0].size
     top = int(_TITLES * height)
@@ -72,16 +65,9 @@ def continuation_picture(folder: Path) -> Image.Image:
 
 
 def main() -> None:
-    """Writes all four."""
-    from spinor_geom.cli.main import main as spinor_geom
-
+    """Writes both."""
     with hooks.workplace() as folder:
-        spinor_geom(["fill", "data/demosthenes_low_res.obj", "-o", "out/filled.obj", "--picture", "out/picture.png"])
-        _save(fill_picture(folder / "out/picture.png"), FILL)
         _save(continuation_picture(folder), CONTINUATION)
-    with hooks.workplace() as folder:
-        hooks.run_blocks(DOCS / "plateau.md")
-        shutil.copy(folder / "pictures" / ERROR, DOCS / ERROR)
     page = DOCS / "gallery.md"
     with hooks.workplace() as folder:
         hooks.run_blocks(page)
