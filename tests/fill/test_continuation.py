@@ -81,11 +81,12 @@ def test_caps_of_spheres_come_back(sphere: Mesh, height: float) -> None:
     new, outcome = continued(mesh)
     assert (outcome.kind, outcome.converged, outcome.reason) == ("smooth", True, "")
     # vertices on a sphere have one mean curvature, whatever the triangles: only the steps' tolerance is left
-    assert rms(heights(new)) < 1e-3
+    # and where a lid becomes a hemisphere, twice as large, what its triangles, meshed anew or not, leave
+    assert rms(heights(new)) < (1e-3 if height > 0 else 5e-3)
     told = outcome.continuation
     assert told is not None
     # as the sphere's own edges bend: 5.5°
-    assert told.after.rms < 7 < told.before.rms
+    assert told.after.rms < 8 < told.before.rms
     assert told.after.largest < 30
 
 
