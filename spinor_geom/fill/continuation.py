@@ -11,6 +11,7 @@ Source: Schneider & Kobbelt (2001), Geometric fairing of irregular meshes for fr
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -27,13 +28,16 @@ from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.remesh import over_domain_of_angles, remesh
 
+# Newton's method starts after so many linear solves at most; a dome that is not found after few is not after many.
 _STARTS = 3
 _MOST_STEPS = 40
+# Edges that are longer by more leave triangles that are too coarse for the bulge.
 _MOST_STRETCHED = 2.0
 # At rest: the next step is shorter than this share of an edge, as a mean.
 _AT_REST = 3e-3
 # A factor serves on while each step is so much shorter than the one before.
 _QUICK = 0.5
+# Where no longer share of a step brings the next one down, the linear problem is no guide.
 _SHORTEST = 0.05
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
@@ -78,12 +82,28 @@ class Continuation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moved:
-    """A patch that was moved: Newton's steps to it, whether it was meshed anew, and whether it rests."""
+    """A patch that was moved.
+
+    Attributes:
+        patch: the patch.
+        steps: Newton's steps to it.
+        converged: whether it rests.
+        stretch: by how much the edge that became longer most did so since it was meshed.
+        remeshed: whether it was meshed anew.
+    """
 
     patch: Patch
     steps: int
-    remeshed: bool
     converged: bool
+    stretch: float
+    remeshed: bool = False
+
+    @cached_property
+    def folds(self) -> int:
+        """Half-edges across which the patch's normal turns by more than a right angle."""
+        faces = np.asarray(self.patch.faces)
+        angles = crossing_angles(HalfEdges.of(faces), face_normals(self.patch.vertices, faces))
+        return int((angles > np.pi / 2).sum())
 
 
 def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal: bool) -> Moved:
@@ -104,41 +124,24 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
     """
     moved = _at_rest(patch, collar)
-    folds, stretched = _folds(moved.patch), _stretch(patch, moved.patch) > _MOST_STRETCHED
-    unshaped = stretched and not is_conformal
-    if (folds or unshaped or not moved.converged) and not patch.hole_sizes and not is_out_of_time():
-        start = _start_by_angles(patch, collar, target)
-        again = None if start is None else _at_rest(start, collar)
-        if (
-            start is not None
-            and again is not None
-            and (_folds(again.patch), not again.converged)
-            <= (
-                folds,
-                not moved.converged,
-            )
-        ):
-            stretched, is_conformal = _stretch(start, again.patch) > _MOST_STRETCHED, True
-            moved = replace(again, steps=moved.steps + again.steps, remeshed=True)
-    if not stretched or not is_conformal or is_out_of_time():
-        return moved
-    again = _at_rest(remesh(moved.patch, target), collar)
-    return replace(again, steps=moved.steps + again.steps, remeshed=True)
+    is_poor = moved.folds or not moved.converged or (moved.stretch > _MOST_STRETCHED and not is_conformal)
+    if is_poor and not patch.hole_sizes and not is_out_of_time():
+        again = _at_rest_over_angles(patch, collar, target)
+        if again is not None and (again.folds, not again.converged) <= (moved.folds, not moved.converged):
+            moved, is_conformal = replace(again, steps=moved.steps + again.steps, remeshed=True), True
+    if moved.stretch > _MOST_STRETCHED and is_conformal and not is_out_of_time():
+        again = _at_rest(remesh(moved.patch, target), collar)
+        moved = replace(again, steps=moved.steps + again.steps, remeshed=True)
+    return moved
 
 
-def _start_by_angles(patch: Patch, collar: Collar, target: float) -> Patch | None:
-    """The patch over a domain with the angles that the mesh leaves at its loop; None where no such one is simple."""
+def _at_rest_over_angles(patch: Patch, collar: Collar, target: float) -> Moved | None:
+    """From a domain with the angles that the mesh leaves at the loop; None where none is simple, or wide enough."""
     try:
-        return over_domain_of_angles(patch, 2 * np.pi - collar.angles, target)
+        start = over_domain_of_angles(patch, 2 * np.pi - collar.angles, target)
     except (DomainError, SingularMatrixError):
         return None
-
-
-def _folds(patch: Patch) -> int:
-    """Half-edges across which the patch's normal turns by more than a right angle."""
-    faces = np.asarray(patch.faces)
-    angles = crossing_angles(HalfEdges.of(faces), face_normals(patch.vertices, faces))
-    return int((angles > np.pi / 2).sum())
+    return _at_rest(start, collar) if len(start.vertices) > start.boundary_size else None
 
 
 def _at_rest(patch: Patch, collar: Collar) -> Moved:
@@ -152,14 +155,10 @@ def _at_rest(patch: Patch, collar: Collar) -> Moved:
         if converged or is_out_of_time():
             break
     vertices = np.concatenate([patch.vertices[:m], x[: problem.free]])
-    return Moved(patch=replace(patch, vertices=vertices), steps=steps, remeshed=False, converged=converged)
-
-
-def _stretch(before: Patch, after: Patch) -> float:
-    """By how much the edge that became longer most did so."""
-    edges = unique_edges(np.asarray(before.faces), len(before.vertices))
-    old, new = (np.linalg.norm(p.vertices[edges[:, 0]] - p.vertices[edges[:, 1]], axis=1) for p in (before, after))
-    return float((new / np.maximum(old, np.finfo(np.float64).tiny)).max())
+    edges = unique_edges(np.asarray(patch.faces), len(vertices))
+    before, after = (np.linalg.norm(v[edges[:, 0]] - v[edges[:, 1]], axis=1) for v in (patch.vertices, vertices))
+    stretch = float((after / np.maximum(before, np.finfo(np.float64).tiny)).max())
+    return Moved(patch=replace(patch, vertices=vertices), steps=steps, converged=converged, stretch=stretch)
 
 
 class _Problem:

@@ -11,13 +11,16 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from spinor_geom.errors import OptionError
+from spinor_geom.deadline import time_limit
+from spinor_geom.errors import OptionError, SingularMatrixError
 from spinor_geom.fill.collar import FacesAround, bend_across, collar_of
+from spinor_geom.fill.continuation import Moved, continue_patch
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import cone, cylinder, rounds_and_rows, tube
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -240,6 +243,34 @@ def test_a_discrete_patch_is_continued_too() -> None:
     assert outcome.continuation is not None
     assert (outcome.kind, outcome.continuation.started_from, outcome.solution) == ("smooth", "discrete", None)
     assert rms(heights(new)) < 1e-3
+
+
+def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = without(icosphere(2), centres(icosphere(2))[:, 2] > 0.7)
+
+    def stuck(patch: Patch, *_: object, **__: object) -> Moved:
+        return Moved(patch=patch, steps=7, converged=False, stretch=1.0)
+
+    def broken(*_: object, **__: object) -> Moved:
+        raise SingularMatrixError(size=5)
+
+    for instead, told in ((stuck, "7 steps left a bend of"), (broken, "singular")):
+        monkeypatch.setattr("spinor_geom.fill.smooth_patch.continue_patch", instead)
+        _, outcome = continued(mesh)
+        assert (outcome.kind, outcome.continuation, outcome.converged) == ("minimal", None, True)
+        assert "the patch was not continued smoothly" in outcome.remarks[0]
+        assert told in outcome.remarks[0]
+
+
+def test_a_continuation_out_of_time_is_kept_where_it_is_nearer_and_told() -> None:
+    mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > 0.3)
+    loop = boundary_loops(mesh)[0]
+    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
+    collar = collar_of(FacesAround(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    with time_limit(0.0):
+        moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
+    assert (moved.converged, moved.steps) == (False, 0)
+    assert bend_across(collar, moved.patch).rms < bend_across(collar, film).rms
 
 
 def test_attributes_follow() -> None:
