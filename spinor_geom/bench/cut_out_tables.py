@@ -37,7 +37,7 @@ def filler_table(records: Sequence[Record]) -> Table:
                     f"{sum(r['method'] == method for r in won) / max(len(won), 1):.0%}"
                     for won in (nearest, [r for r in nearest if r["kind"] == "scan"])
                 ),
-                _median([r["distance"] for r in whole if r["kind"] == "scan"], ".4f"),
+                _median([r["distance"] for r in whole if r["kind"] == "scan"], ".3g"),
                 _median(bends, ".2f"),
                 _median([r["seconds"] for r in whole], ".3f"),
             )
@@ -134,7 +134,7 @@ def _group(record: Record) -> str:
 
 
 def _bold(distances: Sequence[float], least: float) -> str:
-    text = _median(distances, ".4f")
+    text = _median(distances, ".3g")
     return f"**{text}**" if distances and median(distances) == least else text
 
 
