@@ -8,14 +8,19 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import hooks
+import numpy as np
 from PIL import Image
 
 DOCS = Path(__file__).parent
-FILL, ERROR, GALLERY = "demosthenes.png", "error.png", "gallery.png"
+FILL, CONTINUATION, ERROR, GALLERY = "demosthenes.png", "continuation.png", "error.png", "gallery.png"
 WIDTH = 1200
+# the crown above this height is cut off, and looked at from here, so far around
+_CROWN, _EYE, _RADIUS, _BELOW = 1.93, np.array([-0.75, 0.35, 0.45]), 0.85, 0.28
+_TITLES = 0.05  # share of a drawing's height
 _ACROSS = 6
 _COLOURS = 128
 
@@ -38,13 +43,42 @@ def fill_picture(picture: Path) -> Image.Image:
     return image.resize((WIDTH, WIDTH * image.height // image.width), Image.Resampling.LANCZOS)
 
 
+def continuation_picture(folder: Path) -> Image.Image:
+    """A head without its crown: open, under a film, and continued."""
+    import spinor_geom
+    from spinor_geom.render.png import write_png
+    from spinor_geom.render.scene import Camera, fill_scene
+
+    bust = spinor_geom.read_mesh(folder / "data/demosthenes_low_res.obj").mesh
+    is_kept = bust.vertices[bust.faces][:, :, 1].min(axis=1) < _CROWN
+    direction = _EYE / np.linalg.norm(_EYE)
+    up = np.array([0.0, 1.0, 0.0]) - direction[1] * direction
+    drawn = []
+    for continuity in ("C0", "C1"):
+        _, report = spinor_geom.fill_hole(
+            (bust.vertices, bust.faces[is_kept]), 0, continuity=continuity, return_report=True
+        )
+        focus = report.loops[0].loop.centroid - np.array([0.0, _BELOW, 0.0])
+        camera = Camera(focus=focus, direction=direction, up=up / np.linalg.norm(up), radius=_RADIUS)
+        write_png(replace(fill_scene(report), camera=camera), folder / "drawn.png")
+        drawn.append(Image.open(folder / "drawn.png").convert("RGB"))
+    width, height = drawn[0].size
+    top = int(_TITLES * height)
+    parts = [drawn[0].crop((0, top, width, height)), drawn[1].crop((width // 2, top, width, height))]
+    whole = Image.new("RGB", (width * 3 // 2, height - top), "white")
+    for part, left in zip(parts, (0, width), strict=True):
+        whole.paste(part, (left, 0))
+    return whole.resize((WIDTH, WIDTH * whole.height // whole.width), Image.Resampling.LANCZOS)
+
+
 def main() -> None:
-    """Writes all three."""
+    """Writes all four."""
     from spinor_geom.cli.main import main as spinor_geom
 
     with hooks.workplace() as folder:
         spinor_geom(["fill", "data/demosthenes_low_res.obj", "-o", "out/filled.obj", "--picture", "out/picture.png"])
         _save(fill_picture(folder / "out/picture.png"), FILL)
+        _save(continuation_picture(folder), CONTINUATION)
     with hooks.workplace() as folder:
         hooks.run_blocks(DOCS / "plateau.md")
         shutil.copy(folder / "pictures" / ERROR, DOCS / ERROR)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from spinor_geom.discrete.minimal_surface import discrete_minimal_surface as discrete_minimal_surface
     from spinor_geom.domain.plane_domain import PlaneDomain as PlaneDomain
     from spinor_geom.errors import SpinorGeomError as SpinorGeomError
+    from spinor_geom.fill.continuation import Continuation as Continuation
     from spinor_geom.fill.fill_hole import fill_hole as fill_hole
     from spinor_geom.fill.loops import boundary_loops as boundary_loops
     from spinor_geom.fill.result import FillResult as FillResult
@@ -50,6 +51,7 @@ _MODULES = {
     "ClosedCurve": "spinor_geom.mesh.curve",
     "Comparison": "spinor_geom.comparison",
     "ComplexMLP": "spinor_geom.holomorphic.mlp",
+    "Continuation": "spinor_geom.fill.continuation",
     "DiscreteMinimalSurface": "spinor_geom.discrete.minimal_surface",
     "FillResult": "spinor_geom.fill.result",
     "LaurentSeries": "spinor_geom.holomorphic.laurent",

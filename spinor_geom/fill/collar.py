@@ -184,4 +184,4 @@ def _correlation(
     correlation = 1 - between / variance
     if correlation <= 0:
         return 0.0, between / variance
-    return edge * min(-1 / np.log(correlation), _LONGEST), between / variance
+    return edge * min(-1 / float(np.log(correlation)), _LONGEST), between / variance

@@ -22,7 +22,7 @@ from spinor_geom.domain.delaunay import unique_edges
 from spinor_geom.errors import DomainError, SingularMatrixError
 from spinor_geom.fill.collar import Bend, Collar
 from spinor_geom.mesh.bending import Bending, crossing_angles, face_normals
-from spinor_geom.mesh.operators import factor_symmetric
+from spinor_geom.mesh.operators import factor_symmetric, mollified_laplacian
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.remesh import over_domain_of_angles, remesh
@@ -31,9 +31,9 @@ _STARTS = 3
 _MOST_STEPS = 40
 _MOST_STRETCHED = 2.0
 # At rest: the next step is shorter than this share of an edge, as a mean.
-_AT_REST = 1e-3
+_AT_REST = 3e-3
 # A factor serves on while each step is so much shorter than the one before.
-_QUICK = 0.3
+_QUICK = 0.5
 _SHORTEST = 0.05
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
@@ -181,8 +181,8 @@ class _Problem:
     def smoothed(self, x: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
         """The free vertices where ∫|Δx|² is least, Δ being that of x."""
         n, bending = self.free, Bending.of(x, self._faces)
-        curl = self._slope(bending) @ bending.laplacian[: self.inside]
-        moved = factor_symmetric(curl[:, :n]).solve(-(curl[:, n:] @ x[n:]))
+        bilaplacian = self._slope(bending) @ bending.laplacian[: self.inside]
+        moved = factor_symmetric(bilaplacian[:, :n]).solve(-(bilaplacian[:, n:] @ x[n:]))
         return np.concatenate([moved, x[n:]])
 
     def rest(self, x: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "v 3"], int, bool]:
@@ -221,7 +221,11 @@ class _Problem:
         )
 
     def _gradient_form(self, x: Float[np.ndarray, "v 3"], bending: Bending) -> csc_array:
-        return bending.laplacian if self._known is None else Bending.of(x, self._known).laplacian
+        if self._known is None:
+            return bending.laplacian
+        form = mollified_laplacian(x, self._known)
+        form.resize((len(x), len(x)))
+        return form
 
     def _stiffness(self, x: Float[np.ndarray, "v 3"], bending: Bending) -> csc_array:
         """Derivative of the imbalance by displacements along the normals, but for terms of lower order."""
@@ -230,7 +234,7 @@ class _Problem:
         weight = diags_array(bending.areas[:s])
         if self._squared_length:
             weight = weight + self._squared_length * self._gradient_form(x, bending)[:s, :s]
-        return csc_array(slope @ weight @ slope.T) / 2
+        return csc_array(0.5 * (slope @ weight @ slope.T))
 
     def _imbalance(self, x: Float[np.ndarray, "v 3"], bending: Bending) -> Float[np.ndarray, " k"]:
         """L(H + ℓ²LH/A) at the free vertices."""
@@ -240,4 +244,6 @@ class _Problem:
         if self._squared_length:
             whole = np.concatenate([curvature, self._beyond])
             force = force + self._squared_length * (self._gradient_form(x, bending) @ whole)[:s]
-        return np.asarray(self._slope(bending) @ force)
+        pull = np.zeros(len(x))
+        pull[:s] = self._bends * force / bending.areas[:s]
+        return np.asarray((bending.laplacian @ pull)[: self.free])
