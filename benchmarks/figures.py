@@ -38,8 +38,8 @@ from spinor_geom.bench.claims import claims
 from spinor_geom.bench.cut_out_pictures import pictures
 from spinor_geom.bench.cut_out_tables import cut_out_tables
 from spinor_geom.bench.machine import machine, told
-from spinor_geom.bench.page import TABLES, table_of
-from spinor_geom.bench.runner import DESCRIPTION, PICTURED, VIEWS, read_records
+from spinor_geom.bench.page import JSON, TABLES, table_of
+from spinor_geom.bench.runner import PICTURED, VIEWS
 from spinor_geom.bench.tables import Table, claim_table
 from spinor_geom.files import atomic_path
 
@@ -147,10 +147,10 @@ def with_bench(text: str, run: Path) -> str:
 
 def show_cut_outs(run: Path) -> None:
     """Writes the tables of a run of cut-outs into the page, a line a measurement as CSV, and the picture."""
-    records = read_records(run)
-    description = json.loads((run / DESCRIPTION).read_text(encoding="utf-8"))
+    left = json.loads((run / JSON).read_text(encoding="utf-8"))
+    records = left["records"]
     promises = claim_table([claim for claim in claims(records) if claim.kind == "accuracy"])
-    section = "\n\n".join([told(description["machine"]), *map(str, [promises, *cut_out_tables(records)])])
+    section = "\n\n".join([told(left["machine"]), *map(str, [promises, *cut_out_tables(records)])])
     page = README.read_text(encoding="utf-8")
     write_whole(README, replaced_section(page, section, begin=CUT_OUTS_BEGIN, end=CUT_OUTS_END))
     write_whole(CUT_OUTS, table_of([{name: r[name] for name in CUT_OUT_FIELDS if name in r} for r in records]))
