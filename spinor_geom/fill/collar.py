@@ -16,7 +16,7 @@ from spinor_geom.meshing.embed import Patch
 # An edge with a larger angle between its faces' normals is a crease, and nothing goes on across it.
 CREASE = np.radians(40)
 # Rings of faces whose curvature is compared, and edges between them below which there is nothing to be compared.
-_RINGS = 5
+_RINGS = 3
 _FEWEST_EDGES = 12
 # Share of the rings' mean curvature, and of one edge's, that is rounding and triangles rather than shape.
 _CONSTANT = 1e-3
