@@ -33,6 +33,7 @@ from figure_rims import rims
 from figure_solutions import solutions
 from figure_speed import speed
 from figure_tables import BENCH_BEGIN, BENCH_END, CUT_OUTS_BEGIN, CUT_OUTS_END, replaced_section
+from PIL import Image
 
 from spinor_geom.bench.claims import claims
 from spinor_geom.bench.cut_out_pictures import pictures
@@ -45,6 +46,7 @@ from spinor_geom.files import atomic_path
 
 README = Path(__file__).parent / "README.md"
 CUT_OUTS, PICTURE = README.with_name("cut-outs.csv"), README.parents[1] / "docs" / "cut-outs.png"
+COLOURS = 128
 CUT_OUT_FIELDS = (
     *("suite", "case", "kind", "method", "status", "reason", "seconds", "open_rim_edges", "new_open_edges"),
     *("old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "triangles", "min_angle", "max_angle"),
@@ -153,10 +155,16 @@ def show_cut_outs(run: Path) -> None:
     section = "\n\n".join([told(left["machine"]), *map(str, [promises, *cut_out_tables(records)])])
     page = README.read_text(encoding="utf-8")
     write_whole(README, replaced_section(page, section, begin=CUT_OUTS_BEGIN, end=CUT_OUTS_END))
-    write_whole(CUT_OUTS, table_of([{name: r[name] for name in CUT_OUT_FIELDS if name in r} for r in records]))
+    write_whole(CUT_OUTS, table_of([{name: short(r[name]) for name in CUT_OUT_FIELDS if name in r} for r in records]))
     figure = pictures([run / VIEWS / case for case in PICTURED])
     with atomic_path(PICTURE) as temporary:
-        figure.savefig(temporary, dpi=100)
+        figure.savefig(temporary, dpi=80)
+        Image.open(temporary).convert("RGB").quantize(COLOURS).save(temporary, optimize=True)
+
+
+def short(value: object) -> object:
+    """Numbers to four digits."""
+    return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def write_whole(path: Path, text: str) -> None:
