@@ -33,18 +33,20 @@ from figure_rims import rims
 from figure_solutions import solutions
 from figure_speed import speed
 from figure_tables import BENCH_BEGIN, BENCH_END, CUT_OUTS_BEGIN, CUT_OUTS_END, replaced_section
+from PIL import Image
 
 from spinor_geom.bench.claims import claims
 from spinor_geom.bench.cut_out_pictures import pictures
 from spinor_geom.bench.cut_out_tables import cut_out_tables
 from spinor_geom.bench.machine import machine, told
-from spinor_geom.bench.page import TABLES, table_of
-from spinor_geom.bench.runner import DESCRIPTION, PICTURED, VIEWS, read_records
+from spinor_geom.bench.page import JSON, TABLES, table_of
+from spinor_geom.bench.runner import PICTURED, VIEWS
 from spinor_geom.bench.tables import Table, claim_table
 from spinor_geom.files import atomic_path
 
 README = Path(__file__).parent / "README.md"
 CUT_OUTS, PICTURE = README.with_name("cut-outs.csv"), README.parents[1] / "docs" / "cut-outs.png"
+COLOURS = 128
 CUT_OUT_FIELDS = (
     *("suite", "case", "kind", "method", "status", "reason", "seconds", "open_rim_edges", "new_open_edges"),
     *("old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "triangles", "min_angle", "max_angle"),
@@ -147,16 +149,22 @@ def with_bench(text: str, run: Path) -> str:
 
 def show_cut_outs(run: Path) -> None:
     """Writes the tables of a run of cut-outs into the page, a line a measurement as CSV, and the picture."""
-    records = read_records(run)
-    description = json.loads((run / DESCRIPTION).read_text(encoding="utf-8"))
+    left = json.loads((run / JSON).read_text(encoding="utf-8"))
+    records = left["records"]
     promises = claim_table([claim for claim in claims(records) if claim.kind == "accuracy"])
-    section = "\n\n".join([told(description["machine"]), *map(str, [promises, *cut_out_tables(records)])])
+    section = "\n\n".join([told(left["machine"]), *map(str, [promises, *cut_out_tables(records)])])
     page = README.read_text(encoding="utf-8")
     write_whole(README, replaced_section(page, section, begin=CUT_OUTS_BEGIN, end=CUT_OUTS_END))
-    write_whole(CUT_OUTS, table_of([{name: r[name] for name in CUT_OUT_FIELDS if name in r} for r in records]))
+    write_whole(CUT_OUTS, table_of([{name: short(r[name]) for name in CUT_OUT_FIELDS if name in r} for r in records]))
     figure = pictures([run / VIEWS / case for case in PICTURED])
     with atomic_path(PICTURE) as temporary:
-        figure.savefig(temporary, dpi=100)
+        figure.savefig(temporary, dpi=80)
+        Image.open(temporary).convert("RGB").quantize(COLOURS).save(temporary, optimize=True)
+
+
+def short(value: object) -> object:
+    """Numbers to four digits."""
+    return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def write_whole(path: Path, text: str) -> None:

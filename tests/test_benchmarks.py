@@ -13,6 +13,7 @@ import pytest
 
 from spinor_geom import gallery, read_mesh
 from spinor_geom.bench import runner
+from spinor_geom.bench.page import write
 from spinor_geom.bench.runner import Settings, measure
 from spinor_geom.bench.tables import Table
 from spinor_geom.errors import SurfaceError
@@ -287,7 +288,7 @@ def test_a_run_of_cut_outs_becomes_tables_a_csv_and_a_picture(
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     run = tmp_path / "run"
     settings = Settings.short(cases=("torus-outside-0.4", "open-cone"), methods=("spinor-fill",))
-    measure(settings, run)
+    write(measure(settings, run))
     page = tmp_path / "README.md"
     page.write_text(f"before\n\n{tables.CUT_OUTS_BEGIN}\nold\n{tables.CUT_OUTS_END}\nafter\n", encoding="utf-8")
     places = {"README": page, "CUT_OUTS": tmp_path / "all.csv", "PICTURE": tmp_path / "all.png"}

@@ -7,6 +7,7 @@ from statistics import median
 
 from spinor_geom.bench.claims import cap_distances, is_whole
 from spinor_geom.bench.cut_outs import HEIGHTS
+from spinor_geom.bench.fillers import SMOOTH
 from spinor_geom.bench.holes import PEER_TESTS
 from spinor_geom.bench.isolate import Record
 from spinor_geom.bench.tables import Table
@@ -37,15 +38,16 @@ def filler_table(records: Sequence[Record]) -> Table:
                     f"{sum(r['method'] == method for r in won) / max(len(won), 1):.0%}"
                     for won in (nearest, [r for r in nearest if r["kind"] == "scan"])
                 ),
-                _median([r["distance"] for r in whole if r["kind"] == "scan"], ".4f"),
+                _beaten(records, method),
+                _median([r["distance"] for r in whole if r["kind"] == "scan"], ".3g"),
                 _median(bends, ".2f"),
                 _median([r["seconds"] for r in whole], ".3f"),
             )
         )
-    columns = ("filler", "closed", "crossing", "mesh kept", "nearest", "nearest on scans", "median distance on scans")
+    columns = ("filler", "closed", "crossing", "mesh kept", "nearest", "nearest on scans", f"{SMOOTH} nearer on scans")
     return Table(
         title="Cut-outs: who puts back what was removed",
-        columns=(*columns, "median bend", "median s"),
+        columns=(*columns, "median distance on scans", "median bend", "median s"),
         rows=tuple(rows),
         note="Of patches that close their hole. Distances are per diameter of the hole, the bend across the rim per "
         "the removed piece's.",
@@ -125,6 +127,14 @@ def _nearest(records: Sequence[Record]) -> dict[str, Record]:
     return {case: min((r for r in whole if r["case"] == case), key=lambda r: r["distance"]) for case in cases}
 
 
+def _beaten(records: Sequence[Record], method: str) -> str:
+    """On what share of the scans' disks our continuation is nearer than a filler."""
+    scans = [r for r in records if is_whole(r) and r["kind"] == "scan"]
+    mine = {r["case"]: r["distance"] for r in scans if r["method"] == SMOOTH}
+    pairs = [(mine[r["case"]], r["distance"]) for r in scans if r["method"] == method != SMOOTH and r["case"] in mine]
+    return f"{sum(a < b for a, b in pairs) / len(pairs):.0%}" if pairs else ""
+
+
 def _methods(records: Sequence[Record]) -> list[str]:
     return list(dict.fromkeys(r["method"] for r in records))
 
@@ -134,7 +144,7 @@ def _group(record: Record) -> str:
 
 
 def _bold(distances: Sequence[float], least: float) -> str:
-    text = _median(distances, ".4f")
+    text = _median(distances, ".3g")
     return f"**{text}**" if distances and median(distances) == least else text
 
 
