@@ -84,15 +84,24 @@ class _Piece:
     def __init__(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, start: int) -> None:
         """Takes the boxes once for many patches; `start` is the first face's number in the filled mesh."""
         self.vertices, self.faces, self.start = vertices, faces, start
-        corners = vertices[faces]
-        # axis by axis: one is compared after the other
-        self._lows, self._highs = (np.ascontiguousarray(x.T) for x in (corners.min(axis=1), corners.max(axis=1)))
+        # axis by axis, corner by corner: several times as fast as a minimum along a short axis
+        a, b, c = (np.ascontiguousarray(vertices.T)[:, faces[:, k]] for k in range(3))
+        self._lows, self._highs = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
         self.low, self.high = self._lows.min(axis=1, initial=np.inf), self._highs.max(axis=1, initial=-np.inf)
         # along the longest axis faces are looked for by bisection
         self._axis = int(np.argmax(self.high - self.low)) if len(faces) else 0
-        self._order = np.argsort(self._lows[self._axis], kind="stable")
-        self._ordered = self._lows[self._axis][self._order]
-        self._widest = (self._highs - self._lows)[self._axis].max(initial=0.0)
+
+    @cached_property
+    def _order(self) -> Int[np.ndarray, " f"]:
+        return np.argsort(self._lows[self._axis], kind="stable")
+
+    @cached_property
+    def _ordered(self) -> Float[np.ndarray, " f"]:
+        return np.asarray(self._lows[self._axis][self._order])
+
+    @cached_property
+    def _widest(self) -> float:
+        return float((self._highs - self._lows)[self._axis].max(initial=0.0))
 
     def crossings(self, other: _Piece) -> Int[np.ndarray, "k 2"]:
         """Pairs of a face of this and one of another piece that cross."""
