@@ -212,7 +212,7 @@ def scan_disk(name: str, folder: Path) -> CutOut:
         seed = int(random.choice(np.unique(mesh[1])))
         radius = edge * float(np.exp(random.uniform(np.log(_SMALLEST), np.log(_LARGEST))))
         distance = np.asarray(dijkstra(graph, directed=False, indices=np.array(seed), limit=radius))
-        removed = np.isfinite(distance[mesh[1]]).all(axis=1)
+        removed = np.asarray(np.isfinite(distance[mesh[1]]).all(axis=1))
         if is_disk(mesh[1][removed]) and not np.isin(mesh[1][removed], border).any():
             found = cut(name, "scan", mesh, removed)
             loops = [found.hole.loops[k] for k in found.hole.places]
