@@ -210,9 +210,9 @@ def scan_disk(name: str, folder: Path) -> CutOut:
     random = np.random.default_rng([_SEED, int(place)])
     for _ in range(_TRIES):
         seed = int(random.choice(np.unique(mesh[1])))
-        radius = edge * np.exp(random.uniform(np.log(_SMALLEST), np.log(_LARGEST)))
-        near = np.isfinite(dijkstra(graph, directed=False, indices=seed, limit=radius))
-        removed = near[mesh[1]].all(axis=1)
+        radius = edge * float(np.exp(random.uniform(np.log(_SMALLEST), np.log(_LARGEST))))
+        distance = np.asarray(dijkstra(graph, directed=False, indices=np.array(seed), limit=radius))
+        removed = np.asarray(np.isfinite(distance[mesh[1]]).all(axis=1))
         if is_disk(mesh[1][removed]) and not np.isin(mesh[1][removed], border).any():
             found = cut(name, "scan", mesh, removed)
             loops = [found.hole.loops[k] for k in found.hole.places]
