@@ -23,6 +23,12 @@ class CircularDomain:
     centres: Complex[Tensor, " holes"]
     log_radii: Float[Tensor, " holes"]
 
+    @classmethod
+    def annulus(cls, modulus: float, device: torch.device | str = "cpu") -> CircularDomain:
+        """The ring between the unit circle and one of radius e^{−modulus}."""
+        radii = torch.tensor([-modulus], dtype=torch.float64, device=device)
+        return cls(centres=torch.zeros_like(radii, dtype=torch.complex128), log_radii=radii)
+
     @property
     def rims(self) -> int:
         """m, the number of circles."""
@@ -82,7 +88,7 @@ class CircularDomain:
 
     @cached_property
     def room(self) -> tuple[Float[Tensor, " holes"], Float[Tensor, " holes"]]:
-        """Of each hole the width of the widest ring around it in Ω, and the modulus log(R/r) of that."""
+        """Of each hole the width of the widest ring around it in Ω, and the modulus log(R/r) of that: NaN where none is."""
         c, r = self.centres, self.radii
         far = (c[:, None] - c).abs() - r
         far.fill_diagonal_(1.0)

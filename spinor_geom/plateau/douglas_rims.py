@@ -81,7 +81,9 @@ class RimsProblem:
                 metric[count:] = hessian.diagonal()[count:].abs() + 0.1 * here.energy
             there = None
             for _ in range(_MOST_TRIES):
-                factor, info = torch.linalg.cholesky_ex(hessian + damping * torch.diag(metric))
+                damped = hessian.clone()
+                damped.diagonal().add_(metric, alpha=damping)
+                factor, info = torch.linalg.cholesky_ex(damped)
                 if int(info) == 0:
                     step = torch.cholesky_solve(-gradient[:, None], factor)[:, 0]
                     there = here.stepped(step, fixed=fixed)

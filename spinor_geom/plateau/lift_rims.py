@@ -15,7 +15,7 @@ from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import LaurentSeries, parts_on_circle, sums_on_circles
 from spinor_geom.holomorphic.series import power_table
-from spinor_geom.plateau.circles import DirichletForm, derivative
+from spinor_geom.plateau.circles import DirichletForm, derivative, without_highest
 from spinor_geom.plateau.douglas import resampled
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
@@ -141,7 +141,7 @@ def _model(points: Float[Tensor, "m n 3"], form: DirichletForm) -> LaurentSeries
     """The functions p and q of the harmonic surface with given values on all circles."""
     domain, n = form.domain, form.steps
     z = domain.circles(n)
-    null = torch.complex(derivative(points), form(points)) / domain.velocities(n)[..., None]
+    null = torch.complex(derivative(points), without_highest(form(points))) / domain.velocities(n)[..., None]
     signs = [spin_invariant(*spinors_from_phi(rim)) for rim in null]
     if math.prod(signs) < 0:
         raise SurfaceError(

@@ -11,8 +11,6 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
-import torch
-
 from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.douglas_rims import MOST_MODULUS, RimsProblem
@@ -88,8 +86,8 @@ class ModuliSearch:
         return [*below[:0:-1], *above]
 
     def _fixed(self, near: HarmonicSurface, log_modulus: float, tolerance: float = _COARSE) -> HarmonicSurface:
-        log_radii = torch.full_like(near.domain.log_radii, -math.exp(log_modulus))
-        start = self.problem.at(near.slides, CircularDomain(centres=near.domain.centres, log_radii=log_radii))
+        ring = CircularDomain.annulus(math.exp(log_modulus), near.slides.device)
+        start = self.problem.at(near.slides, ring)
         surface = self.problem.descended(start, tolerance=tolerance, fixed=True)
         assert surface is not None  # a modulus that stays does not run away
         return surface

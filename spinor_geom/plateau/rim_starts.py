@@ -117,8 +117,7 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
     usual = int((moduli - 1 - abs(sizes[0] - sizes[1])).abs().argmin())
     row = _first_valley(energy, usual)
     even = torch.arange(n, dtype=weight.dtype, device=weight.device) / n
-    zero = torch.zeros(1, dtype=torch.complex128, device=weight.device)
-    domain = CircularDomain(centres=zero, log_radii=-moduli[row : row + 1])
+    domain = CircularDomain.annulus(float(moduli[row]), weight.device)
     problem = RimsProblem(curves=(first.ways[0], second.ways[back]))
     slides = torch.stack([even, even + float(shift[row]) / n])
     return Placement(rims=(first, second), back=(False, back), surface=problem.at(slides, domain))

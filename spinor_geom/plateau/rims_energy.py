@@ -154,16 +154,16 @@ class EnergyPoint:
 
     def hessian(self, *, fixed: bool = False) -> Float[Tensor, "k k"]:
         """The second derivative by arc length and the moduli, stiffened against a rotation of Ω."""
-        unit = self.unit.reshape(-1, 3)
-        hessian = (unit @ unit.T) * self.form.matrix()
-        hessian.diagonal().add_(self.bends.flatten())
-        rotation = self.rotation
-        if fixed:
-            rotation = rotation[: len(hessian)]
-        else:
-            lower = torch.cat([self.mixed, self.moduli.hessian], dim=1)
-            hessian = torch.cat([torch.cat([hessian, self.mixed.T], dim=1), lower])
-        return hessian + self.stiffness * torch.outer(rotation, rotation)
+        unit, count = self.unit.reshape(-1, 3), self.slides.numel()
+        size = count if fixed else count + len(self.moduli.slopes)
+        hessian = unit.new_empty(size, size)
+        torch.mul(unit @ unit.T, self.form.matrix(), out=hessian[:count, :count])
+        hessian.diagonal()[:count] += self.bends.flatten()
+        if not fixed:
+            hessian[count:, :count], hessian[:count, count:] = self.mixed, self.mixed.T
+            hessian[count:, count:] = self.moduli.hessian
+        rotation = self.rotation[:size]
+        return hessian.addr_(rotation, rotation, alpha=self.stiffness)
 
     @cached_property
     def mixed(self) -> Float[Tensor, "p mn"]:
@@ -191,7 +191,7 @@ class EnergyPoint:
         share = min(1.0, _LARGEST_STEP / max(float(along.abs().max()), _LARGEST_STEP))
         while True:
             domain = self.domain.moved(share * along)
-            if domain.nearness < 1:
+            if float(domain.room[1].min()) > 0:
                 there = EnergyPoint.of(self.curves, slid(self.slides, direction, share), domain)
                 if there.form.error <= max(_UNRESOLVED, self.form.error):
                     return there
