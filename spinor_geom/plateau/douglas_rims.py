@@ -49,7 +49,7 @@ class RimsProblem:
 
     def at(self, slides: Float[Tensor, "m n"], domain: CircularDomain) -> HarmonicSurface:
         """The harmonic surface with given slides over a given domain."""
-        return self._point(slides, domain).surface
+        return EnergyPoint.of(self.curves, slides, domain).surface
 
     def descended(
         self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False, max_steps: int = _MOST_STEPS
@@ -64,7 +64,7 @@ class RimsProblem:
             fixed: whether the moduli stay.
             max_steps: limit on steps.
         """
-        here = self._point(start.slides, start.domain)
+        here = self.point(start)
         damping = _DAMPING
         for _ in range(max_steps):
             require_time()
@@ -104,7 +104,7 @@ class RimsProblem:
 
     def critical(self, near: HarmonicSurface, *, tolerance: float = _ROUNDING) -> HarmonicSurface:
         """The critical point next to a surface, a minimum or not, by plain Newton steps while the gradient falls."""
-        here = self._point(near.slides, near.domain)
+        here = self.point(near)
         for _ in range(_MOST_STEPS):
             if self.on_step is not None:
                 self.on_step(here.surface.size)
@@ -142,8 +142,7 @@ class RimsProblem:
             near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
             negligible: fall of the energy over several steps at which to stop.
         """
-        start = self.resampled(surface, n)
-        here = self._point(start.slides, start.domain)
+        here = self.point(self.resampled(surface, n))
         reflection = 0.0 if near else 1.0
         energies = [here.energy]
         for _ in range(max_steps):
@@ -176,11 +175,12 @@ class RimsProblem:
 
     def index(self, surface: HarmonicSurface) -> int:
         """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
-        values = torch.linalg.eigvalsh(self._point(surface.slides, surface.domain).hessian())
+        values = torch.linalg.eigvalsh(self.point(surface).hessian())
         return int((values < -_FLAT * values.abs().max()).sum())
 
-    def _point(self, slides: Float[Tensor, "m n"], domain: CircularDomain) -> EnergyPoint:
-        return EnergyPoint.of(self.curves, slides, domain)
+    def point(self, surface: HarmonicSurface) -> EnergyPoint:
+        """The energy with its derivatives at a surface."""
+        return EnergyPoint.of(self.curves, surface.slides, surface.domain)
 
 
 def _is_apart(domain: CircularDomain) -> bool:

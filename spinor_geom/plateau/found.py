@@ -49,7 +49,7 @@ class FoundBetween:
         matchings: of all boundaries of Ω, as in `Found`.
         misfit: distance of all from their curves.
         area: ½∮ r·Im(φ dz).
-        modulus: of two loops the logarithm of the ratio of the radii; none where Ω is no round annulus.
+        modulus: see `capacity_path.mean_modulus`; none where Ω is no circular domain.
         antiperiodic: whether p and q change their sign around each hole.
         period: the largest |Re ∮ φ dz| around a hole.
         route: how it was found.

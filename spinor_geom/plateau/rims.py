@@ -27,6 +27,7 @@ from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
+from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import RimsProblem
@@ -166,15 +167,14 @@ class RimsTask:
         obstacle = self._obstacle()
         if obstacle is not None:
             return self._none(obstacle)
-        if len(self.loops) > 2:
-            return self._on_circles()
         laurent = self.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
             found = self._stable() if self.options.leaves_unstable else self._all_critical()
-            near = min(found, key=lambda placed: abs(placed.surface.log_modulus - log), default=None)
-            return self._none(_RUNS_AWAY) if near is None else self._solution(near)
-        if self.options.is_series:
+            moduli = [math.log(mean_modulus(placed.surface.domain)) for placed in found]
+            near = min(zip(moduli, found, strict=True), key=lambda pair: abs(pair[0] - log), default=None)
+            return self._none() if near is None else self._solution(near[1])
+        if self.options.is_series or len(self.loops) > 2:
             return self._on_circles()
         fitted: PlateauSolution | None = None
         if not self.options.is_free or self._crowds:
@@ -209,7 +209,7 @@ class RimsTask:
             best = min(self._stable(), key=lambda placed: placed.surface.energy, default=None)
         if best is not None:
             return self._solution(best)
-        return self._none(_RUNS_AWAY if len(self.loops) == 2 else _FALLS_APART)
+        return self._none()
 
     def _on_network(self) -> PlateauSolution | None:
         """The annulus of a Cauchy network on a domain made for two rims; none where no domain was found."""
@@ -377,10 +377,19 @@ class RimsTask:
             self.on_iteration(step)
 
     def _all_critical(self) -> list[Placement]:
-        """Critical points: over two rims all with the second loop in the direction whose start has less energy."""
+        """Critical points: over two rims all with the second loop in the direction whose start has less energy.
+
+        Over more the one of least energy and those on its path.
+        """
         if len(self.loops) > 2:
             best = self._descended()
-            return [] if best is None else [best]
+            if best is None:
+                return []
+            problem, n = self._problem(best), best.surface.slides.shape[1]
+            with self.clock.stage("moduli"):
+                # on half of the nodes, whose steps cost an eighth
+                found = all_on_path(problem, problem.refined(best.surface, n // 2))
+                return [replace(best, surface=problem.refined(surface, n)) for surface in found]
         start = min(self._starts, key=lambda start: start.surface.energy)
         with self.clock.stage("moduli"):
             search = ModuliSearch(problem=self._problem(start), start=start.surface)
@@ -389,10 +398,11 @@ class RimsTask:
     def _stable(self) -> list[Placement]:
         return [placed for placed in self._all_critical() if self._problem(placed).index(placed.surface) == 0]
 
-    def _none(self, reason: str) -> NoAnnulus:
-        kind, left = (
-            ("annulus", "two disks") if len(self.loops) == 2 else ("surface of one piece", "less of them in each")
-        )
+    def _none(self, reason: str | None = None) -> NoAnnulus:
+        two = len(self.loops) == 2
+        kind, left = ("annulus", "two disks") if two else ("surface of one piece", "surfaces of fewer rims each")
+        if reason is None:
+            reason = _RUNS_AWAY if two else _FALLS_APART
         return NoAnnulus(
             loops=self.loops,
             rim_disks=self._disks,
@@ -503,7 +513,7 @@ class RimsTask:
             matchings=tuple(np.column_stack([t, slide]) for slide in slides),
             misfit=lift.misfit,
             area=lift.area,
-            modulus=harmonic.domain.modulus if len(slides) == 2 else None,
+            modulus=mean_modulus(harmonic.domain),
             antiperiodic=lift.model.antiperiodic,
             period=lift.period,
             route="annulus" if len(slides) == 2 else "circles",

@@ -211,11 +211,11 @@ class Moduli:
     """
 
     form: DirichletForm
-    null: Complex[Tensor, "h n 3"]
+    null: Complex[Tensor, "h n c"]
     moves: Complex[Tensor, "h 3 n"]
 
     @classmethod
-    def of(cls, form: DirichletForm, points: Float[Tensor, "m n 3"], normal: Float[Tensor, "m n 3"]) -> Moduli:
+    def of(cls, form: DirichletForm, points: Float[Tensor, "m n c"], normal: Float[Tensor, "m n c"]) -> Moduli:
         """The derivatives for values X and ΛX."""
         room, modulus = form.domain.room
         turn = form.domain.circles(form.steps)[0]
@@ -224,7 +224,7 @@ class Moduli:
         return cls(form=form, null=torch.complex(derivative(points[1:]), without_highest(normal[1:])), moves=moves)
 
     @cached_property
-    def _carried(self) -> Complex[Tensor, "h 3 n 3"]:
+    def _carried(self) -> Complex[Tensor, "h 3 n c"]:
         return self.null[:, None] * self.moves[..., None]
 
     @cached_property
@@ -238,14 +238,14 @@ class Moduli:
         return _without_first_place(self._all_slopes.flatten())
 
     @cached_property
-    def changes(self) -> Float[Tensor, "p m n 3"]:
+    def changes(self) -> Float[Tensor, "p m n c"]:
         """The derivative of ΛX by each modulus."""
-        h, _, n, _ = self._carried.shape
-        values = self.null.real.new_zeros(h, 3, h + 1, n, 3)
+        h, _, n, columns = self._carried.shape
+        values = self.null.real.new_zeros(h, 3, h + 1, n, columns)
         own = torch.arange(h)
         values[own, :, own + 1] = self._carried.real
-        columns = _without_first_place(values.flatten(0, 1)).permute(1, 2, 0, 3)
-        changes = -self.form(columns.flatten(-2)).reshape(columns.shape).permute(2, 0, 1, 3)
+        side_by_side = _without_first_place(values.flatten(0, 1)).permute(1, 2, 0, 3)
+        changes = -self.form(side_by_side.flatten(-2)).reshape(side_by_side.shape).permute(2, 0, 1, 3)
         values[own, :, own + 1] = derivative(self._carried.imag)
         return changes + _without_first_place(values.flatten(0, 1))
 

@@ -181,8 +181,9 @@ class Annulus:
     """What is told of a surface between two rims or more beyond that of a disk.
 
     Attributes:
-        modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; none where it was not
-            needed to find the surface, and for three rims or more.
+        modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; of three rims or more
+            the mean modulus 2πm/T, with T the sum of the capacities of the m rims against all others; none where it was
+            not needed to find the surface.
         antiperiodic: for each hole of Ω whether p and q change their sign around it.
         period: |Re ∮ φ dz| around a hole, the largest, in mesh units: the gap by which the surface does not close.
         backward: for each loop that was given whether it runs against the boundary of the surface; not the first of

@@ -9,7 +9,7 @@ from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
 from spinor_geom.errors import LoopsMeetError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.plateau import NoAnnulus
+from spinor_geom.plateau import Laurent, NoAnnulus
 from tests.plateau.rims import CUBE, KNOIDS, TETRAHEDRON, facing, knoid, ring
 
 
@@ -44,6 +44,19 @@ def test_unstable_pieces_of_knoids_are_left_for_less_area(k, rho):
     solution = solve_plateau(knoid(k, rho))
     assert solution.area < KNOIDS[k, rho][0] * (1 - 1e-6)
     assert solution.stability.verdict == "stable"
+
+
+@pytest.mark.parametrize(("k", "rho"), [case for case, (_, index) in KNOIDS.items() if index > 0])
+def test_unstable_pieces_of_knoids_on_request(k, rho):
+    area, index = KNOIDS[k, rho]
+    stable, unstable = solve_plateau(knoid(k, rho), all_solutions=True)
+    assert stable.stability.verdict == "stable"
+    assert abs(unstable.area / area - 1) < 1e-10
+    assert (unstable.stability.verdict, unstable.stability.index) == ("unstable", index)
+    if (k, rho) == (3, 0.35):
+        model = Laurent(modulus=unstable.annulus.modulus)
+        assert solve_plateau(knoid(k, rho), unstable="keep", model=model).area == unstable.area
+        assert solve_plateau(knoid(k, rho), model=model).area == pytest.approx(stable.area, rel=1e-12)
 
 
 @pytest.mark.parametrize("holes", [2, 5, 12])
