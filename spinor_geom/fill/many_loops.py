@@ -58,8 +58,8 @@ def fill_loops(
             continue
         if place in refusals:
             done = (unfilled(place, loop, str(refusals[place])),)
-        elif place in joins.pairs:
-            done, patch = fill_between(mesh, (place, joins.pairs[place]), loops, taken, surroundings, options)
+        elif place in joins.others:
+            done, patch = fill_between(mesh, (place, *joins.others[place]), loops, taken, surroundings, options)
         else:
             outcome, patch = fill_loop(mesh, place, loop, partial(next, surfaces), taken, surroundings, options)
             done = (outcome,)

@@ -88,7 +88,7 @@ class CircularDomain:
 
     @cached_property
     def room(self) -> tuple[Float[Tensor, " holes"], Float[Tensor, " holes"]]:
-        """Of each hole the width of the widest ring around it in Ω, and the modulus log(R/r) of that: NaN where none is."""
+        """Of each hole the width of the widest ring around it in Ω, and its modulus log(R/r), NaN where none is."""
         c, r = self.centres, self.radii
         far = (c[:, None] - c).abs() - r
         far.fill_diagonal_(1.0)

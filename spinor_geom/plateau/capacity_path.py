@@ -1,6 +1,6 @@
 """Unstable surfaces over three rims and more: along a path on which the rims are pulled together or apart.
 
-Rims that differ by τ in a direction of their own each, at right angles to space, bound surfaces of the energy E + τ²T/2,
+Rims that are moved by τ in a direction of their own each, at right angles to space, bound surfaces of energy E + τ²T/2,
 with T the sum of the rims' capacities, a conformal and symmetric function of the moduli alone. The critical points of
 E − λT, λ of either sign, are a curve that T parametrises, or the mean modulus M = 2πm/T; where λ is 0 on it there is a
 minimal surface over the rims, of whatever index.

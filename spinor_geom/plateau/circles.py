@@ -19,7 +19,7 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.cylinder import multipliers
 
 # Powers of the coordinates that are smaller on every other circle are rounding errors.
-_ROUND_OFF = 1e-17
+ROUND_OFF = 1e-17
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,13 +46,13 @@ class DirichletForm:
     error: float
 
     @classmethod
-    def of(cls, domain: CircularDomain, n: int) -> DirichletForm:
-        """Λ on n equal steps of every circle, an even number."""
+    def of(cls, domain: CircularDomain, n: int, *, negligible: float = ROUND_OFF) -> DirichletForm:
+        """Λ on n equal steps of every circle, an even number; without powers that are negligible on other circles."""
         if domain.rims == 2:
             own, other = multipliers(domain.log_radii.new_tensor(domain.modulus), n)
             return cls(domain=domain, steps=n, own=own, other=other, correction=None, error=0.0)
         own = torch.arange(n // 2 + 1, dtype=domain.radii.dtype, device=domain.radii.device)
-        powers = math.log(_ROUND_OFF) / math.log(domain.nearness)
+        powers = math.log(negligible) / math.log(domain.nearness)
         count = n if powers >= n // 2 else 2 * math.ceil(powers)
         coupling = _coupling(domain, count)
         error = float((coupling - coupling.T).abs().max()) / (count / 4)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from spinor_geom.deadline import require_time
 from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.douglas import resampled
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface
@@ -41,15 +42,17 @@ class RimsProblem:
 
     Attributes:
         curves: two or more.
+        negligible: as for `DirichletForm.of`.
         on_step: is called with the gradient at each Newton step; None for silence.
     """
 
     curves: tuple[CurveTensors, ...]
+    negligible: float = ROUND_OFF
     on_step: Callable[[float], None] | None = None
 
     def at(self, slides: Float[Tensor, "m n"], domain: CircularDomain) -> HarmonicSurface:
         """The harmonic surface with given slides over a given domain."""
-        return EnergyPoint.of(self.curves, slides, domain).surface
+        return EnergyPoint.of(self.curves, slides, domain, self.negligible).surface
 
     def descended(
         self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False, max_steps: int = _MOST_STEPS
@@ -180,7 +183,7 @@ class RimsProblem:
 
     def point(self, surface: HarmonicSurface) -> EnergyPoint:
         """The energy with its derivatives at a surface."""
-        return EnergyPoint.of(self.curves, surface.slides, surface.domain)
+        return EnergyPoint.of(self.curves, surface.slides, surface.domain, self.negligible)
 
 
 def _is_apart(domain: CircularDomain) -> bool:

@@ -3,7 +3,7 @@
 Two rims are matched by all shifts of one against the other and all moduli at once. Each further rim, the nearest of
 those that are left, is a hole put where the surface so far comes near to it, in the place, of the size, and with the
 direction and shift of least energy. At the end the two circles that are the outer one and the one about 0 are chosen
-such that all circles lie as far apart as can be.
+such that equal steps of the angle are as even as can be on all rims.
 """
 
 from __future__ import annotations
@@ -284,22 +284,28 @@ def _least_energy(
 
 
 def _spread(start: Placement, n: int) -> Placement:
-    """The same surface over the domain whose circles lie farthest apart, of all that it is conformal to, at n nodes."""
-    domain = start.surface.domain
-    choices = [_Renormed.of(domain, *pair) for pair in permutations(range(domain.rims), 2)]
-    best = min(choices, key=lambda choice: choice.domain.nearness)
-    slides = torch.stack(
-        [
-            _at_angles(slide, angles)
-            for slide, angles in zip(start.surface.slides[list(best.order)], best.angles(n), strict=True)
-        ]
+    """The same surface over the domain on which its nodes lie most evenly on the rims, at n nodes.
+
+    Of all domains that it is conformal to those are tried that have one circle outside and another one about 0.
+    """
+    domain, slides = start.surface.domain, start.surface.slides
+    best: tuple[float, _Renormed, Float[Tensor, "m n"]] | None = None
+    for pair in permutations(range(domain.rims), 2):
+        renormed = _Renormed.of(domain, *pair)
+        moved = torch.stack(
+            [_at_angles(slides[k], angles) for k, angles in zip(renormed.order, renormed.angles(n), strict=True)]
+        )
+        widest = float(torch.diff(moved, append=moved[:, :1] + 1).max())
+        if best is None or widest < best[0]:
+            best = widest, renormed, moved
+    assert best is not None
+    _, renormed, moved = best
+    placed = replace(
+        start,
+        rims=tuple(start.rims[k] for k in renormed.order),
+        back=tuple(start.back[k] for k in renormed.order),
     )
-    moved = Placement(
-        rims=tuple(start.rims[k] for k in best.order),
-        back=tuple(start.back[k] for k in best.order),
-        surface=start.surface,
-    )
-    return replace(moved, surface=moved.problem.at(slides, best.domain)).with_first_as_given()
+    return replace(placed, surface=placed.problem.at(moved, renormed.domain)).with_first_as_given()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -28,6 +28,7 @@ from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
+from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import RimsProblem
@@ -69,6 +70,8 @@ _ROUGH_TURN, _SMOOTHING, _AVERAGES, _DEFORMATIONS = np.radians(12.0), 2.0, 2, 4
 # Of rough rims: gradient to stop at, as a share of the distance allowed in edges; fall of the energy that is none, as a
 # share of that of waves of that height; steps of one solve.
 _FINE_ROUGH, _NEGLIGIBLE, _MOST_STEPS = 3e-2, 1e-3, 60
+# Powers of one circle's coordinate on another that are left away over rough rims: far below what their nodes resolve.
+_NEGLIGIBLE_POWER = 1e-8
 # While so many nodes or fewer are enough, the distance is brought to this share of what is asked for.
 _CHEAP_NODES, _WELL_BELOW = 256, 1e-3
 # The other direction of the second loop is tried too if its start has at most so many times the energy.
@@ -365,7 +368,8 @@ class RimsTask:
     def _problem(self, placed: Placement, step: int = 0) -> RimsProblem:
         rims = self._rims[step]
         curves = tuple(rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True))
-        return RimsProblem(curves=curves, on_step=self._heard)
+        negligible = _NEGLIGIBLE_POWER if self._is_rough else ROUND_OFF
+        return RimsProblem(curves=curves, negligible=negligible, on_step=self._heard)
 
     def _heard(self, gradient: float) -> None:
         self._heard_of(Iteration(index=0, method="Douglas-Newton", residual=gradient))

@@ -82,6 +82,7 @@ class EnergyPoint:
         unit: (m, n, 3), their tangents.
         bends: (m, n), Γ″·ΛX by arc length.
         form: Λ.
+        negligible: as for `DirichletForm.of`.
         energy: E.
         by_slides: (m n,), derivative of E by arc length.
         normal: (m, n, 3), ΛX.
@@ -94,16 +95,19 @@ class EnergyPoint:
     unit: Float[Tensor, "m n 3"]
     bends: Float[Tensor, "m n"]
     form: DirichletForm
+    negligible: float
     energy: float
     by_slides: Float[Tensor, " mn"]
     normal: Float[Tensor, "m n 3"]
 
     @classmethod
-    def of(cls, curves: tuple[CurveTensors, ...], slides: Float[Tensor, "m n"], domain: CircularDomain) -> EnergyPoint:
+    def of(
+        cls, curves: tuple[CurveTensors, ...], slides: Float[Tensor, "m n"], domain: CircularDomain, negligible: float
+    ) -> EnergyPoint:
         """The energy with given slides over a given domain."""
         parts = [curve.point_and_derivatives(slide) for curve, slide in zip(curves, slides, strict=True)]
         points, tangent, second = (torch.stack(part) for part in zip(*parts, strict=True))
-        form = DirichletForm.of(domain, slides.shape[1])
+        form = DirichletForm.of(domain, slides.shape[1], negligible=negligible)
         normal = form(points)
         speed = tangent.square().sum(-1).sqrt()
         unit = tangent / speed[..., None]
@@ -115,6 +119,7 @@ class EnergyPoint:
             unit=unit,
             bends=(second * normal).sum(-1) / speed.square(),
             form=form,
+            negligible=negligible,
             energy=0.5 * float((points * normal).sum()),
             by_slides=(normal * unit).sum(-1).flatten(),
             normal=normal,
@@ -186,13 +191,13 @@ class EnergyPoint:
         count = self.slides.numel()
         direction = step[:count].reshape(self.slides.shape) / self.speed
         if fixed:
-            return EnergyPoint.of(self.curves, slid(self.slides, direction, 1.0), self.domain)
+            return EnergyPoint.of(self.curves, slid(self.slides, direction, 1.0), self.domain, self.negligible)
         along = step[count:]
         share = min(1.0, _LARGEST_STEP / max(float(along.abs().max()), _LARGEST_STEP))
         while True:
             domain = self.domain.moved(share * along)
             if float(domain.room[1].min()) > 0:
-                there = EnergyPoint.of(self.curves, slid(self.slides, direction, share), domain)
+                there = EnergyPoint.of(self.curves, slid(self.slides, direction, share), domain, self.negligible)
                 if there.form.error <= max(_UNRESOLVED, self.form.error):
                     return there
             share /= 2
