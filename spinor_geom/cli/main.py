@@ -102,9 +102,9 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     )
     which.add_argument(
         "--bridge",
-        metavar="I,J",
+        metavar="I,J[,K…]",
         type=_places,
-        help="join these two loops by a surface, and fill no other",
+        help="join these loops by one surface, and fill no other",
     )
     fill.add_argument(
         "--islands",

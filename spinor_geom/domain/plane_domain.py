@@ -135,9 +135,9 @@ class FourierBoundary:
         return cls(np.array([0.0, 0.0, radius]), count)
 
     @classmethod
-    def round_hole(cls, radius: float, count: int = 64) -> FourierBoundary:
-        """The circle of a given radius about 0, clockwise."""
-        return cls(np.array([radius, 0.0, 0.0]), count)
+    def round_hole(cls, radius: float, count: int = 64, *, centre: complex = 0.0) -> FourierBoundary:
+        """The circle of a given radius about a centre, clockwise."""
+        return cls(np.array([radius, centre, 0.0]), count)
 
     @property
     def frequencies(self) -> Int[np.ndarray, " 2K+1"]:

@@ -1,4 +1,4 @@
-"""Bridges between two loops of a mesh, and islands: loose pieces that lie in a hole."""
+"""Bridges between loops of a mesh, and islands: loose pieces that lie in a hole."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinor_geom.deadline import time_limit
-from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TooManyRimsError, TwistedRimsError
+from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
 from spinor_geom.fill.one_loop import FillOptions, fill_loop, refuse_what_is_no_hole
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges
@@ -33,19 +33,17 @@ class Joins:
     """What is joined to what.
 
     Attributes:
-        pairs: for the first place of each bridge the second.
-        refused: errors of loops that cannot be joined as they should be.
+        others: for the first place of each bridge all others.
         notes: of the loops of whose gaps something is to be said.
     """
 
-    pairs: dict[int, int] = field(default_factory=dict)
-    refused: dict[int, SpinorGeomError] = field(default_factory=dict)
+    others: dict[int, tuple[int, ...]] = field(default_factory=dict)
     notes: dict[int, str] = field(default_factory=dict)
 
     @property
     def alone(self) -> set[int]:
         """Places that are not filled by themselves."""
-        return {*self.pairs, *self.pairs.values(), *self.refused}
+        return {place for first, others in self.others.items() for place in (first, *others)}
 
 
 def planned_joins(
@@ -62,15 +60,14 @@ def planned_joins(
         loops: all loops of the mesh.
         wanted: the places of those that are to be filled.
         islands: whether loose pieces are joined to the holes they lie in.
-        bridge: the places of the two loops of a bridge.
+        bridge: the places of the loops of a bridge.
 
     Raises:
-        TooManyRimsError: a bridge of other than two loops was asked for.
-        OptionError: a bridge from a loop to itself was asked for.
+        OptionError: a bridge of a single loop, or from a loop to itself, was asked for.
     """
     if bridge is not None:
-        first, second = sorted(require_two(bridge, loops))
-        return Joins(pairs={first: second})
+        first, *others = sorted(_require_several(bridge))
+        return Joins(others={first: tuple(others)})
     joins = Joins()
     for hole, pieces in find_islands(mesh, loops).items():
         if hole not in wanted:
@@ -81,93 +78,103 @@ def planned_joins(
             joins.notes[hole] = (
                 f"a loose piece lies in the hole (loop {names}); it was ignored: islands='join' joins it"
             )
-        elif len(open_pieces) == 1:
-            joins.pairs[hole] = open_pieces[0]
-            joins.notes[hole] = f"the loose piece in the hole (loop {open_pieces[0]}) was joined to it"
         else:
-            places = [hole, *open_pieces]
-            error = TooManyRimsError(sizes=[len(loops[place]) for place in places], names=places)
-            joins.refused.update(dict.fromkeys(places, error))
+            joins.others[hole] = tuple(open_pieces)
+            one = len(open_pieces) == 1
+            names = f"loop {open_pieces[0]}" if one else f"loops {', '.join(map(str, open_pieces))}"
+            joins.notes[hole] = (
+                f"the loose piece{'' if one else 's'} in the hole ({names}) {'was' if one else 'were'} joined to it"
+            )
     return joins
 
 
 def fill_between(
     mesh: TriangleMesh,
-    places: tuple[int, int],
+    places: tuple[int, ...],
     loops: Sequence[BoundaryLoop],
     taken: RimEdges,
     surroundings: Surroundings,
     options: FillOptions,
-) -> tuple[tuple[LoopOutcome, LoopOutcome], LoopPatch | None]:
-    """The patch between two loops, with the outcomes of both, or the reason why there is none.
+) -> tuple[tuple[LoopOutcome, ...], LoopPatch | None]:
+    """The patch between several loops, with the outcomes of all, or the reason why there is none.
 
     Args:
         mesh: the mesh.
-        places: of the two loops.
+        places: of the loops.
         loops: all loops of the mesh.
         taken: edges that the patch must not have.
         surroundings: what the patch may cross.
         options: of the call.
     """
-    first, second = places
+    first, *others = places
 
     def answer() -> PlateauSolution | SpinorGeomError:
         try:
             for place in places:
                 refuse_what_is_no_hole(loops[place], taken)
-            return annulus_between(places, (loops[first], loops[second]), options)
+            return surface_between(places, [loops[place] for place in places], options)
         except SpinorGeomError as error:
             return error
 
     here, patch = fill_loop(
-        mesh, first, loops[first], answer, taken, surroundings, options, joined_to=second, other=loops[second]
+        mesh,
+        first,
+        loops[first],
+        answer,
+        taken,
+        surroundings,
+        options,
+        others={place: loops[place] for place in others},
     )
-    there = LoopOutcome(
-        index=second,
-        loop=loops[second],
-        requested=True,
-        filled=here.filled,
-        reason=here.reason,
-        solution=here.solution,
-        continuation=here.continuation,
-        joined_to=first,
-        remarks=loops[second].remarks,
-        timings={},
-    )
-    return (here, there), patch
+    there = [
+        LoopOutcome(
+            index=place,
+            loop=loops[place],
+            requested=True,
+            filled=here.filled,
+            reason=here.reason,
+            solution=here.solution,
+            continuation=here.continuation,
+            joined_to=following,
+            remarks=loops[place].remarks,
+            timings={},
+        )
+        for place, following in zip(others, [*others[1:], first], strict=True)
+    ]
+    return (here, *there), patch
 
 
-def annulus_between(
-    places: tuple[int, int], loops: tuple[BoundaryLoop, BoundaryLoop], options: FillOptions
-) -> PlateauSolution:
-    """The minimal annulus between two loops of a mesh, on the same side of the surface at both.
+def surface_between(places: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions) -> PlateauSolution:
+    """The minimal surface between loops of a mesh, on the same side of the mesh at all.
 
     Raises:
         SurfaceError: there is none.
-        TwistedRimsError: the annulus joins the outside to the inside.
+        TwistedRimsError: the surface joins the outside to the inside.
         SpinorGeomError: as `solve_plateau` raises it.
     """
     with time_limit(options.time_limit):
         answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance)
     if isinstance(answer, NoAnnulus):
-        raise SurfaceError(f"{answer.reason}; fill the two loops one by one instead")
+        raise SurfaceError(f"{answer.reason}; fill the {'two ' if len(loops) == 2 else ''}loops one by one instead")
     if answer.annulus is not None and answer.annulus.reversed:
         raise TwistedRimsError(loops=places)
     return answer
 
 
-def require_two(places: Sequence[int], loops: Sequence[BoundaryLoop]) -> tuple[int, int]:
+def _require_several(places: Sequence[int]) -> Sequence[int]:
     """The places of a bridge.
 
     Raises:
-        TooManyRimsError: they are not two.
-        OptionError: they are one and the same.
+        OptionError: there is one alone, or one twice.
     """
-    if len(places) != 2:
-        raise TooManyRimsError(sizes=[len(loops[place]) for place in places], names=places)
-    if places[0] == places[1]:
-        raise OptionError(f"a bridge joins two loops, got loop {places[0]} twice; fill it by itself, or name another")
-    return places[0], places[1]
+    if len(places) < 2:
+        raise OptionError(f"a bridge joins two loops or more, got {len(places)}; name another, or fill it by itself")
+    twice = [place for place in places if list(places).count(place) > 1]
+    if twice:
+        raise OptionError(
+            f"a bridge joins different loops, got loop {twice[0]} twice; fill it by itself, or name another"
+        )
+    return places
 
 
 def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:

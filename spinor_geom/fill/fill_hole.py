@@ -130,13 +130,13 @@ def fill_hole(
     sheet, not a hole, and left open too unless `loop` names it. Where a patch crosses itself (over a knotted loop every
     disk does), the mesh or another patch, it is kept. All of this is in the report; without one, a warning says it.
 
-    Which point of one rim of a bridge lies opposite to which of the other comes from the surface. Rims too far from
-    each other have no annulus between them and stay open, as do those of pieces that are inside out to each other.
+    Which point of one rim of a bridge lies opposite to which of another comes from the surface. Rims too far from each
+    other have no surface between them and stay open, as do those of pieces that are inside out to each other.
 
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
         loop: which holes: "all", a place in `boundary_loops(mesh)`, several places, or one of those loops.
-        bridge: a pair of places; joins these two loops by a minimal annulus, and fills no other.
+        bridge: two places or more; joins these loops by one minimal surface, and fills no other.
         islands: "join" fills a hole in which a loose piece lies by an annulus between both, "ignore" fills hole and
             piece each by themselves; the report says which pieces lie in which holes.
         continuity: "C0" for the minimal surface over each rim; "C1" for a patch that goes on with the tangents and the
@@ -165,7 +165,6 @@ def fill_hole(
         MeshError: the mesh has no faces, or its faces do not share their vertices.
         LoopIndexError: `loop` or `bridge` names a place that does not exist.
         ForeignLoopError: `loop` is not a loop of this mesh.
-        TooManyRimsError: `bridge` names more loops than two, or fewer.
         OptionError: an option has a value that is not allowed.
 
     Warns:
@@ -216,7 +215,7 @@ def fill_hole(
             options,
             on_loop,
             reasons=reasons,
-            refusals={**refused, **joins.refused},
+            refusals=refused,
             joins=joins,
         )
     clock.lap("fill")

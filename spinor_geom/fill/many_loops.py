@@ -59,8 +59,8 @@ def fill_loops(
         if place in refusals:
             error = refusals[place]
             done = (unfilled(place, loop, str(error), is_border=isinstance(error, SheetBorderError)),)
-        elif place in joins.pairs:
-            done, patch = fill_between(mesh, (place, joins.pairs[place]), loops, taken, surroundings, options)
+        elif place in joins.others:
+            done, patch = fill_between(mesh, (place, *joins.others[place]), loops, taken, surroundings, options)
         else:
             outcome, patch = fill_loop(mesh, place, loop, partial(next, surfaces), taken, surroundings, options)
             done = (outcome,)

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -113,10 +114,9 @@ def fill_loop(
     surroundings: Surroundings,
     options: FillOptions,
     *,
-    joined_to: int | None = None,
-    other: BoundaryLoop | None = None,
+    others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
 ) -> tuple[LoopOutcome, LoopPatch | None]:
-    """The patch of one loop, or from it to another, or the reason why it has none.
+    """The patch of one loop, or from it to others, or the reason why it has none.
 
     Where one loop has no exact surface, or none that follows it, its patch is discrete. A patch joins what is taken and
     the surroundings.
@@ -129,20 +129,19 @@ def fill_loop(
         taken: edges that the patch must not have.
         surroundings: what the patch may cross.
         options: of the call.
-        joined_to: the place of the other loop, of a bridge.
-        other: that loop.
+        others: the other loops of a bridge, by their places.
 
     Raises:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
     """
-    clock = Clock()
+    clock, joined_to = Clock(), next(iter(others), None)
     options.on_stage(place, "exact surface")
     found = answer()
     clock.lap("solve")
     solution = found if isinstance(found, PlateauSolution) else None
     try:
         options.on_stage(place, "mesh")
-        made = _patch_over(place, loop, found, options, other)
+        made = _patch_over(place, loop, found, options, tuple(others.values()))
         rim = np.concatenate([one.vertex_ids for one in made.rims])
         patch, split = fit_to_rim(rim, made.patch, taken, made.middles)
         clock.lap("mesh")
@@ -266,7 +265,7 @@ def _patch_over(
     loop: BoundaryLoop,
     found: PlateauSolution | SpinorGeomError,
     options: FillOptions,
-    other: BoundaryLoop | None,
+    others: tuple[BoundaryLoop, ...],
 ) -> _Made:
     """The mesh of an exact surface; without one a discrete patch, or between two loops a strip to be continued."""
     try:
@@ -276,13 +275,13 @@ def _patch_over(
     except (NoAreaError, TooManyPointsError):
         raise
     except SpinorGeomError as error:
-        if other is not None and (options.continuity == "C0" or not isinstance(error, SurfaceError)):
+        if others and (options.continuity == "C0" or len(others) > 1 or not isinstance(error, SurfaceError)):
             raise
         reason = error
-    rims = [loop] if other is None else [loop, other]
+    rims = (loop, *others)
     target = target_length(rims, options)
-    if other is not None:
-        return _Made(patch=strip_patch(loop, other, target), rims=rims, solution=None, reason=str(reason))
+    if others:
+        return _Made(patch=strip_patch(*rims, target), rims=rims, solution=None, reason=str(reason))
     options.on_stage(place, "discrete surface")
     patch, what = discrete_patch(loop, target, seconds=options.time_limit)
     return _Made(patch=patch, rims=rims, solution=None, reason=f"{what}, because: {reason}")

@@ -39,8 +39,8 @@ class LoopOutcome:
         patch: its mesh as it was joined to the hole's rim, with the places of its vertices in Ω; None where it is not
             filled. A discrete patch has the unit disk for Ω, one that was meshed anew a domain of its own.
         continuation: how the patch became the smooth continuation of the mesh around it; None where it did not.
-        joined_to: the place of the loop that its surface goes on to; none for a loop that is filled by itself. The
-            figures of a bridge stand with the first of the two.
+        joined_to: the place of the loop that its surface goes on to, for the last of a bridge that of the first; none
+            for a loop that is filled by itself. The figures of a bridge stand with the first of its loops.
         vertices_added: new vertices of its patch.
         faces_added: new faces of its patch.
         edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead.
@@ -124,7 +124,7 @@ class LoopOutcome:
         return (
             *self.remarks,
             f"the bridge is a local minimum of the area only: it has {self.solution.area:.6g}, "
-            f"two disks over its rims {annulus.disk_area:.6g}",
+            f"{'two ' if len(self.solution.rims) == 2 else ''}disks over its rims {annulus.disk_area:.6g}",
         )
 
     @property

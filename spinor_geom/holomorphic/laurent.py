@@ -1,8 +1,9 @@
-"""Laurent series on a round annulus."""
+"""Laurent series on the unit disk less round holes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import torch
@@ -11,19 +12,23 @@ from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.errors import DtypeError, OptionError
+from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.series import power_sums, power_table
+
+# Powers that are smaller on a circle are rounding errors.
+_ROUND_OFF = 1e-17
 
 
 class LaurentSeries(torch.nn.Module):
-    """p and q as Σ_{k ≥ 0} a_k (z/R)^k + Σ_{k > 0} b_k (ρ/z)^k on ρ < |z| < R, times √(z/R) where antiperiodic.
+    """p and q as Σ_{k ≥ 0} a_k z^k + Σ_j Σ_{k > 0} b_jk (r_j/(z − c_j))^k where |z| < 1 and all |z − c_j| > r_j.
 
-    Scaled by the radii, the coefficients of series that converge on the annulus stay bounded. Antiperiodic p and q
-    change their sign around the annulus, across the negative real axis; all that a surface is made of, p², q² and pq,
-    does not.
+    Scaled by the radii, the coefficients of series that converge on Ω stay bounded. Where p and q change their sign
+    around holes, they are multiplied by √(z − c_j) for each; the sign then jumps on lines from the holes in the
+    direction of the negative real axis. All that a surface is made of, p², q² and pq, does not jump.
 
     Shape:
         outward: (K, 2), complex, the a_k; column 0 is p, column 1 is q.
-        inward: (L, 2), the b_k from k = 1 on.
+        inward: (holes, L, 2), the b_jk from k = 1 on.
     """
 
     kind: ClassVar[str] = "laurent"
@@ -31,116 +36,205 @@ class LaurentSeries(torch.nn.Module):
     def __init__(
         self,
         outward: Complex[Tensor, "k 2"],
-        inward: Complex[Tensor, "l 2"],
+        inward: Complex[Tensor, "holes l 2"],
+        holes: CircularDomain,
         *,
-        inner: float,
-        outer: float = 1.0,
-        antiperiodic: bool = False,
+        antiperiodic: Sequence[bool] = (),
     ) -> None:
-        """Takes the coefficients and the radii ρ and R.
+        """Takes the coefficients, Ω, and around which holes p and q change their sign: none by default.
 
         Raises:
-            DtypeError: coefficients are not complex or not (K, 2) with K ≥ 1.
-            OptionError: not 0 < inner < outer.
+            DtypeError: coefficients are not complex or of another shape, or there are none.
+            OptionError: the holes do not lie apart in the unit disk.
         """
         super().__init__()
-        for name, part in (("outward", outward), ("inward", inward)):
-            if not part.is_complex() or part.ndim != 2 or part.shape[1] != 2 or not len(part):
+        for name, part, shape in (("outward", outward, "(K, 2)"), ("inward", inward, "(holes, L, 2)")):
+            wanted = shape.count(",") + 1
+            if not part.is_complex() or part.ndim != wanted or part.shape[-1] != 2 or not part.numel():
                 raise DtypeError(
-                    f"{name} must be complex coefficients of shape (K, 2), K ≥ 1, got {part.dtype} of shape "
+                    f"{name} must be complex coefficients of shape {shape}, K ≥ 1, L ≥ 1, got {part.dtype} of shape "
                     f"{tuple(part.shape)}"
                 )
-        if not 0 < inner < outer < float("inf"):
-            raise OptionError(f"an annulus has radii 0 < inner < outer, got {inner} and {outer}")
-        self.inner, self.outer = float(inner), float(outer)
-        self.antiperiodic = bool(antiperiodic)
+        if not holes.nearness < 1 or len(inward) != len(holes.centres):
+            raise OptionError(
+                f"Laurent series need holes that lie apart in the unit disk, and coefficients for each: got "
+                f"{len(inward)} of them for holes about {holes.centres.tolist()} of radii {holes.radii.tolist()}"
+            )
+        self.antiperiodic = tuple(map(bool, antiperiodic)) or (False,) * len(inward)
         self.outward = torch.nn.Parameter(outward.clone())
         self.inward = torch.nn.Parameter(inward.clone())
+        self.register_buffer("centres", holes.centres.clone(), persistent=False)
+        self.register_buffer("log_radii", holes.log_radii.clone(), persistent=False)
+
+    @property
+    def circles(self) -> CircularDomain:
+        """Ω."""
+        return CircularDomain(centres=self.get_buffer("centres"), log_radii=self.get_buffer("log_radii"))
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
-        """The powers (z/R)^k, k = 0 … K − 1, then (ρ/z)^k, k = 1 … L; times √(z/R) where antiperiodic."""
-        u, v = z / self.outer, self.inner / z
-        powers = [power_table(u, len(self.outward)), v * power_table(v, len(self.inward))]
-        return (torch.cat(powers) * self._root(u)).movedim(0, -1)
+        """The powers z^k, k = 0 … K − 1, then (r/(z − c))^k, k = 1 … L, of each hole; times the roots."""
+        outer, *inner = self.circles.coordinates(z)
+        powers = [power_table(outer, len(self.outward))]
+        powers += [zeta * power_table(zeta, self.inward.shape[1]) for zeta in inner]
+        return (torch.cat(powers) * self.sign_changing(z)).movedim(0, -1)
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
-        u, v = z / self.outer, self.inner / z
-        total = power_sums(u, self.outward) + v[..., None] * power_sums(v, self.inward)
-        return total * self._root(u)[..., None]
+        return _sums(self.circles.coordinates(z), self.outward, self.inward) * self.sign_changing(z)[..., None]
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
-        u, v = z / self.outer, self.inner / z
-        half = 0.5 if self.antiperiodic else 0.0
-        k = torch.arange(max(len(self.outward), len(self.inward) + 1), device=z.device, dtype=z.real.dtype)[:, None]
-        ahead = power_sums(u, (k[: len(self.outward)] + half) * self.outward)
-        back = v[..., None] * power_sums(v, (half - k[1 : len(self.inward) + 1]) * self.inward)
-        return (ahead + back) * (self._root(u) / z)[..., None]
+        outer, *inner = zeta = self.circles.coordinates(z)
+        k = torch.arange(1, max(len(self.outward), self.inward.shape[1]) + 1, device=z.device, dtype=z.real.dtype)[
+            :, None
+        ]
+        total = power_sums(outer, self.outward[1:] * k[: len(self.outward) - 1])
+        for own, coefficients, radius in zip(inner, self.inward, self.circles.radii, strict=True):
+            total = total - (own**2 / radius)[..., None] * power_sums(own, coefficients * k[: len(coefficients)])
+        logarithmic = sum(
+            (
+                0.5 * own / radius
+                for own, radius, odd in zip(inner, self.circles.radii, self.antiperiodic, strict=True)
+                if odd
+            ),
+            torch.zeros_like(outer),
+        )
+        total = total + logarithmic[..., None] * _sums(zeta, self.outward, self.inward)
+        return total * self.sign_changing(z)[..., None]
 
     def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
         """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ), Laurent series too, with the residues' logarithms."""
-        u, v = z / self.outer, self.inner / z
-        outward, inward = self.products()
-        k = torch.arange(1, max(len(outward), len(inward)) + 1, device=z.device, dtype=z.real.dtype)[:, None]
-        ahead = u[..., None] * power_sums(u, outward * (self.outer / k[: len(outward)]))
-        back = v[..., None] * power_sums(v, -inward[1:] * (self.inner / k[: len(inward) - 1]))
-        return ahead + back + torch.log(u)[..., None] * (self.inner * inward[0])
+        outward, inward, residues = self.integrals()
+        logarithms = torch.log(z[..., None] - self.circles.centres)
+        return _sums(self.circles.coordinates(z), outward, inward) + logarithms @ residues
 
-    def residues(self) -> Complex[Tensor, "3"]:
-        """Coefficients of 1/z in p², q² and pq: their integrals around the annulus over 2πi."""
-        return self.inner * self.products()[1][0]
+    def residues(self) -> Complex[Tensor, "holes 3"]:
+        """Integrals of p², q² and pq around each hole over 2πi."""
+        return self.integrals()[2]
+
+    def integrals(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"], Complex[Tensor, "holes 3"]]:
+        """Coefficients of the integrals of p², q² and pq as of p and q themselves, and of log(z − c_j)."""
+        products = self.products()
+        k = torch.arange(1, max(map(len, products)) + 1, device=products[0].device, dtype=products[0].real.dtype)[
+            :, None
+        ]
+        outward = torch.cat([torch.zeros_like(products[0][:1]), products[0] / k[: len(products[0])]])
+        radii = self.circles.radii
+        inward = torch.stack(
+            [-radius * part[1:] / k[: len(part) - 1] for radius, part in zip(radii, products[1:], strict=True)]
+        )
+        residues = torch.stack([radius * part[0] for radius, part in zip(radii, products[1:], strict=True)])
+        return outward, inward, residues
+
+    def products(self) -> list[Complex[Tensor, "_ 3"]]:
+        """Coefficients of p², q² and pq, which have no root: of z^k, k ≥ 0, and of (r_j/(z − c_j))^k, k > 0.
+
+        On each circle the powers of its own coordinate are the positive frequencies, and all others the rest.
+        """
+        k, j = len(self.outward), self.inward.shape[1]
+        # of a product so many frequencies lead, and no more than these lag
+        ahead = 2 * k - 1 + sum(self.antiperiodic)
+        lead, lag = max(ahead, 2 * j + 2), self._lagging
+        n = next_fast_len(lead + 2 * lag + 2)
+        products = []
+        for number, values in enumerate(self.on_circles(n)):
+            p, q = values.unbind(-1)
+            root = self._squared_root(self.circles.circles(n)[number])
+            spectrum = torch.fft.fft(torch.stack([p * p, q * q, p * q], dim=-1) * root[:, None], dim=0) / n
+            products.append(spectrum[:ahead] if number == 0 else spectrum[1 : 2 * (j + 1)])
+        return products
+
+    @property
+    def _lagging(self) -> int:
+        """Powers of other circles' coordinates that are no rounding errors on a circle."""
+        if len(self.inward) == 1:
+            return max(len(self.outward), self.inward.shape[1])
+        return math.ceil(math.log(_ROUND_OFF) / math.log(self.circles.nearness))
+
+    def on_circles(self, n: int) -> Complex[Tensor, "m n 2"]:
+        """P and q without their roots at n equal steps of every circle, as `CircularDomain.circles` runs."""
+        return sums_on_circles(self.circles, self.outward, self.inward, n)
 
     def config(self) -> dict[str, Any]:
-        """Numbers of terms, radii and periodicity."""
+        """Numbers of terms, holes and periodicity."""
+        domain = self.circles
         return {
             "outward": len(self.outward),
-            "inward": len(self.inward),
-            "inner": self.inner,
-            "outer": self.outer,
-            "antiperiodic": self.antiperiodic,
+            "inward": self.inward.shape[1],
+            "centres": torch.view_as_real(domain.centres).tolist(),
+            "log_radii": domain.log_radii.tolist(),
+            "antiperiodic": list(self.antiperiodic),
         }
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> LaurentSeries:
         """A series of zeros with the given sizes."""
-        outward, inward = (torch.zeros(int(config[name]), 2, dtype=torch.complex128) for name in ("outward", "inward"))
+        centres = torch.view_as_complex(torch.tensor(config["centres"], dtype=torch.float64).reshape(-1, 2))
+        holes = CircularDomain(centres=centres, log_radii=torch.tensor(config["log_radii"], dtype=torch.float64))
         return cls(
-            outward,
-            inward,
-            inner=float(config["inner"]),
-            outer=float(config["outer"]),
-            antiperiodic=bool(config["antiperiodic"]),
+            torch.zeros(int(config["outward"]), 2, dtype=torch.complex128),
+            torch.zeros(len(centres), int(config["inward"]), 2, dtype=torch.complex128),
+            holes,
+            antiperiodic=config["antiperiodic"],
         )
 
     def sign_changing(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
-        """√(z/R), a factor of antiperiodic p and q, or 1."""
-        return self._root(z / self.outer)
+        """The product of √(z − c_j) of all holes around which p and q change their sign; 1 where there is none."""
+        root = torch.ones_like(z)
+        for centre, odd in zip(self.circles.centres, self.antiperiodic, strict=True):
+            if odd:
+                root = root * torch.sqrt(z - centre)
+        return root
 
-    def _root(self, u: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
-        return torch.sqrt(u) if self.antiperiodic else torch.ones_like(u)
+    def _squared_root(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
+        odd = torch.tensor(self.antiperiodic, device=z.device)
+        product: Tensor = (z[..., None] - self.circles.centres[odd]).prod(-1)
+        return product
 
-    def products(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "l 3"]]:
-        """Coefficients a_k and b_k of the series p², q² and pq, which have no root, antiperiodic or not.
 
-        On each of the two circles the products are Fourier series: the outer one's frequencies k ≥ 0 are the a_k, the
-        inner one's k < 0 the b_k.
-        """
-        k, j = len(self.outward), len(self.inward)
-        n = next_fast_len(2 * (k + j + 1))
-        ratio = self.inner / self.outer
-        fading = ratio ** torch.arange(max(k, j + 1), device=self.outward.device, dtype=self.outward.real.dtype)
-        angle = torch.arange(n, device=self.outward.device, dtype=self.outward.real.dtype) * (2 * torch.pi / n)
-        circle = torch.polar(torch.ones_like(angle), angle)
-        parts = []
-        for ahead, back, u in (
-            (self.outward, self.inward * fading[1 : j + 1, None], circle),
-            (self.outward * fading[:k, None], self.inward, ratio * circle),
-        ):
-            gap = ahead.new_zeros(n - k - j, 2)
-            p, q = (torch.fft.ifft(torch.cat([ahead, gap, back.flip(0)]), dim=0) * n).unbind(-1)
-            products = torch.stack([p * p, q * q, p * q], dim=-1)
-            if self.antiperiodic:
-                products = products * u[:, None]
-            parts.append(torch.fft.fft(products, dim=0) / n)
-        return parts[0][: 2 * k], parts[1].flip(0)[: 2 * j]
+def sums_on_circles(
+    domain: CircularDomain, outward: Complex[Tensor, "k c"], inward: Complex[Tensor, "holes l c"], n: int
+) -> Complex[Tensor, "m n c"]:
+    """Σ_k a_k z^k + Σ_j Σ_k b_jk ζ_j^k at n equal steps of every circle, n larger than the numbers of terms."""
+    return torch.stack([parts_on_circle(domain, outward, inward, n, k).sum(0) for k in range(domain.rims)])
+
+
+def parts_on_circle(
+    domain: CircularDomain, outward: Complex[Tensor, "k c"], inward: Complex[Tensor, "holes l c"], n: int, number: int
+) -> Complex[Tensor, "m n c"]:
+    """The sums of every circle's own powers at n equal steps of one circle.
+
+    The circle's own powers, and those of a concentric one, are frequencies there.
+    """
+    count, columns = max(len(outward), inward.shape[1] + 1), outward.shape[1]
+    own = outward.new_zeros(domain.rims, count, columns)
+    own[0, : len(outward)] = outward
+    own[1:, 1 : inward.shape[1] + 1] = inward
+    spectrum = outward.new_zeros(domain.rims, n, columns)
+    spectrum[number, :count] = own[number]
+    others = [k for k in range(domain.rims) if k != number]
+    if number < 2:
+        other = others.pop(0)
+        gap = float(domain.gaps[number, other])
+        part = own[other] * gap ** torch.arange(count, dtype=outward.real.dtype, device=outward.device)[:, None]
+        spectrum[other, 0] = part[0]
+        spectrum[other, n - count + 1 :] = part[1:].flip(0)
+    values: Tensor = torch.fft.ifft(spectrum, dim=1) * n
+    if others:
+        terms = math.ceil(math.log(_ROUND_OFF) / math.log(float(domain.gaps[number].max()))) + 1
+        zeta = domain.coordinates(domain.circles(n)[number])[others, :, None]
+        total = torch.zeros_like(values[others])
+        for coefficients in own[others, :terms].unbind(1)[::-1]:
+            total = total * zeta + coefficients[:, None]
+        values[others] = total
+    return values
+
+
+def _sums(
+    zeta: Complex[Tensor, "m *pts"], outward: Complex[Tensor, "k c"], inward: Complex[Tensor, "holes l c"]
+) -> Complex[Tensor, "*pts c"]:
+    outer, *inner = zeta
+    total = power_sums(outer, outward)
+    for own, coefficients in zip(inner, inward, strict=True):
+        total = total + own[..., None] * power_sums(own, coefficients)
+    return total

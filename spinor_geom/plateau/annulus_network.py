@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -24,7 +24,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.corners import CornerPairs
-from spinor_geom.plateau.found import FoundAnnulus
+from spinor_geom.plateau.found import FoundBetween
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.network_route import (
     Budget,
@@ -130,7 +130,7 @@ class AnnulusNetworkSolver:
         """
         return nodes_on_cylinder(*self._discrete)
 
-    def found(self) -> FoundAnnulus:
+    def found(self) -> FoundBetween:
         """The minimal annulus that a discrete one leads to.
 
         Raises:
@@ -148,15 +148,15 @@ class AnnulusNetworkSolver:
             closed = replace(fitted.fit, readout=fitted.stage.network.readout.detach())
             residual = independent_residual(fitted.stage, closed, points=points)
         first, second = fitted.stage.matchings(closed)
-        return FoundAnnulus(
+        return FoundBetween(
             surface=surface,
             order=start.order,
-            reverse=self.reverse,
+            back=tuple(self.reverse and number == 1 for number in start.order),
             matchings=(first, second),
             misfit=residual.misfit.and_astray(astray),
             area=surface.area(),
             modulus=None,
-            spin=start.spin,
+            antiperiodic=(start.is_antiperiodic,),
             period=float(np.linalg.norm(surface.periods().real)),
             route="annular network",
             limit=limit_of(fitted, self.budget, self._turning),
@@ -199,7 +199,7 @@ class AnnulusNetworkSolver:
             readout=readout,
             slide=torch.as_tensor(np.concatenate(slides), device=self.device),
             order=order,
-            spin="periodic" if branch is None else "antiperiodic",
+            is_antiperiodic=branch is not None,
         )
 
     def _is_antiperiodic(self, phi: Complex[Tensor, "r 3"], outer: int) -> bool:
@@ -213,7 +213,7 @@ class _Start:
     readout: Complex[Tensor, "n 2"]
     slide: Float[Tensor, " nodes"]
     order: tuple[int, int]
-    spin: Literal["periodic", "antiperiodic"]
+    is_antiperiodic: bool
 
 
 def _both_ways(

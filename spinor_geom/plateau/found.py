@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -40,31 +39,31 @@ class Found:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FoundAnnulus:
-    """A minimal annulus between two loops of common diagonal 1.
+class FoundBetween:
+    """A minimal surface between two loops or more of common diagonal 1.
 
     Attributes:
         surface: the surface.
         order: the numbers of the loops, that of the outer boundary of Ω first.
-        reverse: whether the second loop runs against the boundary of the surface.
-        matchings: of both boundaries of Ω, as in `Found`.
-        misfit: distance of both from their curves.
+        back: whether each, in that order, runs against the boundary of the surface.
+        matchings: of all boundaries of Ω, as in `Found`.
+        misfit: distance of all from their curves.
         area: ½∮ r·Im(φ dz).
-        modulus: logarithm of the ratio of the radii; none where Ω is no round annulus.
-        spin: whether p and q come back to themselves around the hole.
-        period: |Re ∮ φ dz| around it.
+        modulus: see `capacity_path.mean_modulus`; none where Ω is no circular domain.
+        antiperiodic: whether p and q change their sign around each hole.
+        period: the largest |Re ∮ φ dz| around a hole.
         route: how it was found.
         limit: what keeps it from coming nearer, as the end of a sentence.
     """
 
     surface: SpinorSurface
-    order: tuple[int, int]
-    reverse: bool
-    matchings: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "o 2"]]
+    order: tuple[int, ...]
+    back: tuple[bool, ...]
+    matchings: tuple[Float[np.ndarray, "_ 2"], ...]
     misfit: Misfit
     area: float
     modulus: float | None
-    spin: Literal["periodic", "antiperiodic"]
+    antiperiodic: tuple[bool, ...]
     period: float
     route: Route
     limit: str

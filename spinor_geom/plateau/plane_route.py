@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.intersections import crossings_between, loop_crossings
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.found import Found, FoundAnnulus
+from spinor_geom.plateau.found import Found, FoundBetween
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
@@ -78,62 +79,74 @@ def is_plane(loop: BoundaryLoop, *, allowed: float) -> bool:
     return bool(loop.plane.rms_distance <= _round_off(allowed) * loop.diagonal)
 
 
-def plane_annulus(curves: Sequence[BoundaryCurve], device: torch.device, *, allowed: float) -> FoundAnnulus | None:
-    """The region between two loops of one plane, with itself as Ω and constant p and q.
+def plane_between(
+    curves: Sequence[tuple[BoundaryCurve, BoundaryCurve]], device: torch.device, *, allowed: float
+) -> FoundBetween | None:
+    """The region inside one of several loops of one plane and outside the others, itself as Ω and constant p and q.
 
     It lies on the left of the first loop.
 
     Args:
-        curves: the first at unit size, the second, and the second reversed.
+        curves: at unit size, each as it was given and reversed.
         device: of the surface.
         allowed: RMS distance from them, as for `plane_disk`.
 
     Returns:
-        The annulus; None where the loops do not lie in one plane to round-off, neither is inside the other, or the
-        curves cross themselves or each other between their points.
+        The surface; None where the loops do not lie in one plane to round-off, or bound no such region.
 
-    Source: as `plane_disk`; Ω is the only minimal surface that is an annulus.
+    Source: as `plane_disk`; Ω is the only minimal surface over its boundary.
     """
-    frame = _common_plane(curves[:2], _round_off(allowed))
-    if frame is None:
+    given = [curve for curve, _ in curves]
+    frame = _common_plane(given, _round_off(allowed))
+    outer = None if frame is None else _outermost(given, frame)
+    if frame is None or outer is None:
         return None
-    outer_first = _is_inside(curves[1], curves[0], frame)
-    if not outer_first:
-        if not _is_inside(curves[0], curves[1], frame):
-            return None
-        # the first loop has the surface on its left from the other side
+    turning = [_turns_left(curve, frame) for curve in given]
+    # the first loop has the surface on its left from one side
+    if turning[0] != (outer == 0):
         frame = _PlaneFrame.across(-frame.normal, frame.origin)
-    second = BoundaryLoop.from_points(curves[1].coefficients[-1], corners=())
-    reverse = (second.area_vector @ frame.normal > 0) == outer_first
-    rims = (curves[0], curves[1 + reverse])
-    outer, inner = (frame.boundary(curve) for curve in (rims if outer_first else rims[::-1]))
-    surface = frame.surface(PlaneDomain.inside(outer, holes=(inner,)))
-    order = (0, 1) if outer_first else (1, 0)
-    pairs = zip(order, (outer, inner), strict=True)
-    misfit = Misfit.together([_misfit(surface, boundary, rims[number]) for number, boundary in pairs])
-    return FoundAnnulus(
+        turning = [not left for left in turning]
+    order = (outer, *(number for number in range(len(given)) if number != outer))
+    back = tuple(turning[number] != (number == outer) for number in order)
+    rims = [curves[number][way] for number, way in zip(order, back, strict=True)]
+    boundaries = [frame.boundary(curve) for curve in rims]
+    surface = frame.surface(PlaneDomain.inside(boundaries[0], holes=tuple(boundaries[1:])))
+    pairs = zip(boundaries, rims, strict=True)
+    return FoundBetween(
         surface=surface.to(device),
         order=order,
-        reverse=bool(reverse),
-        matchings=(_identity(rims[order[0]]), _identity(rims[order[1]])),
-        misfit=misfit,
+        back=back,
+        matchings=tuple(map(_identity, rims)),
+        misfit=Misfit.together([_misfit(surface, boundary, curve) for boundary, curve in pairs]),
         area=float(surface.area()),
         modulus=None,
-        spin="periodic",
-        period=float(np.linalg.norm(surface.periods().real)),
+        antiperiodic=(False,) * (len(rims) - 1),
+        period=float(np.linalg.norm(surface.periods().real, axis=1).max()),
         route="plane",
         limit=_LIMIT,
     )
 
 
-def beside_in_plane(first: BoundaryCurve, second: BoundaryCurve) -> bool:
-    """Whether two curves at unit size lie beside each other in one plane.
+def beside_in_plane(curves: Sequence[BoundaryCurve]) -> bool:
+    """Whether curves at unit size lie in one plane, and are not one with the others inside it, beside each other.
 
-    Then no minimal annulus spans them: it would lie in that plane and cover the inside of both curves once, and nothing
-    in between.
+    Then no minimal surface of one piece spans them: it would lie in that plane.
     """
-    frame = _common_plane((first, second), _PLANE_IN_FLOAT32)
-    return frame is not None and not (_is_inside(first, second, frame) or _is_inside(second, first, frame))
+    frame = _common_plane(curves, _PLANE_IN_FLOAT32)
+    return frame is not None and _outermost(curves, frame) is None
+
+
+def _outermost(curves: Sequence[BoundaryCurve], frame: _PlaneFrame) -> int | None:
+    """The curve that has all others inside, where these lie beside each other."""
+    inside = np.array([[a is not b and _is_inside(a, b, frame) for b in curves] for a in curves])
+    outer = int(inside.sum(axis=0).argmax())
+    is_region = inside[:, outer].sum() == len(curves) - 1 and inside.sum() == len(curves) - 1
+    return outer if is_region else None
+
+
+def _turns_left(curve: BoundaryCurve, frame: _PlaneFrame) -> bool:
+    loop = BoundaryLoop.from_points(curve.coefficients[-1], corners=())
+    return bool(loop.area_vector @ frame.normal > 0)
 
 
 def _round_off(allowed: float) -> float:
@@ -142,14 +155,16 @@ def _round_off(allowed: float) -> float:
 
 
 def _common_plane(curves: Sequence[BoundaryCurve], round_off: float) -> _PlaneFrame | None:
-    """Coordinates in the plane of two curves; None where there is none, or they cross between their points."""
+    """Coordinates in the plane of curves; None where there is none, or they cross between their points."""
     loop = BoundaryLoop.from_points(curves[0].coefficients[-1], corners=())
     normal = loop.plane.normal
     offset = np.concatenate([curve.coefficients[-1] for curve in curves]) - loop.centroid
     if np.sqrt(np.mean((offset @ normal) ** 2)) > round_off:
         return None
     fine = [_between(curve, _PER_PIECE) for curve in curves]
-    if any(len(loop_crossings(points)) for points in fine) or len(crossings_between(*fine)):
+    if any(len(loop_crossings(points)) for points in fine):
+        return None
+    if any(len(crossings_between(*pair)) for pair in combinations(fine, 2)):
         return None
     return _PlaneFrame.across(normal, loop.centroid)
 

@@ -29,6 +29,7 @@ Route = Literal[
     "vertices",
     "annulus",
     "annular network",
+    "circles",
     "unfolded",
     "deformed",
     "flattened",
@@ -158,56 +159,68 @@ class RimMatch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimDisks:
-    """The minimal disks over two rims, which an annulus between them is set against.
+    """The minimal disks over several rims, which a surface between them is set against.
 
     Attributes:
         solve: finds them, in the order in which the rims were given; None where one was not found.
         clock: of the stage "disks".
     """
 
-    solve: Callable[[], tuple[PlateauSolution, PlateauSolution] | None]
+    solve: Callable[[], tuple[PlateauSolution, ...] | None]
     clock: Clock = field(default_factory=Clock)
 
     @cached_property
-    def pair(self) -> tuple[PlateauSolution, PlateauSolution] | None:
-        """Both disks."""
+    def all(self) -> tuple[PlateauSolution, ...] | None:
+        """A disk over each rim."""
         with one_thread(), self.clock.stage("disks"):
             return self.solve()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Annulus:
-    """What is told of a surface between two rims beyond that of a disk.
+    """What is told of a surface between two rims or more beyond that of a disk.
 
     Attributes:
-        modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; none where it was not
-            needed to find the surface.
-        spin: whether p and q come back to themselves around the hole, or change their sign.
-        period: |Re ∮ φ dz| around the hole, in mesh units: the gap by which the surface does not close.
-        reversed: whether the second loop that was given runs against the boundary of the surface.
+        modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; of three rims or more
+            the mean modulus 2πm/T, with T the sum of the capacities of the m rims against all others; none where it was
+            not needed to find the surface.
+        antiperiodic: for each hole of Ω whether p and q change their sign around it.
+        period: |Re ∮ φ dz| around a hole, the largest, in mesh units: the gap by which the surface does not close.
+        backward: for each loop that was given whether it runs against the boundary of the surface; not the first of
+            two.
         order: the numbers of the given loops in the order of the rims.
-        rim_disks: the minimal disks over both loops.
+        rim_disks: the minimal disks over all loops.
     """
 
     modulus: float | None
-    spin: Literal["periodic", "antiperiodic"]
+    antiperiodic: tuple[bool, ...]
     period: float
-    reversed: bool
-    order: tuple[int, int]
+    backward: tuple[bool, ...]
+    order: tuple[int, ...]
     rim_disks: RimDisks
 
     @property
-    def disks(self) -> tuple[PlateauSolution, PlateauSolution] | None:
-        """The minimal disks over both loops, in the order of the rims; none where one was not found.
+    def spin(self) -> Literal["periodic", "antiperiodic"]:
+        """Whether p and q come back to themselves around all holes, or change their sign around one."""
+        return "antiperiodic" if any(self.antiperiodic) else "periodic"
+
+    @property
+    def reversed(self) -> bool:
+        """Whether the loops that were given run against each other: some with the boundary of the surface, some not."""
+        return len(set(self.backward)) > 1
+
+    @property
+    def disks(self) -> tuple[PlateauSolution, ...] | None:
+        """The minimal disks over the loops, in the order of the rims; none where one was not found.
 
         They are solved when they are first asked for.
         """
-        pair = self.rim_disks.pair
-        return None if pair is None else (pair[self.order[0]], pair[self.order[1]])
+        disks = self.rim_disks.all
+        return None if disks is None else tuple(disks[number] for number in self.order)
 
     @property
     def disk_area(self) -> float | None:
-        """Area of both disks together."""
+        """Area of all disks together."""
         return None if self.disks is None else sum(disk.area for disk in self.disks)
 
     def to_dict(self) -> dict[str, Any]:
@@ -215,6 +228,7 @@ class Annulus:
         return {
             "modulus": self.modulus,
             "spin": self.spin,
+            "antiperiodic": list(self.antiperiodic),
             "period": self.period,
             "reversed": self.reversed,
             "disk_area": self.disk_area,
@@ -223,11 +237,11 @@ class Annulus:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateauSolution(Shown):
-    """A minimal disk over a loop, or a minimal annulus between two.
+    """A minimal disk over a loop, or a minimal surface of one piece between two or more.
 
     Attributes:
         surface: the surface, in the loop's own coordinates.
-        rims: the loop, or both, with the parts of ∂Ω that lie on them: the outer boundary of Ω first.
+        rims: the loop, or all, with the parts of ∂Ω that lie on them: the outer boundary of Ω first.
         domain: Ω.
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
         area: ½∮ r·Im(φ dz), in squared mesh units.
@@ -237,7 +251,8 @@ class PlateauSolution(Shown):
             disk, on the unfolded least-area triangulation, on a domain that grew with the loop from an average of it,
             or on a flattened discrete disk; p and q are a power series or Cauchy's formula. "network": Gauss-Newton for
             a Cauchy network. "trained": training of a complex-valued network. "annulus": Douglas's slides of two rims
-            and the modulus between them; p and q are Laurent series. "annular network": Gauss-Newton for a Cauchy
+            and the modulus between them, "circles" those of more and the moduli of a disk with round holes; p and q are
+            Laurent series. "annular network": Gauss-Newton for a Cauchy
             network on a flattened discrete annulus.
         history: the steps.
         solve_timings: wall time of each stage of the solve, in seconds.
@@ -246,7 +261,7 @@ class PlateauSolution(Shown):
             hundred times as much.
         reason: one sentence: why the solver stopped.
         evidence: checks that are made when they are first read, as the properties below.
-        annulus: what is told of annuli alone; none for disks.
+        annulus: what is told of surfaces over several rims alone; none for disks.
     """
 
     surface: SpinorSurface
@@ -295,7 +310,7 @@ class PlateauSolution(Shown):
         """The loop of a disk.
 
         Raises:
-            SeveralRimsError: the surface is an annulus.
+            SeveralRimsError: the surface has several rims.
         """
         return self._rim.loop
 
@@ -304,7 +319,7 @@ class PlateauSolution(Shown):
         """Γ of a disk.
 
         Raises:
-            SeveralRimsError: the surface is an annulus.
+            SeveralRimsError: the surface has several rims.
         """
         return self._rim.curve
 
@@ -313,7 +328,7 @@ class PlateauSolution(Shown):
         """`RimMatch.matching` of a disk.
 
         Raises:
-            SeveralRimsError: the surface is an annulus.
+            SeveralRimsError: the surface has several rims.
         """
         return self._rim.matching
 
@@ -325,10 +340,10 @@ class PlateauSolution(Shown):
 
     @property
     def is_area_minimum(self) -> bool:
-        """Whether the area is a local minimum and, for an annulus, below that of the two disks: Douglas's condition.
+        """Whether the area is a local minimum and, over several rims, below that of their disks: Douglas's condition.
 
-        An annulus that is stable but has more area than the disks is a local minimum only. Where the disks are not
-        known the condition counts as not met.
+        A surface that is stable but has more area than the disks is a local minimum only. Where the disks are not known
+        the condition counts as not met.
         """
         if self.stability.verdict != "stable":
             return False
@@ -370,26 +385,26 @@ class PlateauSolution(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoAnnulus:
-    """The answer that no minimal annulus spans two rims: its modulus runs away, the surface falls apart into two disks.
+    """The answer that no minimal surface of one piece spans several rims: it falls apart into surfaces of fewer each.
 
     Attributes:
-        loops: both loops.
+        loops: all of them.
         rim_disks: the minimal disks over them.
         reason: one sentence: how it is known.
         history: the steps.
         solve_timings: wall time of each stage of the search, in seconds.
     """
 
-    loops: tuple[BoundaryLoop, BoundaryLoop]
+    loops: tuple[BoundaryLoop, ...]
     rim_disks: RimDisks
     reason: str
     history: tuple[Iteration, ...]
     solve_timings: Mapping[str, float]
 
     @property
-    def disks(self) -> tuple[PlateauSolution, PlateauSolution] | None:
+    def disks(self) -> tuple[PlateauSolution, ...] | None:
         """The minimal disks over the loops, solved when they are first asked for; none where one was not found."""
-        return self.rim_disks.pair
+        return self.rim_disks.all
 
     @property
     def timings(self) -> dict[str, float]:
@@ -398,7 +413,7 @@ class NoAnnulus:
 
     @property
     def area(self) -> float | None:
-        """Area of both disks together: the least area that the rims bound."""
+        """Area of all disks together: of two rims the least area that they bound."""
         return None if self.disks is None else sum(disk.area for disk in self.disks)
 
     def to_dict(self) -> dict[str, Any]:

@@ -11,12 +11,12 @@ from typing import Literal, overload
 import torch
 
 from spinor_geom import deadline
-from spinor_geom.errors import OptionError, SpinorGeomError, TooManyRimsError
+from spinor_geom.errors import OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
-from spinor_geom.plateau.annulus import AnnulusTask
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Cauchy
+from spinor_geom.plateau.rims import RimsTask
 from spinor_geom.plateau.solution import Iteration, NoAnnulus, PlateauSolution
 from spinor_geom.plateau.solutions import find_disks
 from spinor_geom.plateau.task import Model, Options, Task
@@ -150,7 +150,6 @@ def solve_plateau(
         CurveError: the formulas of a curve are not those of a smooth closed one.
         SelfCrossingLoopError: the loop crosses or touches itself.
         LoopsMeetError: two loops cross or touch each other.
-        TooManyRimsError: three loops or more; or a sequence of one.
         RepeatedPointError: two neighbouring points of the loop are equal.
         SingularMatrixError: the discrete disk over the loop is degenerate.
         SurfaceError: the annulus that was found is branched.
@@ -164,8 +163,8 @@ def solve_plateau(
         _require_model_for_all(model, rims=1 if isinstance(loop, (BoundaryLoop, ClosedCurve)) else 2)
     with one_thread():
         if not isinstance(loop, (BoundaryLoop, ClosedCurve)):
-            pair = AnnulusTask.of(_two_of(loop), options, on_iteration)
-            return pair.every() if all_solutions else pair.solved()
+            several = RimsTask.of(_several_of(loop), options, on_iteration)
+            return several.every() if all_solutions else several.solved()
         task = Task.of(loop, options, on_iteration)
         if not all_solutions:
             return task.solved()
@@ -187,19 +186,17 @@ def _require_model_for_all(model: Model, *, rims: int) -> None:
         raise OptionError("all_solutions looks for annuli as Laurent series; use it with model='auto' or 'series'")
 
 
-def _two_of(
-    loops: Sequence[BoundaryLoop | ClosedCurve],
-) -> tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve]:
+def _several_of(loops: Sequence[BoundaryLoop | ClosedCurve]) -> tuple[BoundaryLoop | ClosedCurve, ...]:
     entries = tuple(loops) if isinstance(loops, Sequence) else (loops,)
     strange = {type(entry).__name__ for entry in entries if not isinstance(entry, (BoundaryLoop, ClosedCurve))}
     if strange:
         raise OptionError(
-            "a surface spans a BoundaryLoop, a ClosedCurve, or two of them in a list or tuple, not "
+            "a surface spans a BoundaryLoop, a ClosedCurve, or several of them in a list or tuple, not "
             f"{', '.join(sorted(strange))}; BoundaryLoop.from_points makes a loop of points"
         )
-    if len(entries) != 2:
-        raise TooManyRimsError(sizes=[len(loop) if isinstance(loop, BoundaryLoop) else 0 for loop in entries])
-    return entries[0], entries[1]
+    if len(entries) < 2:
+        raise OptionError(f"a surface between loops needs two of them or more, got {len(entries)} in a sequence")
+    return entries
 
 
 def solve_plateau_batch(

@@ -39,12 +39,12 @@ from spinor_geom.plateau.vertex_route import VertexSolver
 
 @dataclass(frozen=True, kw_only=True)
 class Laurent:
-    """p and q between two loops as Laurent series on a round annulus.
+    """p and q between two loops as Laurent series on a round annulus, or between more on a disk with round holes.
 
     Attributes:
-        modulus: a start: of all annuli that are found, or of the stable ones unless those that are not are to be kept,
-            the one is taken whose logarithm of the ratio of the radii is nearest to this by ratio; none for the stable
-            annulus of least area.
+        modulus: a start: of all surfaces that are found, or of the stable ones unless those that are not are to be
+            kept, the one is taken whose modulus (see `Annulus`) is nearest to this by ratio; none for the stable
+            surface of least area.
 
     Raises:
         OptionError: the modulus is not positive.

@@ -27,7 +27,7 @@ from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, rebuild
 
 FORMAT = "spinor_geom.surface"
-VERSION = 5
+VERSION = 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spinor_geom.errors import LoopIndexError, OptionError, TooManyRimsError
+from spinor_geom.errors import LoopIndexError, OptionError
 from spinor_geom.fill.bridge import find_islands
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.loops import find_boundary_loops
@@ -137,18 +137,66 @@ def test_pieces_elsewhere_are_no_islands() -> None:
         assert find_islands(mesh, find_boundary_loops(mesh)) == {}
 
 
-def test_two_islands_in_one_hole_are_refused_by_name() -> None:
-    small = ring(0.1, 0.2)
-    mesh = together(ring(1.0, 1.5), (small[0] + [0.5, 0, 0], small[1]), (small[0] - [0.5, 0, 0], small[1]))
-    _, report = fill_hole(mesh, islands="join", return_report=True)
+def test_several_islands_in_one_hole_are_joined() -> None:
+    # raised, so that the gap is no plane region
+    pieces = [
+        (vertices + [x, y, 0.0], faces)
+        for x, y in ((0.5, 0.0), (-0.4, 0.3), (-0.1, -0.5))
+        for vertices, faces in (SMALL,)
+    ]
+    mesh = together(ring(1.0, 1.5), *pieces)
     (hole,) = places(mesh, 1.0)
-    assert not report.loops[hole].filled
-    assert "got 3: loops" in report.loops[hole].reason
+    loops = find_boundary_loops(TriangleMesh(*mesh))
+    islands = find_islands(TriangleMesh(*mesh), loops)[hole]
+    assert len(islands) == 3
+    filled, report = fill_hole(mesh, [hole, *islands], islands="join", return_report=True)
+    outcomes = [report.loops[place] for place in (hole, *islands)]
+    assert all(outcome.converged for outcome in outcomes)
+    assert [outcome.joined_to for outcome in outcomes] == [*islands, hole]
+    assert "loose pieces" in outcomes[0].notes[-1]
+    solution = outcomes[0].solution
+    assert solution is not None
+    assert np.pi * (1 - 3 * 0.2**2) * 0.98 < solution.area < np.pi
+    # the rims of the plate and of the pieces' own holes are left
+    assert len(find_boundary_loops(TriangleMesh(*filled))) == 1 + 3
+    np.testing.assert_array_equal(filled[0][: len(mesh[0])], mesh[0])
 
 
-def test_what_is_no_pair_is_refused() -> None:
-    with pytest.raises(TooManyRimsError, match="got 3"):
-        fill_hole(island(), bridge=(0, 1, 2))
+SMALL = ring(0.1, 0.2, height=0.1)
+
+
+def branches(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Tubes of radius ½ that end where they would come together."""
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    pieces = []
+    for turn in 2 * np.pi * np.arange(count) / count:
+        along, across = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
+        circle = 0.5 * (np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * [0.0, 0.0, 1.0])
+        vertices = np.concatenate([circle + 0.6 * along, circle + along])
+        pieces.append((vertices, ring(1.0, 2.0)[1]))
+    return together(*pieces)
+
+
+def test_the_crotch_of_a_fork_is_bridged() -> None:
+    mesh = branches(3)
+    loops = find_boundary_loops(TriangleMesh(*mesh))
+    inner = [place for place, loop in enumerate(loops) if np.linalg.norm(loop.centroid) < 0.8]
+    filled, report = fill_hole(mesh, bridge=inner, return_report=True)
+    outcomes = [report.loops[place] for place in inner]
+    assert all(outcome.converged for outcome in outcomes)
+    assert outcomes[0].solution is not None
+    assert outcomes[0].solution.stability.verdict == "stable"
+    assert outcomes[0].self_intersections == outcomes[0].mesh_intersections == 0
+    # the three far ends are left, and disks on them close it
+    assert len(find_boundary_loops(TriangleMesh(*filled))) == 3
+    closed, after = fill_hole(filled, (0, 1, 2), return_report=True)
+    assert after.watertight
+    assert is_watertight(closed[1])
+
+
+def test_what_is_no_bridge_is_refused() -> None:
+    with pytest.raises(OptionError, match="two loops or more, got 1"):
+        fill_hole(island(), bridge=(1,))
     with pytest.raises(OptionError, match="loop 1 twice"):
         fill_hole(island(), bridge=(1, 1))
     with pytest.raises(OptionError, match="exclude each other"):

@@ -1,4 +1,4 @@
-"""Laurent series: values, derivatives, integrals and residues, with a root and without."""
+"""Laurent series: values, derivatives, integrals and residues, with roots and without."""
 
 import numpy as np
 import pytest
@@ -6,31 +6,46 @@ import torch
 
 from spinor_geom.errors import DtypeError, OptionError
 from spinor_geom.holomorphic import LaurentSeries
+from spinor_geom.holomorphic.circular_domain import CircularDomain
 
 SIZES = [(3, 2), (1, 1), (1, 5), (40, 35)]
+ROOTS = [(False, False), (True, False), (False, True), (True, True)]
 
 
-def series(k, j, *, antiperiodic, seed=0):
+def holes(centres, radii):
+    return CircularDomain(
+        centres=torch.tensor(centres, dtype=torch.complex128), log_radii=torch.tensor(radii, dtype=torch.float64).log()
+    )
+
+
+ONE, TWO = holes([0.0], [0.25]), holes([0.0, 0.5 + 0.3j], [0.2, 0.15])
+
+
+def series(k, j, domain, antiperiodic=(), *, seed=0):
     rng = np.random.default_rng(seed)
-    outward, inward = (torch.from_numpy(rng.normal(size=(n, 2)) + 1j * rng.normal(size=(n, 2))) for n in (k, j))
-    # as the coefficients of a series that converges on a slightly larger annulus
+    outward = torch.from_numpy(rng.normal(size=(k, 2)) + 1j * rng.normal(size=(k, 2)))
+    shape = (len(domain.centres), j, 2)
+    inward = torch.from_numpy(rng.normal(size=shape) + 1j * rng.normal(size=shape))
+    # as the coefficients of a series that converges on a slightly larger domain
     return LaurentSeries(
         outward * 0.8 ** torch.arange(k)[:, None],
         inward * 0.8 ** torch.arange(j)[:, None],
-        inner=0.3,
-        outer=1.2,
+        domain,
         antiperiodic=antiperiodic,
     )
 
 
 def points(count=30):
     rng = np.random.default_rng(1)
-    # off the negative axis, where roots and logarithms jump
-    return torch.from_numpy(rng.uniform(0.35, 1.15, count) * np.exp(1j * rng.uniform(-3, 3, count)))
+    # off the lines on which roots and logarithms jump
+    return torch.from_numpy(rng.uniform(0.3, 0.95, count) * np.exp(1j * rng.uniform(-2.5, 0.0, count)))
 
 
 every_series = pytest.mark.parametrize(
-    "made", [series(*size, antiperiodic=root) for size in SIZES for root in (False, True)], ids=str
+    "made",
+    [series(*size, ONE, (root,)) for size in SIZES for root in (False, True)]
+    + [series(*size, TWO, roots) for size in SIZES for roots in ROOTS],
+    ids=str,
 )
 
 
@@ -47,23 +62,28 @@ def test_derivative_and_integrals_by_differences(made):
 
 
 @every_series
-def test_features_and_residues(made):
+def test_features_residues_and_values_on_circles(made):
     z = points()
     with torch.no_grad():
-        weights = torch.cat([made.outward, made.inward])
+        weights = torch.cat([made.outward, made.inward.flatten(0, 1)])
         torch.testing.assert_close(made.features(z) @ weights, made.value(z), rtol=1e-12, atol=1e-12)
-        circle = 0.7 * torch.exp(2j * np.pi * torch.arange(256, dtype=torch.float64) / 256)
-        p, q = made.value(circle).unbind(-1)
-        mean = (torch.stack([p * p, q * q, p * q], dim=-1) * circle[:, None]).mean(dim=0)
-        torch.testing.assert_close(made.residues(), mean, rtol=1e-12, atol=1e-12)
+        turn = torch.exp(2j * np.pi * torch.arange(512, dtype=torch.float64) / 512)
+        for number, centre in enumerate(made.circles.centres):
+            around = 1.1 * made.circles.radii[number] * turn
+            p, q = made.value(centre + around).unbind(-1)
+            mean = (torch.stack([p * p, q * q, p * q], dim=-1) * around[:, None]).mean(dim=0)
+            torch.testing.assert_close(made.residues()[number], mean, rtol=1e-12, atol=1e-11)
+        circles = made.circles.circles(100)
+        rooted = made.on_circles(100) * made.sign_changing(circles)[..., None]
+        torch.testing.assert_close(rooted, made.value(circles), rtol=1e-12, atol=1e-11)
 
 
 def test_catenoid_is_two_terms():
     # p = 1, q = −1/z: ∫ pq dz = −log z
     made = LaurentSeries(
         torch.tensor([[1.0, 0.0]], dtype=torch.complex128),
-        torch.tensor([[0.0, -2.0]], dtype=torch.complex128),
-        inner=0.5,
+        torch.tensor([[[0.0, -4.0]]], dtype=torch.complex128),
+        ONE,
     )
     z = points()
     with torch.no_grad():
@@ -71,7 +91,7 @@ def test_catenoid_is_two_terms():
 
 
 def test_antiperiodic_spinors_jump_where_their_products_do_not():
-    made = series(3, 2, antiperiodic=True)
+    made = series(3, 2, ONE, (True,))
     above, below = torch.tensor([-0.7 + 1e-12j, -0.7 - 1e-12j], dtype=torch.complex128)
     with torch.no_grad():
         torch.testing.assert_close(made.value(above), -made.value(below))
@@ -79,9 +99,11 @@ def test_antiperiodic_spinors_jump_where_their_products_do_not():
 
 def test_sizes_that_are_none_are_refused():
     one = torch.ones(1, 2, dtype=torch.complex128)
-    with pytest.raises(OptionError, match="0 < inner < outer"):
-        LaurentSeries(one, one, inner=1.0)
+    with pytest.raises(OptionError, match="lie apart"):
+        LaurentSeries(one, one[None], holes([0.0], [1.0]))
+    with pytest.raises(OptionError, match="lie apart"):
+        LaurentSeries(one, one.expand(2, 1, 2), holes([0.0, 0.3], [0.2, 0.2]))
     with pytest.raises(DtypeError, match="inward"):
-        LaurentSeries(one, one.real, inner=0.5)
+        LaurentSeries(one, one.real[None], ONE)
     with pytest.raises(DtypeError, match="K ≥ 1"):
-        LaurentSeries(one[:0], one, inner=0.5)
+        LaurentSeries(one[:0], one[None], ONE)

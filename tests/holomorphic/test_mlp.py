@@ -19,6 +19,7 @@ from spinor_geom.holomorphic import (
     PowerSeries,
     rebuild,
 )
+from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.surface import SpinorSurface
 
@@ -62,7 +63,7 @@ EVERY_KIND = {
     "series": PowerSeries(complex_normal(9, 2)),
     "cauchy": cauchy_network(),
     "cauchy-interpolant": interpolant(),
-    "laurent": LaurentSeries(complex_normal(6, 2), complex_normal(5, 2), inner=0.05),
+    "laurent": LaurentSeries(complex_normal(6, 2), complex_normal(1, 5, 2), CircularDomain.annulus(3.0)),
     "mlp": ComplexMLP(generator=seeded()),
 }
 NETWORKS = {

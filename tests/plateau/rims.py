@@ -1,4 +1,4 @@
-"""Pairs of rims whose annuli are known, and annuli that are compared."""
+"""Rims whose minimal surfaces are known, and some that are compared."""
 
 from __future__ import annotations
 
@@ -75,3 +75,58 @@ def linked() -> tuple[ClosedCurve, ClosedCurve]:
 def sampled(curve: ClosedCurve, count: int, *, shift=0) -> BoundaryLoop:
     """Points at equal steps of the parameter, from any of them on."""
     return BoundaryLoop.from_points(np.roll(curve.point(np.arange(count) / count), shift, axis=0), corners=())
+
+
+# k, ρ: area of the piece of a k-noid, and the index of that
+KNOIDS = {
+    (3, 0.55): (0.9705042212833, 0),
+    (3, 0.5): (1.1079936408877, 0),
+    (3, 0.35): (1.7862959993414, 3),
+    (4, 0.35): (1.2718794760813, 1),
+    (5, 0.3): (1.2396261121060, 1),
+}
+
+
+def knoid(k, rho, count=64) -> tuple[BoundaryLoop, ...]:
+    """The rims of Jorge and Meeks's k-noid on the sphere less the disks |z − ω| < ρ about the k-th roots of unity.
+
+    φ = (½(1 − g²), ½i(1 + g²), g) dz/(z^k − 1)², g = z^(k−1), integrated from 0 to 1 − ρ and then around one disk; the
+    other rims are turned.
+    """
+
+    def phi(z):
+        g = z ** (k - 1)
+        return np.stack([0.5 * (1 - g * g), 0.5j * (1 + g * g), g], axis=-1) / ((z**k - 1) ** 2)[..., None]
+
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    first = (phi((1 - rho) * (nodes + 1) / 2) * (1 - rho) / 2).T @ weights
+    steps = 64 * count
+    turn = np.exp(2j * np.pi * np.arange(steps) / steps)
+    spectrum = np.fft.fft(phi(1 - rho * turn) * (-1j * rho * turn)[:, None], axis=0)
+    frequency = np.fft.fftfreq(steps, 1 / steps)
+    frequency[0] = 1
+    integral = spectrum / (1j * frequency[:, None])
+    integral[0] = 0
+    r = np.fft.ifft(integral, axis=0)
+    rim = (r - r[0] + first).real[::64]
+    angles = 2 * np.pi * np.arange(k) / k
+    # r(ω z) is r(z) turned by −2π/k
+    turns = [np.array([[np.cos(a), np.sin(a), 0], [-np.sin(a), np.cos(a), 0], [0, 0, 1]]) for a in angles]
+    return tuple(BoundaryLoop.from_points(rim @ matrix.T, corners=()) for matrix in turns)
+
+
+def circle(centre, normal, radius, count=64) -> BoundaryLoop:
+    """Equal steps of a circle."""
+    across = np.linalg.svd(np.asarray(normal, dtype=np.float64)[None])[2][1:]
+    angle = 2 * np.pi * np.arange(count) / count
+    around = np.cos(angle)[:, None] * across[0] + np.sin(angle)[:, None] * across[1]
+    return BoundaryLoop.from_points(np.asarray(centre) + radius * around, corners=())
+
+
+TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / 3**0.5
+CUBE = np.concatenate([np.eye(3), -np.eye(3)])
+
+
+def facing(directions, *, away=0.6, radius=0.5, count=64) -> tuple[BoundaryLoop, ...]:
+    """Circles that face 0 from given directions."""
+    return tuple(circle(away * direction, direction, radius, count) for direction in directions)

@@ -7,7 +7,7 @@ import pytest
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau import NoAnnulus, annulus
+from spinor_geom.plateau import NoAnnulus, rims
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.solve import solve_plateau
 from tests.plateau.rims import coaxial, ring, sampled, skew
@@ -73,7 +73,7 @@ def test_ends_of_a_long_tube_have_no_annulus():
 )
 def test_the_search_finds_none_where_the_cone_says_so(pair, monkeypatch):
     told = solve_plateau(pair)
-    monkeypatch.setattr(annulus, "parted_by_cone", lambda *_: False)
+    monkeypatch.setattr(rims, "parted_by_cone", lambda *_: False)
     searched = solve_plateau(pair)
     assert isinstance(searched, NoAnnulus)
     assert "modulus" in searched.reason

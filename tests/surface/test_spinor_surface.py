@@ -11,6 +11,7 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import DomainError, DtypeError, OptionError
 from spinor_geom.gallery import catenoid, enneper, helicoid, plane_disk, polynomial
 from spinor_geom.holomorphic import CauchyNetwork, LaurentSeries, PowerSeries
+from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.surface import SpinorSurface
 
 
@@ -345,8 +346,8 @@ class _Position(torch.nn.Module):
 def test_zeros_of_antiperiodic_spinors_are_found():
     # p = √z (z − 0.7), q = √z around the hole |z| < 0.4
     outward = torch.tensor([[-0.7, 1], [1, 0]], dtype=torch.complex128)
-    inward = torch.zeros(1, 2, dtype=torch.complex128)
-    model = LaurentSeries(outward, inward, inner=0.4, antiperiodic=True)
+    inward = torch.zeros(1, 1, 2, dtype=torch.complex128)
+    model = LaurentSeries(outward, inward, CircularDomain.annulus(-np.log(0.4)), antiperiodic=(True,))
     of_p, of_q = SpinorSurface(model, PlaneDomain.annulus(0.4)).spinor_zeros()
     assert [zero.order for zero in of_p] == [1]
     assert abs(of_p[0].z - 0.7) < 1e-12

@@ -12,6 +12,7 @@ from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import StorageError
 from spinor_geom.gallery import catenoid, enneper
 from spinor_geom.holomorphic import MODELS, CauchyNetwork, ComplexMLP, LaurentSeries
+from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.storage import VERSION
@@ -58,7 +59,8 @@ SURFACES = {
 
 def annulus_surface(*, antiperiodic):
     outward, inward = torch.randn(2, 5, 2, dtype=torch.complex128, generator=torch.Generator().manual_seed(5))
-    model = LaurentSeries(outward, inward, inner=0.4, antiperiodic=antiperiodic)
+    ring = CircularDomain.annulus(-np.log(0.4))
+    model = LaurentSeries(outward, inward[None], ring, antiperiodic=(antiperiodic,))
     return SpinorSurface(model, PlaneDomain.annulus(0.4))
 
 

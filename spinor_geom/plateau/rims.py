@@ -1,17 +1,17 @@
-"""Two loops on their way to a minimal annulus: orientation, start, modulus, and the verdict against two disks."""
+"""Loops on their way to a minimal surface between them: directions, start, moduli, and the verdict against disks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
 from scipy.fft import next_fast_len
 from scipy.spatial import cKDTree
-from torch import Tensor
 
 from spinor_geom.deadline import require_time
 from spinor_geom.errors import (
@@ -27,16 +27,21 @@ from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
+from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
+from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
-from spinor_geom.plateau.douglas_annulus import AnnulusProblem, HarmonicAnnulus
+from spinor_geom.plateau.douglas_rims import RimsProblem
 from spinor_geom.plateau.evidence import Evidence
-from spinor_geom.plateau.found import FoundAnnulus
-from spinor_geom.plateau.lift_annulus import AnnularLift, annular_surface, lifted_annulus
+from spinor_geom.plateau.found import FoundBetween
+from spinor_geom.plateau.lift_rims import Lift, lifted, lifted_surface
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
+from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.network_route import Budget
-from spinor_geom.plateau.plane_route import beside_in_plane, plane_annulus
+from spinor_geom.plateau.plane_route import beside_in_plane, plane_between
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between, start_over
+from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.solution import (
     Annulus,
     BoundaryResidual,
@@ -51,6 +56,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Nodes on each rim where an annulus is sought, most for which matrices are factored, most of all, and most an edge.
 _COARSE_NODES, _DENSE_NODES, _MOST_NODES, _MOST_PER_EDGE = 64, 256, 1 << 15, 200
+# Nodes on each of three rims or more where a surface is sought, and on all together for which matrices are factored.
+_FEWEST_NODES, _DENSE_IN_ALL = 32, 1536
 # Most nodes on smooth rims: their distance falls exponentially, unless the nodes crowd.
 _MOST_SMOOTH = 2048
 # Nodes on a length as long as the gap is wide, where an annulus is sought.
@@ -63,6 +70,8 @@ _ROUGH_TURN, _SMOOTHING, _AVERAGES, _DEFORMATIONS = np.radians(12.0), 2.0, 2, 4
 # Of rough rims: gradient to stop at, as a share of the distance allowed in edges; fall of the energy that is none, as a
 # share of that of waves of that height; steps of one solve.
 _FINE_ROUGH, _NEGLIGIBLE, _MOST_STEPS = 3e-2, 1e-3, 60
+# Powers of one circle's coordinate on another that are left away over rough rims: far below what their nodes resolve.
+_NEGLIGIBLE_POWER = 1e-8
 # While so many nodes or fewer are enough, the distance is brought to this share of what is asked for.
 _CHEAP_NODES, _WELL_BELOW = 256, 1e-3
 # The other direction of the second loop is tried too if its start has at most so many times the energy.
@@ -75,6 +84,7 @@ _WORTHWHILE, _PATIENCE = 0.7, 2
 _POOR = 1e-6
 # Why there is no annulus.
 _RUNS_AWAY = "the energy of surfaces between the rims falls with the modulus, however large that is"
+_FALLS_APART = "the energy of surfaces between the rims falls until they fall apart, whatever was tried"
 _PARTED = "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
 _BESIDE = "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
 # Quadrature nodes on each piece of a path in Ω.
@@ -85,12 +95,12 @@ _CROWDED, _EVEN, _FEW_NODES = 1200.0, 4.0, 128.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AnnulusTask:
-    """Two loops at a common unit size.
+class RimsTask:
+    """Two loops or more at a common unit size.
 
     Attributes:
-        loops: both, as they were given, and the second reversed.
-        curves: through these at unit size.
+        loops: as they were given.
+        curves: through these at unit size, and reversed.
         centre: of the loops.
         scale: their common diagonal.
         options: of the call.
@@ -99,8 +109,8 @@ class AnnulusTask:
         history: the steps so far.
     """
 
-    loops: tuple[BoundaryLoop, BoundaryLoop, BoundaryLoop]
-    curves: tuple[BoundaryCurve, BoundaryCurve, BoundaryCurve]
+    loops: tuple[BoundaryLoop, ...]
+    curves: tuple[tuple[BoundaryCurve, BoundaryCurve], ...]
     centre: Float[np.ndarray, "3"]
     scale: float
     options: Options
@@ -111,37 +121,39 @@ class AnnulusTask:
     @classmethod
     def of(
         cls,
-        given: tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve],
+        given: Sequence[BoundaryLoop | ClosedCurve],
         options: Options,
         on_iteration: Callable[[Iteration], None] | None = None,
-    ) -> AnnulusTask:
-        """The task of two loops or curves in formulas.
+    ) -> RimsTask:
+        """The task of loops or curves in formulas.
 
         Raises:
-            OptionError: a model that has no annuli.
+            OptionError: a model that has no surfaces over several rims.
             SelfCrossingLoopError: a loop crosses or touches itself.
-            LoopsMeetError: the loops cross or touch each other.
+            LoopsMeetError: two loops cross or touch each other.
             RepeatedPointError: two neighbouring points of a loop are equal.
             CurveError: formulas are not those of a smooth closed curve.
         """
         if options.optimizer is not None:
             raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
+        if len(given) > 2 and not options.is_free and not options.is_series:
+            raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
         samples = [_sampled(one) for one in given]
-        first, second = (loop for loop, _ in samples)
-        for loop in (first, second):
+        loops = tuple(loop for loop, _ in samples)
+        for loop in loops:
             require_simple(loop)
-        meeting = crossings_between(first.points, second.points)
-        if len(meeting):
-            i, j = meeting[0].tolist()
-            raise LoopsMeetError(edges=[_edge(first, i), _edge(second, j)])
-        points = np.concatenate([first.points, second.points])
-        scale = float(np.linalg.norm(np.ptp(points, axis=0)))
-        lengths = np.array([first.perimeter, second.perimeter])
-        centre = lengths @ np.stack([first.centroid, second.centroid]) / lengths.sum()
-        one, other = (_at_unit_size(loop, formula, centre, scale) for loop, formula in samples)
+        for first, second in combinations(loops, 2):
+            meeting = crossings_between(first.points, second.points)
+            if len(meeting):
+                i, j = meeting[0].tolist()
+                raise LoopsMeetError(edges=[_edge(first, i), _edge(second, j)])
+        scale = float(np.linalg.norm(np.ptp(np.concatenate([loop.points for loop in loops]), axis=0)))
+        lengths = np.array([loop.perimeter for loop in loops])
+        centre = lengths @ np.stack([loop.centroid for loop in loops]) / lengths.sum()
+        curves = [_at_unit_size(loop, formula, centre, scale) for loop, formula in samples]
         return cls(
-            loops=(first, second, second.reversed()),
-            curves=(one, other, other.reversed()),
+            loops=loops,
+            curves=tuple((curve, curve.reversed()) for curve in curves),
             centre=centre,
             scale=scale,
             options=options,
@@ -151,7 +163,7 @@ class AnnulusTask:
         )
 
     def solved(self) -> PlateauSolution | NoAnnulus:
-        """The annulus of least area that was found, or that there is none."""
+        """The surface of least area that was found, or that there is none."""
         plane = self._in_plane()
         if plane is not None:
             return plane
@@ -162,10 +174,11 @@ class AnnulusTask:
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
             found = self._stable() if self.options.leaves_unstable else self._all_critical()
-            near = min(found, key=lambda pair: abs(pair[1].log_modulus - log), default=None)
-            return self._none(_RUNS_AWAY) if near is None else self._solution(*near)
-        if self.options.is_series:
-            return self._on_cylinder()
+            moduli = [math.log(mean_modulus(placed.surface.domain)) for placed in found]
+            near = min(zip(moduli, found, strict=True), key=lambda pair: abs(pair[0] - log), default=None)
+            return self._none() if near is None else self._solution(near[1])
+        if self.options.is_series or len(self.loops) > 2:
+            return self._on_circles()
         fitted: PlateauSolution | None = None
         if not self.options.is_free or self._crowds:
             fitted = self._on_network()
@@ -174,7 +187,7 @@ class AnnulusTask:
         if not self.options.is_free:
             raise SurfaceError("no minimal annulus was found: none was made of triangles and flattened")
         try:
-            answer = self._on_cylinder()
+            answer = self._on_circles()
         except SurfaceError:
             fitted = fitted or self._on_network()
             if fitted is None:
@@ -192,15 +205,17 @@ class AnnulusTask:
         leaves = self.options.leaves_unstable
         return annulus.converged and not (leaves and annulus.stability.verdict == "unstable")
 
-    def _on_cylinder(self) -> PlateauSolution | NoAnnulus:
-        """Douglas's annulus of least area, or that there is none."""
+    def _on_circles(self) -> PlateauSolution | NoAnnulus:
+        """Douglas's surface of least area over a circular domain, or that there is none."""
         best = self._descended()
-        if best is None:
-            best = min(self._stable(), key=lambda pair: pair[1].energy, default=None)
-        return self._none(_RUNS_AWAY) if best is None else self._solution(*best)
+        if best is None and len(self.loops) == 2:
+            best = min(self._stable(), key=lambda placed: placed.surface.energy, default=None)
+        if best is not None:
+            return self._solution(best)
+        return self._none()
 
     def _on_network(self) -> PlateauSolution | None:
-        """The annulus of a Cauchy network on a domain made for the rims; none where no domain was found."""
+        """The annulus of a Cauchy network on a domain made for two rims; none where no domain was found."""
         try:
             return self._told(self._network.found())
         except (DomainError, SingularMatrixError):
@@ -208,10 +223,11 @@ class AnnulusTask:
 
     @cached_property
     def _network(self) -> AnnulusNetworkSolver:
-        first, second, back = (replace(loop, points=(loop.points - self.centre) / self.scale) for loop in self.loops)
+        first, second = (replace(loop, points=(loop.points - self.centre) / self.scale) for loop in self.loops)
+        (one, _), (other, back) = self.curves
         return AnnulusNetworkSolver.between(
-            (first, second, back),
-            self.curves,
+            (first, second, second.reversed()),
+            (one, other, back),
             options=self.options.cauchy,
             budget=Budget(
                 allowed=self._allowed,
@@ -226,7 +242,7 @@ class AnnulusTask:
     @cached_property
     def _crowds(self) -> bool:
         """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
-        first, second = (curve.coefficients[-1] for curve in self.curves[:2])
+        first, second = self._vertices
         gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
         if gaps.max() < _EVEN * gaps.min() and self._wanted_nodes < _FEW_NODES:
             return False
@@ -235,76 +251,95 @@ class AnnulusTask:
         except (DomainError, SingularMatrixError):
             return False
 
+    @property
+    def _vertices(self) -> list[Float[np.ndarray, "_ 3"]]:
+        return [curve.coefficients[-1] for curve, _ in self.curves]
+
     def every(self) -> tuple[PlateauSolution, ...]:
-        """All annuli that were found, unstable ones too, by area."""
+        """All surfaces that were found, unstable ones too, by area."""
         plane = self._in_plane()
         if plane is not None:
             return (plane,)
         if self._obstacle() is not None:
             return ()
-        solutions = [self._solution(reverse, annulus) for reverse, annulus in self._all_critical()]
+        solutions = [self._solution(placed) for placed in self._all_critical()]
         return tuple(sorted(solutions, key=lambda solution: solution.area))
 
     def _in_plane(self) -> PlateauSolution | None:
         with self.clock.stage("surface"):
-            plane = plane_annulus(self.curves, self.options.device, allowed=self._allowed)
+            plane = plane_between(self.curves, self.options.device, allowed=self._allowed)
         return None if plane is None else self._told(plane)
 
     def _obstacle(self) -> str | None:
-        """Why there cannot be an annulus, where that is certain."""
+        """Why there cannot be a surface, where that is certain."""
+        given = [curve for curve, _ in self.curves]
         with self.clock.stage("moduli"):
-            if beside_in_plane(*self.curves[:2]):
+            if beside_in_plane(given):
                 return _BESIDE
-            return _PARTED if parted_by_cone(*self.curves[:2]) else None
+            return _PARTED if len(given) == 2 and parted_by_cone(*given) else None
 
-    def _descended(self) -> tuple[bool, HarmonicAnnulus] | None:
-        """The annulus that the energy falls to from the better start, or from both, of the second loop's directions.
+    def _descended(self) -> Placement | None:
+        """The surface that the energy falls to from the better start, or from several of nearly the same energy.
 
-        None where the modulus runs away, or no critical point is reached.
+        None where it falls apart, or no critical point is reached.
         """
-        best: tuple[bool, HarmonicAnnulus] | None = None
+        best: Placement | None = None
         with self.clock.stage("slides"):
-            starts = self._starts
-            least = min(energy for _, energy in starts)
-            for reverse, (start, energy) in zip((False, True), starts, strict=True):
-                if energy <= _RIVAL * least:
-                    annulus = self._problem(reverse).descended(*start, tolerance=_FOUND)
-                    if annulus is None or max(annulus.gradient, abs(annulus.slope)) > _SETTLED:
-                        continue
-                    if best is None or annulus.energy < best[1].energy:
-                        best = reverse, annulus
-        return best
+            least = min((start.surface.energy for start in self._starts), default=0.0)
+            for start in self._starts:
+                if start.surface.energy <= _RIVAL * least:
+                    lower = self._lower(start)
+                    if lower is not None and (best is None or lower.surface.energy < best.surface.energy):
+                        best = lower
+            if best is None:
+                return None
+            nodes = max(best.surface.slides.shape[1], _COARSE_NODES)
+            return replace(best, surface=self._problem(best).refined(best.surface, nodes))
+
+    def _lower(self, start: Placement) -> Placement | None:
+        """What the energy falls to from a start, with as many nodes as resolve the gaps between the circles."""
+        problem, n = self._problem(start), start.surface.slides.shape[1]
+        while True:
+            lower = problem.descended(problem.resampled(start.surface, n), tolerance=_POOR)
+            if lower is not None and lower.size <= _SETTLED:
+                return replace(start, surface=lower)
+            n *= 2
+            if len(self.loops) == 2 or n > _DENSE_NODES:
+                return None
 
     @cached_property
     def _wanted_nodes(self) -> float:
-        """Nodes on each rim that resolve the gap between them: its width against their length is about the modulus."""
-        first, second = (curve.coefficients[-1] for curve in self.curves[:2])
+        """Nodes on each of two rims that resolve the gap: its width against their length is about the modulus."""
+        first, second = self._vertices
         gap = float(np.mean(cKDTree(first).query(second)[0]))
-        length = sum(loop.perimeter for loop in self.loops[:2]) / 2 / self.scale
+        length = sum(loop.perimeter for loop in self.loops) / 2 / self.scale
         return _NODES_PER_GAP * length / max(gap, float(np.finfo(np.float64).tiny))
 
     @cached_property
     def _coarse_nodes(self) -> int:
-        """Nodes on each rim with which an annulus is sought."""
+        """Nodes on each of two rims with which an annulus is sought."""
         steps = np.ceil(np.log2(self._wanted_nodes))
         return int(2 ** np.clip(steps, np.log2(_COARSE_NODES), np.log2(_DENSE_NODES)))
 
     @cached_property
-    def _starts(self) -> tuple[tuple[tuple[Float[Tensor, "2 n"], float], float], ...]:
-        """Slides and modulus to start from, and their energy, with the second loop as it is and reversed."""
-        problems = [self._problem(reverse) for reverse in (False, True)]
-        starts = [problem.start(self._coarse_nodes) for problem in problems]
-        return tuple((start, problem.energy(*start)) for problem, start in zip(problems, starts, strict=True))
+    def _starts(self) -> tuple[Placement, ...]:
+        """Where to start from: two rims with the second as it is and reversed."""
+        rims = self._rims[0]
+        if len(rims) == 2:
+            return tuple(start_between(*rims, self._coarse_nodes, back=back) for back in (False, True))
+        seen = seen_starts(rims, _FEWEST_NODES)
+        return tuple(seen) or tuple(start_over(rims, _FEWEST_NODES, first=0, back=back) for back in (False, True))
 
     @cached_property
-    def _way(self) -> tuple[tuple[BoundaryCurve, BoundaryCurve, BoundaryCurve], ...]:
+    def _way(self) -> tuple[tuple[BoundaryCurve, ...], ...]:
         """Curves that lead to those of the loops: these alone, or for rough loops from smooth ones on.
 
         Newton's method finds its way through many sharp bends only if they grow on it.
         """
+        given = tuple(curve for curve, _ in self.curves)
         if not self._is_rough:
-            return (self.curves,)
-        ways = [_grown(curve, len(loop)) for curve, loop in zip(self.curves, self.loops, strict=True)]
+            return (given,)
+        ways = [_grown(curve, len(loop)) for curve, loop in zip(given, self.loops, strict=True)]
         return tuple(zip(*ways, strict=True))
 
     @cached_property
@@ -312,12 +347,29 @@ class AnnulusTask:
         return any(
             curve.degree == min(DEGREES)
             and np.quantile(turning_angles(loop.points), 0.9) - 3 * np.pi / len(loop) > _ROUGH_TURN
-            for curve, loop in zip(self.curves, self.loops, strict=True)
+            for (curve, _), loop in zip(self.curves, self.loops, strict=True)
         )
 
-    def _problem(self, reverse: bool, step: int = 0) -> AnnulusProblem:
-        first, *others = (CurveTensors.of(curve, self.options.device) for curve in self._way[step])
-        return AnnulusProblem(curves=(first, others[reverse]), on_step=self._heard)
+    @cached_property
+    def _rims(self) -> tuple[tuple[Rim, ...], ...]:
+        """All rims on each step of their way, in both directions."""
+        device = self.options.device
+        last = [ways[1] for ways in self.curves]
+        return tuple(
+            tuple(
+                Rim(number=k, ways=(CurveTensors.of(curve, device), CurveTensors.of(back, device)))
+                for k, (curve, back) in enumerate(
+                    zip(curves, last if curves is self._way[-1] else [c.reversed() for c in curves], strict=True)
+                )
+            )
+            for curves in self._way
+        )
+
+    def _problem(self, placed: Placement, step: int = 0) -> RimsProblem:
+        rims = self._rims[step]
+        curves = tuple(rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True))
+        negligible = _NEGLIGIBLE_POWER if self._is_rough else ROUND_OFF
+        return RimsProblem(curves=curves, negligible=negligible, on_step=self._heard)
 
     def _heard(self, gradient: float) -> None:
         self._heard_of(Iteration(index=0, method="Douglas-Newton", residual=gradient))
@@ -328,20 +380,37 @@ class AnnulusTask:
         if self.on_iteration is not None:
             self.on_iteration(step)
 
-    def _all_critical(self) -> list[tuple[bool, HarmonicAnnulus]]:
-        """The critical points with the second loop in the direction whose start has less energy."""
-        reverse = self._starts[1][1] < self._starts[0][1]
+    def _all_critical(self) -> list[Placement]:
+        """Critical points: over two rims all with the second loop in the direction whose start has less energy.
+
+        Over more the one of least energy and those on its path.
+        """
+        if len(self.loops) > 2:
+            best = self._descended()
+            if best is None:
+                return []
+            problem, n = self._problem(best), best.surface.slides.shape[1]
+            with self.clock.stage("moduli"):
+                # on half of the nodes, whose steps cost an eighth
+                found = all_on_path(problem, problem.refined(best.surface, n // 2))
+                return [replace(best, surface=problem.refined(surface, n)) for surface in found]
+        start = min(self._starts, key=lambda start: start.surface.energy)
         with self.clock.stage("moduli"):
-            return [(reverse, annulus) for annulus in self._problem(reverse).all_critical(self._coarse_nodes)]
+            search = ModuliSearch(problem=self._problem(start), start=start.surface)
+            return [replace(start, surface=surface) for surface in search.all_critical()]
 
-    def _stable(self) -> list[tuple[bool, HarmonicAnnulus]]:
-        return [pair for pair in self._all_critical() if self._problem(pair[0]).index(pair[1]) == 0]
+    def _stable(self) -> list[Placement]:
+        return [placed for placed in self._all_critical() if self._problem(placed).index(placed.surface) == 0]
 
-    def _none(self, reason: str) -> NoAnnulus:
+    def _none(self, reason: str | None = None) -> NoAnnulus:
+        two = len(self.loops) == 2
+        kind, left = ("annulus", "two disks") if two else ("surface of one piece", "surfaces of fewer rims each")
+        if reason is None:
+            reason = _RUNS_AWAY if two else _FALLS_APART
         return NoAnnulus(
-            loops=self.loops[:2],
+            loops=self.loops,
             rim_disks=self._disks,
-            reason=f"no annulus: {reason}; what is left are two disks",
+            reason=f"no {kind}: {reason}; what is left are {left}",
             history=tuple(self.history),
             solve_timings=dict(self.clock.seconds),
         )
@@ -349,18 +418,19 @@ class AnnulusTask:
     @cached_property
     def _disks(self) -> RimDisks:
         options = replace(self.options, laurent=None)
-        return RimDisks(solve=partial(_disks_over, self.loops[:2], self.curves[:2], options))
+        curves = tuple(curve for curve, _ in self.curves)
+        return RimDisks(solve=partial(_disks_over, self.loops, curves, options))
 
-    def _solution(self, reverse: bool, annulus: HarmonicAnnulus) -> PlateauSolution:
-        """The annulus with as many nodes as the tolerance asks for, or as help."""
-        problem = self._problem(reverse, -1)
-        best: tuple[AnnularLift, HarmonicAnnulus] | None = None
-        error, limit, vain = SurfaceError("no minimal annulus was found"), "more nodes on the rims do not help", 0
-        for finer in self._finer(reverse, annulus):
+    def _solution(self, placed: Placement) -> PlateauSolution:
+        """The surface with as many nodes as the tolerance asks for, or as help."""
+        problem = self._problem(placed, -1)
+        best: tuple[Lift, HarmonicSurface] | None = None
+        error, limit, vain = SurfaceError("no minimal surface was found"), "more nodes on the rims do not help", 0
+        for finer in self._finer(placed):
             goal = self._goal(finer)
             with self.clock.stage("lift"):
                 try:
-                    lift = lifted_annulus(finer, problem.curves, allowed=goal)
+                    lift = lifted(finer, problem.curves, allowed=goal)
                 except SurfaceError as failure:  # more nodes may tell the sheets apart
                     error = failure
                     continue
@@ -375,13 +445,13 @@ class AnnulusTask:
             limit = f"{self._most_nodes} nodes on each rim are the most that are tried"
         if best is None:
             raise error
-        return self._told(self._found(*best, reverse=reverse, limit=limit))
+        return self._told(self._found(*best, placed=placed, limit=limit))
 
-    def _goal(self, annulus: HarmonicAnnulus) -> float:
+    def _goal(self, surface: HarmonicSurface) -> float:
         """Distance at which no more nodes are taken."""
         if self.options.is_series:
             return 0.0
-        return self._allowed * (_WELL_BELOW if annulus.slides.shape[1] < _CHEAP_NODES else 1.0)
+        return self._allowed * (_WELL_BELOW if surface.slides.shape[1] < _CHEAP_NODES else 1.0)
 
     @property
     def _allowed(self) -> float:
@@ -390,8 +460,7 @@ class AnnulusTask:
 
     @property
     def _mean_edge(self) -> float:
-        loops = self.loops[:2]
-        return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
+        return sum(loop.perimeter for loop in self.loops) / sum(map(len, self.loops))
 
     @property
     def _most_nodes(self) -> int:
@@ -399,36 +468,36 @@ class AnnulusTask:
             return _MOST_SMOOTH
         return min(_MOST_NODES, max(_DENSE_NODES, _MOST_PER_EDGE * max(map(len, self.loops))))
 
-    def _finer(self, reverse: bool, annulus: HarmonicAnnulus) -> Iterator[HarmonicAnnulus]:
-        """The annulus over the loops' own curves, and with more and more nodes."""
-        problem = self._problem(reverse, -1)
-        stable = self._problem(reverse).index(annulus) == 0
+    def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
+        """The surface over the loops' own curves, and with more and more nodes."""
+        problem, surface = self._problem(placed, -1), placed.surface
+        stable = self._problem(placed).index(surface) == 0
         if self._is_rough:
             n = _even(_PER_EDGE * max(map(len, self.loops)))
             with self.clock.stage("slides"):
                 for step in range(1, len(self._way)):
-                    annulus = self._settled(self._problem(reverse, step), annulus, n, near=False)
+                    surface = self._settled(self._problem(placed, step), surface, n, near=False)
         while True:
-            yield annulus
+            yield surface
             require_time()
-            n = _even(_MORE_NODES * annulus.slides.shape[1])
+            n = _even(_MORE_NODES * surface.slides.shape[1])
             if n > self._most_nodes:
                 return
             with self.clock.stage("slides"):
-                if stable and n > _DENSE_NODES:
-                    annulus = self._settled(problem, annulus, n, near=not self._is_rough)
+                if stable and (n > _DENSE_NODES or n * len(self.loops) > _DENSE_IN_ALL):
+                    surface = self._settled(problem, surface, n, near=not self._is_rough)
                     continue
-                finer: HarmonicAnnulus | None = problem.refined(annulus, n)
+                finer: HarmonicSurface | None = problem.refined(surface, n)
                 if stable and finer is not None and finer.gradient > _POOR:
-                    finer = problem.descended(finer.slides, annulus.log_modulus, tolerance=_FOUND)
+                    finer = problem.descended(finer, tolerance=_FOUND)
             if finer is None:
                 return
-            annulus = finer
+            surface = finer
 
-    def _settled(self, problem: AnnulusProblem, annulus: HarmonicAnnulus, n: int, *, near: bool) -> HarmonicAnnulus:
+    def _settled(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, near: bool) -> HarmonicSurface:
         edges = max(map(len, self.loops))
         return problem.settled(
-            annulus,
+            surface,
             n,
             tolerance=_FINE_ROUGH * self.options.tolerance if self._is_rough else _FOUND,
             max_steps=max(0, min(_MOST_STEPS, self.options.max_iterations - len(self.history))),
@@ -436,36 +505,37 @@ class AnnulusTask:
             negligible=_NEGLIGIBLE * 2 * math.pi * edges * self._allowed**2 if self._is_rough else 0.0,
         )
 
-    def _found(self, lift: AnnularLift, annulus: HarmonicAnnulus, *, reverse: bool, limit: str) -> FoundAnnulus:
+    def _found(self, lift: Lift, harmonic: HarmonicSurface, *, placed: Placement, limit: str) -> FoundBetween:
         with self.clock.stage("surface"):
-            surface = annular_surface(lift, order=_PATH_ORDER)
-        first, second = (rim.slide.cpu().numpy() for rim in lift.rims)
-        t = np.arange(len(first)) / len(first)
-        return FoundAnnulus(
+            surface = lifted_surface(lift, order=_PATH_ORDER)
+        slides = [rim.slide.cpu().numpy() for rim in lift.rims]
+        t = np.arange(len(slides[0])) / len(slides[0])
+        return FoundBetween(
             surface=surface,
-            order=(0, 1),
-            reverse=reverse,
-            matchings=(np.column_stack([t, first]), np.column_stack([t, second])),
+            order=tuple(rim.number for rim in placed.rims),
+            back=placed.back,
+            matchings=tuple(np.column_stack([t, slide]) for slide in slides),
             misfit=lift.misfit,
             area=lift.area,
-            modulus=annulus.modulus,
-            spin="antiperiodic" if lift.model.antiperiodic else "periodic",
+            modulus=mean_modulus(harmonic.domain),
+            antiperiodic=lift.model.antiperiodic,
             period=lift.period,
-            route="annulus",
+            route="annulus" if len(slides) == 2 else "circles",
             limit=limit,
         )
 
-    def _told(self, found: FoundAnnulus) -> PlateauSolution:
-        """An annulus in the loops' coordinates."""
+    def _told(self, found: FoundBetween) -> PlateauSolution:
+        """A surface in the loops' coordinates."""
         scale, clock = self.scale, self.clock
         with clock.stage("surface"):
             surface = found.surface.transform(scale=scale, translation=self.centre)
         residual = BoundaryResidual.of(found.misfit.enlarged(scale), mean_edge=self._mean_edge, diagonal=scale)
         tolerance = self.options.tolerance
         converged, reason = residual.verdict(tolerance, steps=len(self.history), limit=found.limit)
+        backward = dict(zip(found.order, found.back, strict=True))
         return PlateauSolution(
             surface=surface,
-            rims=self._rims(found, surface),
+            rims=self._matches(found, surface),
             domain=surface.domain,
             boundary_residual=residual,
             area=found.area * scale**2,
@@ -478,37 +548,33 @@ class AnnulusTask:
             evidence=Evidence(surface=surface),
             annulus=Annulus(
                 modulus=found.modulus,
-                spin=found.spin,
+                antiperiodic=found.antiperiodic,
                 period=found.period * scale,
-                reversed=found.reverse,
+                backward=tuple(backward[number] for number in range(len(self.loops))),
                 order=found.order,
                 rim_disks=self._disks,
             ),
         )
 
-    def _rims(self, found: FoundAnnulus, surface: SpinorSurface) -> tuple[RimMatch, ...]:
-        loops = (self.loops[0], self.loops[1 + found.reverse])
-        curves = (self.curves[0], self.curves[1 + found.reverse])
-        return tuple(
-            RimMatch(
-                loop=loops[number],
-                curve=curves[number].placed(loops[number].points, self.scale),
-                boundary=boundary,
-                matching=matching,
-            )
-            for number, boundary, matching in zip(found.order, surface.domain.boundaries, found.matchings, strict=True)
-        )
+    def _matches(self, found: FoundBetween, surface: SpinorSurface) -> tuple[RimMatch, ...]:
+        matches = []
+        for number, back, boundary, matching in zip(
+            found.order, found.back, surface.domain.boundaries, found.matchings, strict=True
+        ):
+            loop = self.loops[number].reversed() if back else self.loops[number]
+            curve = self.curves[number][back].placed(loop.points, self.scale)
+            matches.append(RimMatch(loop=loop, curve=curve, boundary=boundary, matching=matching))
+        return tuple(matches)
 
 
 def _disks_over(
-    loops: tuple[BoundaryLoop, BoundaryLoop], curves: tuple[BoundaryCurve, BoundaryCurve], options: Options
-) -> tuple[PlateauSolution, PlateauSolution] | None:
-    """The minimal disks over two loops that are known to be simple; None where one was not found."""
+    loops: tuple[BoundaryLoop, ...], curves: tuple[BoundaryCurve, ...], options: Options
+) -> tuple[PlateauSolution, ...] | None:
+    """The minimal disks over loops that are known to be simple; None where one was not found."""
     try:
-        first, second = (Task.over(*rim, options).solved() for rim in zip(loops, curves, strict=True))
+        return tuple(Task.over(*rim, options).solved() for rim in zip(loops, curves, strict=True))
     except SpinorGeomError:
         return None
-    return first, second
 
 
 def _grown(curve: BoundaryCurve, points: int) -> list[BoundaryCurve]:

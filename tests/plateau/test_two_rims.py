@@ -7,14 +7,15 @@ import pytest
 import torch
 
 from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
-from spinor_geom.errors import LoopsMeetError, OptionError, PeriodError, SeveralRimsError, TooManyRimsError
+from spinor_geom.errors import LoopsMeetError, OptionError, PeriodError, SeveralRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoAnnulus
-from spinor_geom.plateau.annulus import AnnulusTask
-from spinor_geom.plateau.douglas_annulus import AnnulusProblem
+from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.rim_starts import Rim, start_between
+from spinor_geom.plateau.rims import RimsTask
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 
@@ -126,20 +127,22 @@ def test_unstable_catenoid_on_request():
 
 def test_an_unstable_annulus_of_a_network_is_left_for_a_stable_one(monkeypatch):
     stable, unstable = solve_plateau(coaxial(0.5), all_solutions=True)
-    monkeypatch.setattr(AnnulusTask, "_crowds", True)
-    monkeypatch.setattr(AnnulusTask, "_on_network", lambda _: unstable)
+    monkeypatch.setattr(RimsTask, "_crowds", True)
+    monkeypatch.setattr(RimsTask, "_on_network", lambda _: unstable)
     assert abs(solve_plateau(coaxial(0.5)).area / stable.area - 1) < 1e-12
     assert solve_plateau(coaxial(0.5), unstable="keep") is unstable
 
 
 @pytest.mark.parametrize("h", [0.5, 0.66])
 def test_inertia_of_the_energy_is_the_index_of_the_area(h):
-    device = torch.device("cpu")
-    first, second = coaxial(h)
-    both = BoundaryCurve.from_formula(first), BoundaryCurve.from_formula(second).reversed()
-    curves = [CurveTensors.of(curve, device) for curve in both]
-    problem = AnnulusProblem(curves=tuple(curves))
-    assert [problem.index(annulus) for annulus in problem.all_critical(48)] == [0, 1]
+    rims = []
+    for number, formula in enumerate(coaxial(h)):
+        curve = BoundaryCurve.from_formula(formula)
+        ways = tuple(CurveTensors.of(way, torch.device("cpu")) for way in (curve, curve.reversed()))
+        rims.append(Rim(number=number, ways=ways))
+    start = start_between(*rims, 48, back=True)
+    search = ModuliSearch(problem=start.problem, start=start.surface)
+    assert [start.problem.index(surface) for surface in search.all_critical()] == [0, 1]
 
 
 @pytest.mark.parametrize("distance", [2.1, 3.0])
@@ -268,14 +271,6 @@ def _fan(rim, apex):
 
 
 # --- errors -----------------------------------------------------------------------------------------------------------
-
-
-def test_three_rims_are_refused_by_name():
-    loops = [sampled(ring(1.0, z), n) for z, n in ((0, 20), (0.3, 30), (0.6, 40))]
-    with pytest.raises(TooManyRimsError, match=r"got 3: loops 0 \(20 vertices\), 1 \(30 vertices\), 2 \(40 vertices\)"):
-        solve_plateau(loops)
-    with pytest.raises(TooManyRimsError, match="give two"):
-        solve_plateau(loops[:1])
 
 
 @pytest.mark.parametrize("what", [np.zeros((5, 3)), None, "ab", 3])

@@ -1,0 +1,172 @@
+"""Dirichlet's form of harmonic functions on the unit disk less round holes, on equal steps of every circle's angle.
+
+Each circle has a coordinate ζ that maps its own side of the plane to the unit disk: ζ = z for the unit circle,
+ζ = r/(z − c) for a hole. A harmonic function on Ω is the real part of a sum of powers of them all, and of a logarithm
+for each hole. On a circle its own powers are the frequencies that lead and all others the frequencies that lag, so the
+normal derivative is |k| on the first and −|k| on the second.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.plateau.cylinder import multipliers
+
+# Powers of the coordinates that are smaller on every other circle are rounding errors.
+ROUND_OFF = 1e-17
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DirichletForm:
+    """The Dirichlet-to-Neumann map Λ of a circular domain: values x(τ) ↦ ∂x*/∂τ, x* the conjugate of x.
+
+    ½ ∮ x·Λx dτ is the Dirichlet energy. Between two concentric circles Λ is a multiplier of Fourier series. With more
+    holes it differs from |k| by an operator with a smooth kernel, which acts on low frequencies only.
+
+    Attributes:
+        domain: Ω.
+        steps: n, of every circle.
+        own: multipliers of a circle's own values, frequencies 0 … n/2.
+        other: multipliers of the conjugate spectrum of the other of two circles; none where there are more.
+        correction: Λ less |k| on so many equal steps of every circle as resolve it, (m c, m c); none for two circles.
+        error: the correction's deviation from a symmetric matrix, relative to the largest entry of |k|'s.
+    """
+
+    domain: CircularDomain
+    steps: int
+    own: Float[Tensor, " f"]
+    other: Float[Tensor, " f"] | None
+    correction: Float[Tensor, "mc mc"] | None
+    error: float
+
+    @classmethod
+    def of(cls, domain: CircularDomain, n: int, *, negligible: float = ROUND_OFF) -> DirichletForm:
+        """Λ on n equal steps of every circle, an even number; without powers that are negligible on other circles."""
+        if domain.rims == 2:
+            own, other = multipliers(domain.log_radii.new_tensor(domain.modulus), n)
+            return cls(domain=domain, steps=n, own=own, other=other, correction=None, error=0.0)
+        own = torch.arange(n // 2 + 1, dtype=domain.radii.dtype, device=domain.radii.device)
+        powers = math.log(negligible) / math.log(domain.nearness)
+        count = n if powers >= n // 2 else 2 * math.ceil(powers)
+        coupling = _coupling(domain, count)
+        error = float((coupling - coupling.T).abs().max()) / (count / 4)
+        return cls(domain=domain, steps=n, own=own, other=None, correction=(coupling + coupling.T) / 2, error=error)
+
+    def __call__(self, x: Float[Tensor, "m n c"]) -> Float[Tensor, "m n c"]:
+        """Λ of each column, on all circles."""
+        n = self.steps
+        spectrum = torch.fft.rfft(x, dim=-2)
+        result = self.own[:, None] * spectrum
+        if self.other is not None:
+            result = result + self.other[:, None] * spectrum.flip(0).conj()
+        if self.correction is None:
+            values: Tensor = torch.fft.irfft(result, n=n, dim=-2)
+            return values
+        m, columns = len(x), x.shape[-1]
+        count = len(self.correction) // m
+        low = x if count == n else torch.fft.irfft(spectrum[:, : count // 2], n=count, dim=-2) * (count / n)
+        change = (self.correction @ low.reshape(m * count, columns)).reshape(m, count, columns)
+        if count == n:
+            own: Tensor = torch.fft.irfft(result, n=n, dim=-2)
+            return own + change
+        result[:, : count // 2] += torch.fft.rfft(change, dim=-2)[:, : count // 2] * (n / count)
+        together: Tensor = torch.fft.irfft(result, n=n, dim=-2)
+        return together
+
+    def matrix(self) -> Float[Tensor, "mn mn"]:
+        """Λ on the samples of all circles, one circle after the other."""
+        n, m = self.steps, self.domain.rims
+        j = torch.arange(n, device=self.own.device)
+        own = torch.fft.irfft(self.own.to(torch.complex128), n=n)[(j[:, None] - j) % n]
+        if self.other is not None:
+            other = torch.fft.irfft(self.other.to(torch.complex128), n=n)[(j[:, None] + j) % n]
+            return torch.cat([torch.cat([own, other], dim=1), torch.cat([other, own], dim=1)])
+        assert self.correction is not None  # more than two circles have one
+        count = len(self.correction) // m
+        matrix = self.correction.reshape(m, count, m, count)
+        if count < n:
+            # the factor of each side's interpolation, and of the sum over n steps in place of c
+            spectrum = torch.fft.rfft(matrix, dim=1)[:, : count // 2]
+            matrix = torch.fft.irfft(spectrum, n=n, dim=1) * (n / count)
+            spectrum = torch.fft.rfft(matrix, dim=3)[..., : count // 2]
+            matrix = torch.fft.irfft(spectrum, n=n, dim=3)
+        matrix = matrix.reshape(m, n, m, n).clone()
+        matrix.diagonal(dim1=0, dim2=2).add_(own[..., None])
+        return matrix.reshape(m * n, m * n)
+
+
+def _functions(zeta: Complex[Tensor, "m *pts"], n: int) -> Float[Tensor, "m n *pts"]:
+    """Harmonic functions on Ω from each circle's coordinate: for the outer one 1, for holes log(|z − c|/r), and powers.
+
+    Of the highest power, of which n equal steps see a cosine only, the real part alone.
+    """
+    powers = torch.cumprod(zeta[:, None].expand(-1, n // 2, *zeta.shape[1:]), dim=1)
+    first = -zeta.abs().log()[:, None]
+    first[0] = 1
+    return torch.cat([first, powers.real, powers.imag[:, :-1]], dim=1)
+
+
+def _coupling(domain: CircularDomain, n: int) -> Float[Tensor, "mn mn"]:
+    """Λ less |k| of each circle by itself, by collocation of sums of `_functions` at n equal steps."""
+    m = domain.rims
+    values = _functions(domain.coordinates_on_circles(n), n)  # coordinate, function, circle, step
+    circle = torch.arange(m)
+    lagging = values.clone()
+    lagging[circle, :, circle] = 0
+    spectrum = torch.fft.rfft(lagging)
+    frequency = torch.arange(spectrum.shape[-1], dtype=values.dtype, device=values.device)
+    # own powers have |k| of their values, all others −|k|
+    change = torch.fft.irfft(-2 * frequency * spectrum, n=n)
+    # the flux of a logarithm: out of Ω at the outer circle, into it at its hole
+    change[1:, 0, 0] += 1
+    change[circle[1:], 0, circle[1:]] -= 1
+    coupling: Tensor = torch.linalg.solve(values.reshape(m * n, m * n), change.reshape(m * n, m * n)).T
+    return coupling
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HarmonicExtension:
+    """The harmonic function on Ω with given values on its circles.
+
+    Attributes:
+        domain: Ω.
+        weights: of its functions, a column for each column of values.
+        steps: n, of every circle.
+    """
+
+    domain: CircularDomain
+    weights: Float[Tensor, "mn c"]
+    steps: int
+
+    @classmethod
+    def of(cls, domain: CircularDomain, values: Float[Tensor, "m n c"]) -> HarmonicExtension:
+        """The function with values at n equal steps of every circle, an even number."""
+        m, n = values.shape[:2]
+        functions = _functions(domain.coordinates_on_circles(n), n).reshape(m * n, m * n)
+        return cls(domain=domain, weights=torch.linalg.solve(functions.T, values.reshape(m * n, -1)), steps=n)
+
+    def __call__(self, z: Complex[Tensor, " k"]) -> Float[Tensor, "k c"]:
+        """Its values at points of Ω."""
+        return _functions(self.domain.coordinates(z), self.steps).reshape(-1, len(z)).T @ self.weights
+
+
+def derivative(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
+    """dx/dτ of columns at n equal steps of every circle; of their highest frequency, a cosine, it is 0 at the steps."""
+    n = x.shape[-2]
+    k = 1j * torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)
+    k[-1] = 0
+    values: Tensor = torch.fft.irfft(k[:, None] * torch.fft.rfft(x, dim=-2), n=n, dim=-2)
+    return values
+
+
+def without_highest(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
+    """Columns at n equal steps of every circle without their highest frequency, of which steps see no sine."""
+    n = x.shape[-2]
+    values: Tensor = torch.fft.irfft(torch.fft.rfft(x, dim=-2)[..., : n // 2, :], n=n, dim=-2)
+    return values

@@ -1,0 +1,234 @@
+"""Douglas's variational problem for two rims and more: their slides and the moduli of Ω, by Newton's method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from spinor_geom.deadline import require_time
+from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.plateau.circles import ROUND_OFF
+from spinor_geom.plateau.douglas import resampled
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface
+
+# Modulus beyond which all but the distance of the rims' means has decayed to rounding errors: there is no surface.
+MOST_MODULUS = 40.0
+# Modulus of a ring with several holes inside it beyond which rounding errors move these against each other.
+_MOST_AROUND_SEVERAL = 20.0
+_MOST_STEPS, _MOST_TRIES = 60, 30
+# Damping of the first step, in units of the metric, and how it grows and falls.
+_DAMPING, _MORE_DAMPING, _LESS_DAMPING, _LEAST_DAMPING = 1e-2, 4.0, 8.0, 1e-10
+# Gradients at which nothing but rounding errors is left, and fall of the energy that is none.
+_ROUNDING, _SAME_ENERGY = 1e-13, 1e-14
+# A step of Newton's method at a critical point lowers the gradient at least to this share.
+_GAIN = 0.5
+# Curvatures of the energy below this share of the largest count as none.
+_FLAT = 1e-12
+# Conjugate gradients: steps, and curvatures that count as none, of the metric and of the energy by the moduli.
+_MOST_CG_STEPS, _FLAT_STEP, _FLAT_MODULUS = 60, 1e-6, 1e-3
+# Energies among whose highest a step may end, halvings of a step, and reflections that are left away.
+_REMEMBERED, _MOST_HALVINGS, _LEAST_REFLECTION = 6, 12, 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RimsProblem:
+    """Douglas's problem for curves that run as the boundary of Ω does, the outer one first.
+
+    Attributes:
+        curves: two or more.
+        negligible: as for `DirichletForm.of`.
+        on_step: is called with the gradient at each Newton step; None for silence.
+    """
+
+    curves: tuple[CurveTensors, ...]
+    negligible: float = ROUND_OFF
+    on_step: Callable[[float], None] | None = None
+
+    def at(self, slides: Float[Tensor, "m n"], domain: CircularDomain) -> HarmonicSurface:
+        """The harmonic surface with given slides over a given domain."""
+        return EnergyPoint.of(self.curves, slides, domain, self.negligible).surface
+
+    def descended(
+        self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False, max_steps: int = _MOST_STEPS
+    ) -> HarmonicSurface | None:
+        """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
+
+        A modulus runs away then, or a rim shrinks to a point of it.
+
+        Args:
+            start: a surface.
+            tolerance: of gradient and slopes.
+            fixed: whether the moduli stay.
+            max_steps: limit on steps.
+        """
+        here = self.point(start)
+        damping = _DAMPING
+        for _ in range(max_steps):
+            require_time()
+            size = here.surface.gradient if fixed else here.surface.size
+            if self.on_step is not None:
+                self.on_step(size)
+            if size <= tolerance:
+                break
+            hessian = here.hessian(fixed=fixed)
+            gradient = here.gradient(fixed=fixed)
+            metric = here.stiffness * torch.ones_like(gradient)
+            if not fixed:
+                count = len(here.by_slides)
+                metric[count:] = hessian.diagonal()[count:].abs() + 0.1 * here.energy
+            there = None
+            for _ in range(_MOST_TRIES):
+                damped = hessian.clone()
+                damped.diagonal().add_(metric, alpha=damping)
+                factor, info = torch.linalg.cholesky_ex(damped)
+                if int(info) == 0:
+                    step = torch.cholesky_solve(-gradient[:, None], factor)[:, 0]
+                    there = here.stepped(step, fixed=fixed)
+                    if there.energy <= here.energy * (1 + _SAME_ENERGY):
+                        break
+                    there = None
+                damping = max(_MORE_DAMPING * damping, _LEAST_DAMPING)
+            if there is None:
+                break
+            stays = here.energy - there.energy < _SAME_ENERGY * here.energy
+            lower = (there.surface.gradient if fixed else there.surface.size) < _GAIN * size
+            if stays and not lower:
+                break
+            here, damping = there, max(damping / _LESS_DAMPING, _LEAST_DAMPING)
+            if not fixed and (here.surface.crowded or _is_apart(here.domain)):
+                return None
+        return here.surface
+
+    def critical(self, near: HarmonicSurface, *, tolerance: float = _ROUNDING) -> HarmonicSurface:
+        """The critical point next to a surface, a minimum or not, by plain Newton steps while the gradient falls."""
+        here = self.point(near)
+        for _ in range(_MOST_STEPS):
+            if self.on_step is not None:
+                self.on_step(here.surface.size)
+            if here.surface.size <= tolerance:
+                break
+            step = torch.linalg.solve(here.hessian(), -here.gradient())
+            there = here.stepped(step)
+            if not there.surface.size < _GAIN * here.surface.size:
+                break
+            here = there
+        return here.surface
+
+    def refined(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
+        """The critical point with n nodes on each rim."""
+        return self.critical(self.resampled(surface, n))
+
+    def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
+        """The harmonic surface of the same slides at n nodes on each rim."""
+        return self.at(torch.stack([resampled(slide, n) for slide in surface.slides]), surface.domain)
+
+    def settled(
+        self, surface: HarmonicSurface, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0
+    ) -> HarmonicSurface:
+        """The surface of less energy with n nodes on each rim, by conjugate gradients: for rims that take many nodes.
+
+        Newton's directions are found to a share of the gradient, by fast Fourier transforms alone. Where a rim bends
+        towards the inside the energy's second derivative is negative there; far from a solution it is taken with the
+        opposite sign, as in `minimise_dirichlet_energies`, so that many rough places do not hold each other up.
+
+        Args:
+            surface: start.
+            n: nodes.
+            tolerance: of gradient and slopes.
+            max_steps: limit on steps.
+            near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
+            negligible: fall of the energy over several steps at which to stop.
+        """
+        here = self.point(self.resampled(surface, n))
+        reflection = 0.0 if near else 1.0
+        energies = [here.energy]
+        for _ in range(max_steps):
+            require_time()
+            if self.on_step is not None:
+                self.on_step(here.surface.size)
+            fall = energies[max(0, len(energies) - _REMEMBERED)] - energies[-1]
+            stays = len(energies) > _REMEMBERED and fall * 2 * math.pi / n < negligible
+            if here.surface.size <= tolerance or stays:
+                break
+            direction, downwards = _inexact_direction(here, reflection)
+            there, halvings = here, 0
+            while halvings < _MOST_HALVINGS:
+                there = here.stepped(direction * 0.5**halvings)
+                if there.energy <= max(energies[-_REMEMBERED:]) * (1 + _SAME_ENERGY):
+                    break
+                halvings += 1
+            else:
+                if reflection >= 1:
+                    break
+                reflection = 1.0
+                continue
+            here = there
+            energies.append(here.energy)
+            if halvings or downwards:
+                reflection = min(1.0, max(4 * reflection, 0.01))
+            else:
+                reflection = reflection / 4 if reflection > _LEAST_REFLECTION else 0.0
+        return here.surface
+
+    def index(self, surface: HarmonicSurface) -> int:
+        """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
+        values = torch.linalg.eigvalsh(self.point(surface).hessian())
+        return int((values < -_FLAT * values.abs().max()).sum())
+
+    def point(self, surface: HarmonicSurface) -> EnergyPoint:
+        """The energy with its derivatives at a surface."""
+        return EnergyPoint.of(self.curves, surface.slides, surface.domain, self.negligible)
+
+
+def _is_apart(domain: CircularDomain) -> bool:
+    """Whether a modulus has run away."""
+    width, modulus = domain.room
+    several = len(width) > 1 and -math.log(float((width + domain.radii).min())) > _MOST_AROUND_SEVERAL
+    return several or float(modulus.max()) > MOST_MODULUS
+
+
+def _inexact_direction(here: EnergyPoint, reflection: float) -> tuple[Float[Tensor, " k"], bool]:
+    """A direction by conjugate gradients on the Hessian, and whether they met one in which it falls."""
+    shape, n = here.slides.shape, here.slides.shape[1]
+    bends = here.bends + 2 * reflection * (-here.bends).clamp(min=0)
+    values, vectors = torch.linalg.eigh(here.moduli.hessian)
+    corner = (vectors * values.clamp(min=_FLAT_MODULUS * here.energy)) @ vectors.T
+    inverse = torch.linalg.inv(corner)
+    count = here.slides.numel()
+    symbol = 1 / (torch.arange(n // 2 + 1, dtype=bends.dtype, device=bends.device) + 0.5)
+
+    def hessian(x: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
+        u = x[:count].reshape(shape)
+        image = (here.unit * here.form(here.unit * u[..., None])).sum(-1) + bends * u
+        slides = image.flatten() + here.mixed.T @ x[count:]
+        whole = torch.cat([slides, here.mixed @ x[:count] + corner @ x[count:]])
+        return whole + here.stiffness * (here.rotation @ x) * here.rotation
+
+    def precondition(x: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
+        smooth = torch.fft.irfft(torch.fft.rfft(x[:count].reshape(shape)) * symbol, n=n)
+        scaled: Tensor = torch.cat([smooth.flatten(), inverse @ x[count:]])
+        return scaled
+
+    rest = -here.gradient()
+    x, z = torch.zeros_like(rest), precondition(rest)
+    along, metric, size = z, rest, rest @ z
+    enough = min(0.1, math.sqrt(here.surface.size)) ** 2 * size
+    for step in range(_MOST_CG_STEPS):
+        image = hessian(along)
+        curvature = along @ image
+        if curvature <= _FLAT_STEP * (along @ metric):
+            return (z if step == 0 else x), True
+        length = size / curvature
+        x, rest = x + length * along, rest - length * image
+        z = precondition(rest)
+        before, size = size, rest @ z
+        if size < enough:
+            break
+        along, metric = z + size / before * along, rest + size / before * metric
+    return x, False

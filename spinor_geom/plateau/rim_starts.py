@@ -1,0 +1,388 @@
+"""Where Douglas's problem for several rims starts: each one's place in Ω, its direction, and what is opposite what.
+
+Two rims are matched by all shifts of one against the other and all moduli at once. Each further rim, the nearest of
+those that are left, is a hole put where the surface so far comes near to it, in the place, of the size, and with the
+direction and shift of least energy. At the end the two circles that are the outer one and the one about 0 are chosen
+such that equal steps of the angle are as even as can be on all rims.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import torch
+from jaxtyping import Complex, Float
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.plateau.circles import DirichletForm, HarmonicExtension
+from spinor_geom.plateau.cylinder import multipliers
+from spinor_geom.plateau.douglas_rims import MOST_MODULUS, RimsProblem
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.rims_energy import HarmonicSurface
+
+# Least modulus that is looked at: rims nearer than a thousandth of their length; and the step of its logarithm.
+LEAST_MODULUS, _STEP = 1e-3, 0.05
+# Nodes on each rim, and steps down the energy, for each rim that is put in.
+_NODES, _FEW_STEPS = 16, 6
+# Starts that are kept.
+_KEPT = 2
+# Eyes' distances from the rims' middle, in the rims' largest distance from it.
+_EYES = (0.5, 1.0, 2.0)
+# Narrowest circles on a sphere, as the cosine of their angle; the least gap between two, in radii of the smaller one;
+# and how often those that cross are made smaller.
+_NARROWEST, _CLEAR, _SHRINKINGS = 0.9999, 0.1, 20
+# Places for a hole across Ω, those of them where the surface is nearest to the rim, and radii by the room there.
+_ACROSS, _NEAREST, _RADII = 16, 12, (0.2, 0.4, 0.65)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rim:
+    """A curve in both directions.
+
+    Attributes:
+        number: of the rim among those that were given.
+        ways: its curve as it was given, and reversed.
+    """
+
+    number: int
+    ways: tuple[CurveTensors, CurveTensors]
+
+    def samples(self, n: int, *, back: bool = False) -> Float[Tensor, "n 3"]:
+        """Points at equal steps of the parameter."""
+        breaks = self.ways[back].breaks
+        even = torch.arange(n, dtype=breaks.dtype, device=breaks.device) / n
+        return self.ways[back].point_and_derivative(even)[0]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Placement:
+    """Rims in their places.
+
+    Attributes:
+        rims: that of the outer circle, of the hole about 0, and of all others.
+        back: which of them run against the curve that was given.
+        surface: the harmonic surface.
+    """
+
+    rims: tuple[Rim, ...]
+    back: tuple[bool, ...]
+    surface: HarmonicSurface
+
+    def with_first_as_given(self) -> Placement:
+        """This, or its mirror image in Ω, such that the first rim that was given runs as it was given."""
+        if not any(back for rim, back in zip(self.rims, self.back, strict=True) if rim.number == 0):
+            return self
+        slides, domain = self.surface.slides, self.surface.domain
+        mirrored = CircularDomain(centres=domain.centres.conj(), log_radii=domain.log_radii)
+        ahead = torch.cat([1 - slides[:, :1], 2 - slides[:, 1:].flip(1)], dim=1)
+        turned = replace(self, back=tuple(not back for back in self.back))
+        return replace(turned, surface=turned.problem.at(ahead, mirrored))
+
+    @property
+    def problem(self) -> RimsProblem:
+        """Douglas's problem for the curves as they run here."""
+        return RimsProblem(curves=tuple(rim.ways[back] for rim, back in zip(self.rims, self.back, strict=True)))
+
+
+def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
+    """Slides by the curves' own parameters, one shifted against the other, and the modulus where E first has a minimum.
+
+    Where it has none, the modulus is 1 more than between circles of the curves' lengths in one plane.
+
+    The matching comes from the curves alone: of all shifts the one of least energy is taken.
+
+    Args:
+        first: the outer rim.
+        second: the inner rim.
+        n: nodes on each, an even number.
+        back: whether the second one runs against the curve that was given.
+    """
+    points = torch.stack([first.samples(n), second.samples(n, back=back)])
+    spectrum = torch.fft.rfft(points, dim=1)
+    weight = torch.full_like(points[0, : n // 2 + 1, 0], 2.0)
+    weight[0] = weight[-1] = 1.0
+    square = weight * spectrum.abs().square().sum((0, 2)) / n
+    cross = (spectrum[0] * spectrum[1]).sum(-1)
+    logarithms = torch.arange(math.log(LEAST_MODULUS), math.log(MOST_MODULUS), _STEP, dtype=weight.dtype)
+    moduli = logarithms.to(weight.device).exp()
+    own, other = multipliers(moduli, n)
+    # the second curve shifted by j steps, for all j at once; a row for each modulus
+    energy, shift = (0.5 * (own @ square)[:, None] + torch.fft.irfft(other * cross, n=n, dim=-1)).min(dim=1)
+    sizes = (points.roll(-1, 1) - points).norm(dim=-1).sum(1).log().tolist()
+    usual = int((moduli - 1 - abs(sizes[0] - sizes[1])).abs().argmin())
+    row = _first_valley(energy, usual)
+    even = torch.arange(n, dtype=weight.dtype, device=weight.device) / n
+    domain = CircularDomain.annulus(float(moduli[row]), weight.device)
+    problem = RimsProblem(curves=(first.ways[0], second.ways[back]))
+    slides = torch.stack([even, even + float(shift[row]) / n])
+    return Placement(rims=(first, second), back=(False, back), surface=problem.at(slides, domain))
+
+
+def start_over(rims: Sequence[Rim], n: int, *, first: int, back: bool) -> Placement:
+    """A start over all rims with n nodes on each.
+
+    Args:
+        rims: three or more.
+        n: nodes on each, an even number.
+        first: the rim to begin with.
+        back: whether the second one, the nearest to it, runs against the curve that was given.
+    """
+    order = _by_nearness(rims, first)
+    start = start_between(order[0], order[1], _NODES, back=back)
+    for rim in order[2:]:
+        start = _joined(start, rim)
+    return _spread(start, n)
+
+
+def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
+    """Starts with the rims as circles on a sphere around a point from which they are seen beside each other.
+
+    From the rims' middle those of a junction are, and from above those of a hole and of islands in it.
+
+    Args:
+        rims: three or more.
+        n: nodes on each, an even number.
+    """
+    samples = torch.stack([rim.samples(_NODES) for rim in rims])
+    middle = samples.mean(1).mean(0)
+    axes = torch.linalg.eigh(torch.einsum("mni,mnj->ij", samples - middle, samples - middle))[1].T
+    size = (samples - middle).norm(dim=-1).max()
+    ways = [torch.zeros_like(axes[0]), *(share * way for share in _EYES for way in (*axes, *-axes))]
+    starts = [_seen(rims, samples, middle + size * way) for way in ways]
+    found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.energy)
+    return [_spread(start, n) for start in found[:_KEPT]]
+
+
+def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], eye: Float[Tensor, "3"]) -> Placement | None:
+    """The start that a point shows; none where the rims are not seen beside each other."""
+    m = len(rims)
+    away = torch.nn.functional.normalize(samples - eye, dim=-1)
+    mean = away.mean(1)
+    axis = torch.linalg.eigh(torch.einsum("mni,mnj->mij", away - mean[:, None], away - mean[:, None]))[1][..., 0]
+    height = (away @ axis[..., None]).mean((1, 2))
+    # to the side of each circle on which no other rim is
+    side = torch.einsum("kni,mi->mkn", away, axis) - height[:, None, None]
+    side[torch.arange(m), torch.arange(m)] = 0
+    sign = -side.sum((1, 2)).sign()
+    axis, height = sign[:, None] * axis, sign * height
+    if float((sign[:, None, None] * side).max()) > 0:
+        return None
+    return _on_sphere(rims, away, axis, height.clamp(-_NARROWEST, _NARROWEST).acos())
+
+
+def _on_sphere(
+    rims: Sequence[Rim], away: Float[Tensor, "m n 3"], axis: Float[Tensor, "m 3"], width: Float[Tensor, " m"]
+) -> Placement | None:
+    m, n = away.shape[:2]
+    apart = (axis @ axis.T).clamp(-1, 1).acos()
+    apart.fill_diagonal_(math.inf)
+    for _ in range(_SHRINKINGS):
+        # circles that cross, or nearly so, are made smaller
+        excess = width[:, None] + width + _CLEAR * torch.minimum(width[:, None], width) - apart
+        excess = excess.max(dim=1).values.clamp(min=0)
+        if not excess.any():
+            break
+        width = (width - excess).maximum(width / 2)
+    basis = torch.linalg.qr(axis[:1].T, mode="complete")[0]
+    frame = torch.stack([basis[:, 1], torch.linalg.cross(axis[0], basis[:, 1]), axis[0]])
+
+    def flat(points: Tensor) -> Tensor:
+        x, y, z = (points @ frame.T).unbind(-1)
+        # from the pole of the first circle, which becomes the unit circle
+        return torch.complex(x, y) / (1 - z) * torch.tan(width[0] / 2)
+
+    # the meridians' points of each circle that are nearest to and farthest from that pole
+    x, y, z = (axis[1:] @ frame.T).unbind(-1)
+    angle = z.clamp(-1, 1).acos()
+    near, far = (torch.tan(width[0] / 2) / torch.tan((angle + way * width[1:]) / 2) for way in (1, -1))
+    domain = CircularDomain(
+        centres=torch.polar((near + far) / 2, torch.atan2(y, x)), log_radii=((far - near) / 2).log()
+    )
+    if not domain.nearness < 1:
+        return None
+    even = torch.arange(n, dtype=away.dtype, device=away.device) / n
+    seen = domain.coordinates(flat(away))
+    slides, back = [], []
+    for k in range(m):
+        turned = (seen[k, k].roll(-1) / seen[k, k]).angle()
+        angle = (seen[k, k, 0].angle() + turned.cumsum(0) - turned) / (2 * math.pi)
+        back.append(bool(turned.sum() < 0))
+        slides.append(even - (angle + even).mean() if back[-1] else even - (angle - even).mean())
+    start = Placement(rims=tuple(rims), back=tuple(back), surface=...)
+    return replace(start, surface=start.problem.at(torch.stack(slides), domain))
+
+
+def _by_nearness(rims: Sequence[Rim], first: int) -> list[Rim]:
+    """The rims from a given one on, each the nearest to those before it."""
+    points = [rim.samples(4 * _NODES).cpu().numpy() for rim in rims]
+    trees = [cKDTree(some) for some in points]
+    order, left = [first], set(range(len(rims))) - {first}
+    while left:
+        nearest = min(left, key=lambda k: (min(float(trees[k].query(points[j])[0].min()) for j in order), k))
+        order.append(nearest)
+        left.remove(nearest)
+    return [rims[k] for k in order]
+
+
+def _joined(start: Placement, rim: Rim) -> Placement:
+    """The start with one more rim as a hole."""
+    domain, points, n = start.surface.domain, start.surface.points, start.surface.points.shape[1]
+    ways = [rim.samples(n, back=back) for back in (False, True)]
+    # every shift of every direction, (2 n, n, 3)
+    turns = (torch.arange(n)[:, None] + torch.arange(n)) % n
+    values = torch.cat([way[turns.to(way.device)] for way in ways])
+    places, room = _places(domain)
+    away = (HarmonicExtension.of(domain, points)(places) - values[0].mean(0)).norm(dim=-1)
+    best: tuple[float, CircularDomain, int] | None = None
+    for k in away.argsort()[:_NEAREST].tolist():
+        for share in _RADII:
+            wider = domain.with_hole(complex(places[k]), share * float(room[k]))
+            energy, which = _least_energy(wider, points, values).min(dim=0)
+            if best is None or float(energy) < best[0]:
+                best = float(energy), wider, int(which)
+    assert best is not None
+    _, wider, which = best
+    back, shift = divmod(which, n)
+    even = torch.arange(n, dtype=points.dtype, device=points.device) / n
+    slides = torch.cat([start.surface.slides, even[None] + shift / n])
+    joined = Placement(rims=(*start.rims, rim), back=(*start.back, bool(back)), surface=start.surface)
+    problem = joined.problem
+    surface = problem.at(slides, wider)
+    lower = problem.descended(surface, tolerance=1e-3, max_steps=_FEW_STEPS)
+    return replace(joined, surface=surface if lower is None else lower)
+
+
+def _places(domain: CircularDomain) -> tuple[Complex[Tensor, " k"], Float[Tensor, " k"]]:
+    """Points all over Ω, by the logarithm of their distance from 0, and their distances from the circles."""
+    like = domain.radii
+    depth = (torch.arange(_ACROSS // 2, dtype=like.dtype, device=like.device) + 0.5) / (_ACROSS // 2)
+    angle = torch.arange(_ACROSS, dtype=like.dtype, device=like.device) * (2 * math.pi / _ACROSS)
+    radius = domain.radii[0] + (1 - domain.radii[0]) * depth
+    places = torch.polar(radius[:, None].expand(-1, _ACROSS), angle.expand(len(depth), -1)).flatten()
+    room = torch.minimum(1 - places.abs(), ((places[:, None] - domain.centres).abs() - domain.radii).min(dim=1).values)
+    inside = room > 0
+    return places[inside], room[inside]
+
+
+def _least_energy(
+    domain: CircularDomain, points: Float[Tensor, "m n 3"], values: Float[Tensor, "v n 3"]
+) -> Float[Tensor, " v"]:
+    """The energies with any of several values on the last circle."""
+    m, n = points.shape[:2]
+    matrix = DirichletForm.of(domain, n).matrix()
+    flat = points.reshape(m * n, 3)
+    before = 0.5 * (flat * (matrix[: m * n, : m * n] @ flat)).sum()
+    pull = matrix[m * n :, : m * n] @ flat
+    own = torch.einsum("vic,ij,vjc->v", values, matrix[m * n :, m * n :], values)
+    total: Tensor = before + (values * pull).sum((1, 2)) + 0.5 * own
+    return total
+
+
+def _spread(start: Placement, n: int) -> Placement:
+    """The same surface over the domain on which its nodes lie most evenly on the rims, at n nodes.
+
+    Of all domains that it is conformal to those are tried that have one circle outside and another one about 0.
+    """
+    domain, slides = start.surface.domain, start.surface.slides
+    best: tuple[float, _Renormed, Float[Tensor, "m n"]] | None = None
+    for pair in permutations(range(domain.rims), 2):
+        renormed = _Renormed.of(domain, *pair)
+        moved = torch.stack(
+            [_at_angles(slides[k], angles) for k, angles in zip(renormed.order, renormed.angles(n), strict=True)]
+        )
+        widest = float(torch.diff(moved, append=moved[:, :1] + 1).max())
+        if best is None or widest < best[0]:
+            best = widest, renormed, moved
+    assert best is not None
+    _, renormed, moved = best
+    placed = replace(
+        start,
+        rims=tuple(start.rims[k] for k in renormed.order),
+        back=tuple(start.back[k] for k in renormed.order),
+    )
+    return replace(placed, surface=placed.problem.at(moved, renormed.domain)).with_first_as_given()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Renormed:
+    """A circular domain with another circle as the outer one and another hole about 0.
+
+    w = (az + b)/(cz + d) with ((a, b), (c, d)) the map: the coordinate of the circle that becomes the outer one, and
+    after it the automorphism of the disk that moves the other circle along the line through its centre.
+    """
+
+    before: CircularDomain
+    order: tuple[int, ...]
+    map: Complex[Tensor, "2 2"]
+    domain: CircularDomain
+
+    @classmethod
+    def of(cls, before: CircularDomain, outer: int, middle: int) -> _Renormed:
+        order = (outer, middle, *(k for k in range(before.rims) if k not in (outer, middle)))
+        zero = before.centres.new_zeros(1)
+        circles = torch.cat([zero, before.centres]), torch.cat([zero.real + 1, before.radii])
+        one = torch.eye(2, dtype=zero.dtype, device=zero.device)
+        if outer:
+            one = torch.stack(
+                [torch.stack([zero[0], circles[1][outer] + 0j]), torch.stack([zero[0] + 1, -circles[0][outer]])]
+            )
+        centres, radii = _images(one, *circles)
+        size = float(centres[middle].abs())
+        near, far = size - float(radii[middle]), size + float(radii[middle])
+        total, product = near + far, 1 + near * far
+        root = total / (product + math.sqrt(max(product**2 - total**2, 0.0)))
+        shift = centres[middle] * (root / size if size else 0.0)
+        moebius = torch.stack([torch.stack([zero[0] + 1, -shift]), torch.stack([-shift.conj(), zero[0] + 1])]) @ one
+        centres, radii = _images(moebius, *circles)
+        holes = centres[list(order[1:])]
+        holes[0] = 0
+        return cls(
+            before=before,
+            order=order,
+            map=moebius,
+            domain=CircularDomain(centres=holes, log_radii=radii[list(order[1:])].log()),
+        )
+
+    def angles(self, n: int) -> list[Float[Tensor, " n"]]:
+        """For n equal steps of every circle now, where they are on the circle before, in turns of its own angle."""
+        w = self.domain.circles(n)
+        (a, b), (c, d) = self.map
+        z = (d * w - b) / (a - c * w)
+        return [self.before.coordinates(part)[k].angle() / (2 * math.pi) for k, part in zip(self.order, z, strict=True)]
+
+
+def _images(
+    moebius: Complex[Tensor, "2 2"], centres: Complex[Tensor, " m"], radii: Float[Tensor, " m"]
+) -> tuple[Complex[Tensor, " m"], Float[Tensor, " m"]]:
+    """The centres and the radii of circles after a map (az + b)/(cz + d)."""
+    (a, b), (c, d) = moebius
+    below = (c * centres + d).abs().square() - (c.abs() * radii).square()
+    moved = ((a * centres + b) * (c * centres + d).conj() - a * c.conj() * radii.square()) / below
+    return moved, radii * (a * d - b * c).abs() / below.abs()
+
+
+def _at_angles(slide: Float[Tensor, " k"], angles: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """A slide at other angles, in turns, that rise by one turn in all: by its trigonometric interpolation."""
+    k = len(slide)
+    even = torch.arange(k, dtype=slide.dtype, device=slide.device) / k
+    spectrum = torch.fft.rfft(slide - even)[: k // 2] / k
+    rising = angles[0] + torch.remainder(angles - angles[0], 1.0)
+    frequency = torch.arange(len(spectrum), dtype=slide.dtype, device=slide.device)
+    waves = torch.polar(torch.ones_like(rising[:, None] * frequency), 2 * math.pi * rising[:, None] * frequency)
+    weight = torch.full_like(frequency, 2.0)
+    weight[0] = 1
+    return rising + (waves @ (weight * spectrum)).real
+
+
+def _first_valley(energy: Float[Tensor, " k"], usual: int) -> int:
+    """Where a function has its first minimum; else where it falls least before it falls more; else the usual place."""
+    inner = (energy[1:-1] <= energy[:-2]) & (energy[1:-1] < energy[2:])
+    if not inner.any():
+        slope = energy.diff()
+        inner = (slope[1:-1] > slope[:-2]) & (slope[1:-1] >= slope[2:])
+    return 1 + int(inner.to(torch.int8).argmax()) if inner.any() else usual

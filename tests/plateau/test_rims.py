@@ -1,0 +1,198 @@
+"""Minimal surfaces between three rims and more: known areas, symmetric ones, and what must not matter."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
+from spinor_geom.errors import LoopsMeetError, OptionError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.plateau import Laurent, NoAnnulus
+from tests.plateau.rims import CUBE, KNOIDS, TETRAHEDRON, facing, knoid, ring
+
+
+@cache
+def trinoid():
+    return solve_plateau(knoid(3, 0.5))
+
+
+@cache
+def four():
+    return solve_plateau(facing(TETRAHEDRON))
+
+
+# --- known areas ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("k", "rho"), [case for case, (_, index) in KNOIDS.items() if index == 0])
+def test_stable_pieces_of_knoids(k, rho):
+    solution = solve_plateau(knoid(k, rho))
+    assert abs(solution.area / KNOIDS[k, rho][0] - 1) < 1e-12
+    assert abs(solution.surface.area() / solution.area - 1) < 1e-12
+    assert abs(solution.area_in_domain / solution.area - 1) < 1e-6
+    assert solution.converged
+    assert solution.route == "circles"
+    assert (solution.stability.verdict, solution.stability.index) == ("stable", 0)
+    assert solution.annulus.period < 1e-14
+    assert solution.self_intersections == 0
+
+
+@pytest.mark.parametrize(("k", "rho"), [case for case, (_, index) in KNOIDS.items() if index > 0])
+def test_unstable_pieces_of_knoids_are_left_for_less_area(k, rho):
+    solution = solve_plateau(knoid(k, rho))
+    assert solution.area < KNOIDS[k, rho][0] * (1 - 1e-6)
+    assert solution.stability.verdict == "stable"
+
+
+@pytest.mark.parametrize(("k", "rho"), [case for case, (_, index) in KNOIDS.items() if index > 0])
+def test_unstable_pieces_of_knoids_on_request(k, rho):
+    area, index = KNOIDS[k, rho]
+    stable, unstable = solve_plateau(knoid(k, rho), all_solutions=True)
+    assert stable.stability.verdict == "stable"
+    assert abs(unstable.area / area - 1) < 1e-10
+    assert (unstable.stability.verdict, unstable.stability.index) == ("unstable", index)
+    if (k, rho) == (3, 0.35):
+        model = Laurent(modulus=unstable.annulus.modulus)
+        assert solve_plateau(knoid(k, rho), unstable="keep", model=model).area == unstable.area
+        assert solve_plateau(knoid(k, rho), model=model).area == pytest.approx(stable.area, rel=1e-12)
+
+
+@pytest.mark.parametrize("holes", [2, 5, 12])
+def test_plane_regions_with_holes(holes):
+    places = [(-0.5 + 0.33 * (i % 4), -0.4 + 0.4 * (i // 4)) for i in range(holes)]
+    rims = [ring(1.0, 0.0), *(ring(0.1, 0.0, centre=place) for place in places)]
+    solution = solve_plateau(rims[::-1])
+    assert solution.route == "plane"
+    assert abs(solution.area / (np.pi * (1 - 0.01 * holes)) - 1) < 1e-13
+    assert solution.annulus.order[0] == holes
+    patch = mesh_patch(solution)
+    assert _euler(patch.faces) == 1 - holes
+
+
+def test_plane_rims_inside_each_other_have_no_surface():
+    answer = solve_plateau([ring(radius, 0.0) for radius in (1.0, 0.6, 0.3)])
+    assert isinstance(answer, NoAnnulus)
+    assert "in one plane" in answer.reason
+
+
+# --- symmetric surfaces -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("directions", [TETRAHEDRON, CUBE], ids=["tetrahedron", "cube"])
+def test_circles_that_face_a_centre(directions):
+    solution = four() if directions is TETRAHEDRON else solve_plateau(facing(CUBE))
+    assert solution.boundary_residual.rms_per_edge < 1e-8
+    assert solution.stability.verdict == "stable"
+    assert solution.self_intersections == 0
+    # the flux through all rims is one vector turned: of length F along each direction
+    flux = _fluxes(solution)
+    length = np.linalg.norm(flux, axis=1)
+    np.testing.assert_allclose(flux, length.mean() * directions, atol=1e-8 * length.mean())
+
+
+def _fluxes(solution):
+    """Forces of surface tension on the rims, in the order in which these were given, outwards."""
+    holes = solution.surface.periods().imag
+    force = np.concatenate([-holes.sum(axis=0)[None], holes])[np.argsort(solution.annulus.order)]
+    sign = np.sign((force * [loop.centroid for loop in facing(TETRAHEDRON if len(force) == 4 else CUBE)]).sum(axis=1))
+    assert (sign == sign[0]).all()
+    return sign[0] * force
+
+
+def test_rims_too_far_apart_have_no_surface():
+    answer = solve_plateau(facing(TETRAHEDRON, away=1.5))
+    assert isinstance(answer, NoAnnulus)
+    assert "fall" in answer.reason
+    assert len(answer.disks) == 4
+    assert answer.area == pytest.approx(4 * np.pi / 4, rel=1e-12)
+    assert answer.to_dict()["disk_area"] == answer.area
+
+
+# --- what must not matter ---------------------------------------------------------------------------------------------
+
+
+def test_order_direction_start_place_and_scale_do_not_matter():
+    loops = knoid(3, 0.5)
+    rotation = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+    tries = {
+        "swapped": (loops[2], loops[0], loops[1]),
+        "reversed": (loops[0], loops[1].reversed(), loops[2]),
+        "shifted": (BoundaryLoop.from_points(np.roll(loops[0].points, 11, axis=0), corners=()), *loops[1:]),
+    }
+    for name, some in tries.items():
+        assert abs(solve_plateau(some).area / trinoid().area - 1) < 1e-10, name
+    for scale in (1e-6, 1e6):
+        moved = [BoundaryLoop.from_points(scale * (x.points @ rotation.T + 3), corners=()) for x in loops]
+        assert abs(solve_plateau(moved).area / (scale**2 * trinoid().area) - 1) < 1e-10
+
+
+def test_directions_are_told():
+    first, second, third = knoid(3, 0.5)
+    assert len(set(trinoid().annulus.backward)) == 1
+    turned = solve_plateau((first, second.reversed(), third))
+    assert turned.annulus.reversed != trinoid().annulus.reversed
+    assert not turned.annulus.backward[0]
+    assert turned.annulus.backward[1] != turned.annulus.backward[2]
+
+
+# --- the surface ------------------------------------------------------------------------------------------------------
+
+
+def test_surface_closes_and_lies_on_all_rims():
+    surface = four().surface
+    assert np.abs(surface.periods().real).max() < 1e-14
+    for rim in four().rims:
+        away = np.linalg.norm(surface.position(rim.points_in_domain()) - rim.loop.points, axis=1)
+        assert away.max() < 1e-4 * rim.loop.mean_edge_length
+    # by paths around any side of the holes
+    by_quadrature = SpinorSurface(
+        surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, quadrature="gauss", order=24
+    )
+    z = four().domain.triangulation.points
+    assert np.abs(by_quadrature.position(z) - surface.position(z)).max() < 1e-8
+    assert np.abs(surface.mean_curvature(z[four().domain.triangulation.boundary_size :])).max() < 1e-8
+
+
+def test_files_bring_the_surface_back(tmp_path):
+    surface = trinoid().surface
+    surface.save(tmp_path / "trinoid.safetensors")
+    loaded = SpinorSurface.load(tmp_path / "trinoid.safetensors")
+    z = surface.domain.triangulation.points
+    np.testing.assert_array_equal(loaded.position(z), surface.position(z))
+    assert loaded.area() == surface.area()
+
+
+def test_mesh_keeps_all_rims_bit_for_bit():
+    solution = four()
+    patch = mesh_patch(solution)
+    loops = [rim.loop for rim in solution.rims]
+    np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
+    assert patch.rims == (64,) * 4
+    assert _euler(patch.faces) == 2 - 4
+    assert abs(patch.area / solution.area - 1) < 5e-3
+    caps = [_fan(range(64 * k, 64 * (k + 1)), len(patch.vertices) + k) for k in range(4)]
+    assert is_watertight(np.concatenate([patch.faces, *caps]))
+
+
+def _euler(faces):
+    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    return len(np.unique(faces)) - len(edges) + len(faces)
+
+
+def _fan(rim, apex):
+    return np.array([[b, a, apex] for a, b in zip(rim, [*rim[1:], rim[0]], strict=True)])
+
+
+# --- errors -----------------------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_between_three_is_refused():
+    loops = knoid(3, 0.5)
+    with pytest.raises(LoopsMeetError, match="meet"):
+        solve_plateau((*loops, loops[0]))
+    with pytest.raises(OptionError, match="two of them or more"):
+        solve_plateau(loops[:1])
+    with pytest.raises(OptionError, match="three loops or more"):
+        solve_plateau(loops, model="cauchy")
