@@ -140,7 +140,7 @@ def test_pieces_elsewhere_are_no_islands() -> None:
 def test_several_islands_in_one_hole_are_joined() -> None:
     # raised, so that the gap is no plane region
     pieces = [
-        (vertices + [x, y, 0.0], faces)
+        (vertices + np.array([x, y, 0.0]), faces)
         for x, y in ((0.5, 0.0), (-0.4, 0.3), (-0.1, -0.5))
         for vertices, faces in (SMALL,)
     ]
