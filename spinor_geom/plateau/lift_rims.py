@@ -142,13 +142,13 @@ def _model(points: Float[Tensor, "m n 3"], form: DirichletForm) -> LaurentSeries
     domain, n = form.domain, form.steps
     z = domain.circles(n)
     null = torch.complex(derivative(points), without_highest(form(points))) / domain.velocities(n)[..., None]
-    signs = [spin_invariant(*spinors_from_phi(rim)) for rim in null]
-    if math.prod(signs) < 0:
+    spins = [spin_invariant(*spinors_from_phi(rim)) for rim in null]
+    if math.prod(spins) < 0:
         raise SurfaceError(
             "the harmonic surface between the rims has a branch point of odd order, p and q change sign around an odd "
             "number of rims; no immersed minimal surface was found near it"
         )
-    odd = [sign < 0 for sign in signs[1:]]
+    odd = [spin < 0 for spin in spins[1:]]
     root = (z[..., None] - domain.centres[torch.tensor(odd, device=z.device)]).prod(-1)
     rims = torch.stack([torch.stack(spinors_from_phi(rim), dim=-1) for rim in null / root[..., None]])
     spectra = torch.fft.fft(rims, dim=1)[:, : n // 2] / n

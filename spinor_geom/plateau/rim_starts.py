@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
+import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from scipy.spatial import cKDTree
@@ -73,6 +74,14 @@ class Placement:
     back: tuple[bool, ...]
     surface: HarmonicSurface
 
+    @classmethod
+    def of(
+        cls, rims: Sequence[Rim], back: Sequence[bool], slides: Float[Tensor, "m n"], domain: CircularDomain
+    ) -> Placement:
+        """The placement with given slides over a given domain."""
+        surface = _problem_of(rims, back).at(slides, domain)
+        return cls(rims=tuple(rims), back=tuple(back), surface=surface)
+
     def with_first_as_given(self) -> Placement:
         """This, or its mirror image in Ω, such that the first rim that was given runs as it was given."""
         if not any(back for rim, back in zip(self.rims, self.back, strict=True) if rim.number == 0):
@@ -80,13 +89,16 @@ class Placement:
         slides, domain = self.surface.slides, self.surface.domain
         mirrored = CircularDomain(centres=domain.centres.conj(), log_radii=domain.log_radii)
         ahead = torch.cat([1 - slides[:, :1], 2 - slides[:, 1:].flip(1)], dim=1)
-        turned = replace(self, back=tuple(not back for back in self.back))
-        return replace(turned, surface=turned.problem.at(ahead, mirrored))
+        return Placement.of(self.rims, [not back for back in self.back], ahead, mirrored)
 
     @property
     def problem(self) -> RimsProblem:
         """Douglas's problem for the curves as they run here."""
-        return RimsProblem(curves=tuple(rim.ways[back] for rim, back in zip(self.rims, self.back, strict=True)))
+        return _problem_of(self.rims, self.back)
+
+
+def _problem_of(rims: Sequence[Rim], back: Sequence[bool]) -> RimsProblem:
+    return RimsProblem(curves=tuple(rim.ways[way] for rim, way in zip(rims, back, strict=True)))
 
 
 def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
@@ -118,9 +130,8 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
     row = _first_valley(energy, usual)
     even = torch.arange(n, dtype=weight.dtype, device=weight.device) / n
     domain = CircularDomain.annulus(float(moduli[row]), weight.device)
-    problem = RimsProblem(curves=(first.ways[0], second.ways[back]))
     slides = torch.stack([even, even + float(shift[row]) / n])
-    return Placement(rims=(first, second), back=(False, back), surface=problem.at(slides, domain))
+    return Placement.of((first, second), (False, back), slides, domain)
 
 
 def start_over(rims: Sequence[Rim], n: int, *, first: int, back: bool) -> Placement:
@@ -199,7 +210,8 @@ def _on_sphere(
     # the meridians' points of each circle that are nearest to and farthest from that pole
     x, y, z = (axis[1:] @ frame.T).unbind(-1)
     angle = z.clamp(-1, 1).acos()
-    near, far = (torch.tan(width[0] / 2) / torch.tan((angle + way * width[1:]) / 2) for way in (1, -1))
+    outer = torch.tan(width[0] / 2)
+    near, far = (outer / torch.tan((angle + way * width[1:]) / 2) for way in (1, -1))
     domain = CircularDomain(
         centres=torch.polar((near + far) / 2, torch.atan2(y, x)), log_radii=((far - near) / 2).log()
     )
@@ -213,8 +225,7 @@ def _on_sphere(
         angle = (seen[k, k, 0].angle() + turned.cumsum(0) - turned) / (2 * math.pi)
         back.append(bool(turned.sum() < 0))
         slides.append(even - (angle + even).mean() if back[-1] else even - (angle - even).mean())
-    start = Placement(rims=tuple(rims), back=tuple(back), surface=...)
-    return replace(start, surface=start.problem.at(torch.stack(slides), domain))
+    return Placement.of(rims, back, torch.stack(slides), domain)
 
 
 def _by_nearness(rims: Sequence[Rim], first: int) -> list[Rim]:
@@ -223,7 +234,7 @@ def _by_nearness(rims: Sequence[Rim], first: int) -> list[Rim]:
     trees = [cKDTree(some) for some in points]
     order, left = [first], set(range(len(rims))) - {first}
     while left:
-        nearest = min(left, key=lambda k: (min(float(trees[k].query(points[j])[0].min()) for j in order), k))
+        nearest = min(left, key=lambda k: (min(np.min(trees[k].query(points[j])[0]) for j in order), k))
         order.append(nearest)
         left.remove(nearest)
     return [rims[k] for k in order]
@@ -246,15 +257,13 @@ def _joined(start: Placement, rim: Rim) -> Placement:
             if best is None or float(energy) < best[0]:
                 best = float(energy), wider, int(which)
     assert best is not None
-    _, wider, which = best
-    back, shift = divmod(which, n)
+    _, wider, choice = best
+    back, shift = divmod(choice, n)
     even = torch.arange(n, dtype=points.dtype, device=points.device) / n
     slides = torch.cat([start.surface.slides, even[None] + shift / n])
-    joined = Placement(rims=(*start.rims, rim), back=(*start.back, bool(back)), surface=start.surface)
-    problem = joined.problem
-    surface = problem.at(slides, wider)
-    lower = problem.descended(surface, tolerance=1e-3, max_steps=_FEW_STEPS)
-    return replace(joined, surface=surface if lower is None else lower)
+    joined = Placement.of((*start.rims, rim), (*start.back, bool(back)), slides, wider)
+    lower = joined.problem.descended(joined.surface, tolerance=0.0, max_steps=_FEW_STEPS)
+    return joined if lower is None else replace(joined, surface=lower)
 
 
 def _places(domain: CircularDomain) -> tuple[Complex[Tensor, " k"], Float[Tensor, " k"]]:
@@ -300,12 +309,9 @@ def _spread(start: Placement, n: int) -> Placement:
             best = widest, renormed, moved
     assert best is not None
     _, renormed, moved = best
-    placed = replace(
-        start,
-        rims=tuple(start.rims[k] for k in renormed.order),
-        back=tuple(start.back[k] for k in renormed.order),
-    )
-    return replace(placed, surface=placed.problem.at(moved, renormed.domain)).with_first_as_given()
+    ordered = [(start.rims[k], start.back[k]) for k in renormed.order]
+    rims, back = zip(*ordered, strict=True)
+    return Placement.of(rims, back, moved, renormed.domain).with_first_as_given()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -376,7 +382,8 @@ def _at_angles(slide: Float[Tensor, " k"], angles: Float[Tensor, " n"]) -> Float
     waves = torch.polar(torch.ones_like(rising[:, None] * frequency), 2 * math.pi * rising[:, None] * frequency)
     weight = torch.full_like(frequency, 2.0)
     weight[0] = 1
-    return rising + (waves @ (weight * spectrum)).real
+    slide_there: Tensor = rising + (waves @ (weight * spectrum)).real
+    return slide_there
 
 
 def _first_valley(energy: Float[Tensor, " k"], usual: int) -> int:

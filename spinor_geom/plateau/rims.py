@@ -297,14 +297,17 @@ class RimsTask:
             return replace(best, surface=self._problem(best).refined(best.surface, nodes))
 
     def _lower(self, start: Placement) -> Placement | None:
-        """What the energy falls to from a start, with as many nodes as resolve the gaps between the circles."""
-        problem, n = self._problem(start), start.surface.slides.shape[1]
+        """What the energy falls to from a start, with as many nodes as resolve the gaps between the circles.
+
+        None where it falls apart, of three rims or more with twice as many nodes too.
+        """
+        problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
             lower = problem.descended(problem.resampled(start.surface, n), tolerance=_POOR)
             if lower is not None and lower.size <= _SETTLED:
                 return replace(start, surface=lower)
-            n *= 2
-            if len(self.loops) == 2 or n > _DENSE_NODES:
+            n, fallen = 2 * n, fallen + (lower is None)
+            if len(self.loops) == 2 or fallen == 2 or n > _DENSE_NODES:
                 return None
 
     @cached_property

@@ -168,12 +168,14 @@ class EnergyPoint:
             hessian[count:, :count], hessian[:count, count:] = self.mixed, self.mixed.T
             hessian[count:, count:] = self.moduli.hessian
         rotation = self.rotation[:size]
-        return hessian.addr_(rotation, rotation, alpha=self.stiffness)
+        hessian.addr_(rotation, rotation, alpha=self.stiffness)
+        return hessian
 
     @cached_property
     def mixed(self) -> Float[Tensor, "p mn"]:
         """The second derivatives by a modulus and by arc length."""
-        return (self.moduli.changes * self.unit).sum(-1).flatten(1)
+        mixed: Tensor = (self.moduli.changes * self.unit).sum(-1).flatten(1)
+        return mixed
 
     @cached_property
     def rotation(self) -> Float[Tensor, " k"]:
@@ -184,7 +186,8 @@ class EnergyPoint:
         turned: Tensor = self.speed * (steps + steps.roll(1, -1)) * signs
         place = -1j * self.domain.centres / self.domain.room[0] * (4 * math.pi / steps.shape[1])
         places = torch.stack([place.real, place.imag, torch.zeros_like(place.real)], dim=-1).flatten()
-        return torch.cat([turned.flatten(), _without_first_place(places)]) / turned.norm()
+        rotation: Tensor = torch.cat([turned.flatten(), _without_first_place(places)]) / turned.norm()
+        return rotation
 
     def stepped(self, step: Float[Tensor, " k"], *, fixed: bool = False) -> EnergyPoint:
         """The energy after a step by arc length and of the moduli, or as much of it as leaves the circles apart."""

@@ -90,7 +90,7 @@ def solve_plateau(
     device: str | torch.device = "cpu",
     on_iteration: Callable[[Iteration], None] | None = None,
 ) -> PlateauSolution | NoAnnulus | tuple[PlateauSolution, ...]:
-    """A minimal disk over a closed curve, or a minimal annulus between two.
+    """A minimal disk over a closed curve, or a minimal surface of one piece between several.
 
     It is exactly minimal, its boundary on Γ as nearly as the model allows. Γ is the curve through all of the loop's
     points, with its corners kept (`BoundaryCurve`). A plane loop bounds the plane region inside it, exactly. Loops
@@ -102,17 +102,18 @@ def solve_plateau(
     residual is. Minimal disks need not be minima of the area: one that is unstable is left along an eigenvector of its
     second variation for one of less area.
 
-    Two curves take Douglas's route on the flat cylinder: both slides and the modulus, by Newton's method, then p and q
-    as Laurent series; two curves in one plane, one inside the other, bound the plane region between them. Where a round
-    annulus would take too many nodes, as for a small hole near the end of a long one, a discrete annulus between the
-    curves is flattened to an Ω of their lengths, and p and q are a Cauchy network on it with poles in the hole too, by
-    Gauss-Newton with the modulus and the closed period among its conditions. Which point
-    lies opposite to which, and the direction of the second curve, come from the energy and not from the order of the
-    points. The area is set against that of the two disks: see `PlateauSolution.annulus` and `is_area_minimum`. Curves
-    too far from each other have no annulus, and the answer says so.
+    Two curves and more take Douglas's route on the unit disk less round holes: all slides and the moduli, by Newton's
+    method, then p and q as Laurent series; curves in one plane, one with the others inside it, bound the plane region
+    between them. Where a round annulus between two would take too many nodes, as for a small hole near the end of a
+    long one, a discrete annulus between the curves is flattened to an Ω of their lengths, and p and q are a Cauchy
+    network on it with poles in the hole too, by Gauss-Newton with the modulus and the closed period among its
+    conditions. Which point lies opposite to which, and the directions of the curves after the first, come from the
+    energy and not from the order of the points. The area is set against that of the disks: see
+    `PlateauSolution.annulus` and `is_area_minimum`. Curves too far from each other have no surface of one piece, and
+    the answer says so.
 
     Args:
-        loop: the curve, or two of them, from a mesh or `BoundaryLoop.from_points`; or a curve in formulas, which no
+        loop: the curve, or several of them, from a mesh or `BoundaryLoop.from_points`; or a curve in formulas, which no
             sampling limits: the loop is then of the ends of the polynomials that represent it.
         model: "auto" for what suits the loop; "cauchy" for a Cauchy network whatever the loop, or its options; "series"
             for power series on the unit disk, to rounding error: for smooth loops that are not too long for their
@@ -128,7 +129,7 @@ def solve_plateau(
         max_iterations: limit on steps in all; with `all_solutions` on those from each start; between two curves on
             those after the first annulus is found. Training has limits of its own among the optimizer's options.
         unstable: "keep" returns an unstable surface, which is only a critical point of the area, as it was found;
-            between two curves with the start that `Laurent(modulus=...)` gives.
+            between several curves with the start that `Laurent(modulus=...)` gives.
         between: what Γ is between the points of a loop. "smooth" is the curve through them that `BoundaryCurve` makes.
             "free", for rims of meshes, of which only the points are in the mesh: where they show no smooth curve, Γ is
             the boundary of the surface through the points that is nearest to a discrete minimal disk. It is found in
@@ -139,8 +140,8 @@ def solve_plateau(
         on_iteration: called after each step.
 
     Returns:
-        The solution, or `NoAnnulus` where none spans two curves; with `all_solutions` all solutions that were found,
-        sorted by area, each with its Morse index.
+        The solution, or `NoAnnulus` where none spans several curves; with `all_solutions` all that were found, sorted
+        by area, each with its Morse index.
 
     Raises:
         OptionError: an unknown model or optimizer, a value out of range, options that exclude each other, or what is no

@@ -139,11 +139,8 @@ def test_pieces_elsewhere_are_no_islands() -> None:
 
 def test_several_islands_in_one_hole_are_joined() -> None:
     # raised, so that the gap is no plane region
-    pieces = [
-        (vertices + np.array([x, y, 0.0]), faces)
-        for x, y in ((0.5, 0.0), (-0.4, 0.3), (-0.1, -0.5))
-        for vertices, faces in (SMALL,)
-    ]
+    vertices, faces = ring(0.1, 0.2, height=0.1)
+    pieces = [(vertices + np.array([x, y, 0.0]), faces) for x, y in ((0.5, 0.0), (-0.4, 0.3), (-0.1, -0.5))]
     mesh = together(ring(1.0, 1.5), *pieces)
     (hole,) = places(mesh, 1.0)
     loops = find_boundary_loops(TriangleMesh(*mesh))
@@ -162,9 +159,6 @@ def test_several_islands_in_one_hole_are_joined() -> None:
     np.testing.assert_array_equal(filled[0][: len(mesh[0])], mesh[0])
 
 
-SMALL = ring(0.1, 0.2, height=0.1)
-
-
 def branches(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Tubes of radius ½ that end where they would come together."""
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
@@ -172,7 +166,7 @@ def branches(count: int) -> tuple[np.ndarray, np.ndarray]:
     for turn in 2 * np.pi * np.arange(count) / count:
         along, across = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
         circle = 0.5 * (np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * [0.0, 0.0, 1.0])
-        vertices = np.concatenate([circle + 0.6 * along, circle + along])
+        vertices = np.concatenate([circle + 0.45 * along, circle + along])
         pieces.append((vertices, ring(1.0, 2.0)[1]))
     return together(*pieces)
 
@@ -180,7 +174,7 @@ def branches(count: int) -> tuple[np.ndarray, np.ndarray]:
 def test_the_crotch_of_a_fork_is_bridged() -> None:
     mesh = branches(3)
     loops = find_boundary_loops(TriangleMesh(*mesh))
-    inner = [place for place, loop in enumerate(loops) if np.linalg.norm(loop.centroid) < 0.8]
+    inner = [place for place, loop in enumerate(loops) if np.linalg.norm(loop.centroid) < 0.7]
     filled, report = fill_hole(mesh, bridge=inner, return_report=True)
     outcomes = [report.loops[place] for place in inner]
     assert all(outcome.converged for outcome in outcomes)
