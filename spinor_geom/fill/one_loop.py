@@ -281,7 +281,7 @@ def _patch_over(
     rims = (loop, *others)
     target = target_length(rims, options)
     if others:
-        return _Made(patch=strip_patch(*rims, target), rims=rims, solution=None, reason=str(reason))
+        return _Made(patch=strip_patch(loop, others[0], target), rims=rims, solution=None, reason=str(reason))
     options.on_stage(place, "discrete surface")
     patch, what = discrete_patch(loop, target, seconds=options.time_limit)
     return _Made(patch=patch, rims=rims, solution=None, reason=f"{what}, because: {reason}")

@@ -453,7 +453,7 @@ def _rms(error: Float[Tensor, "n 3"]) -> float:
 
 def _shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
     """Lengths of a polygon's edges by all."""
-    edge = (polygon.roll(-1) - polygon).abs()
+    edge: Tensor = (polygon.roll(-1) - polygon).abs()
     return edge / edge.sum()
 
 
