@@ -453,7 +453,7 @@ def _rms(error: Float[Tensor, "n 3"]) -> float:
 
 def _shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
     """Lengths of a polygon's edges by all."""
-    edge: Tensor = (polygon.roll(-1) - polygon).abs()
+    edge = (polygon.roll(-1) - polygon).abs()
     return edge / edge.sum()
 
 
@@ -461,4 +461,5 @@ def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "g g"]:
     """L with LLᵀ the matrix of ∫ |f|² + |f′|² for values at an edge's nodes, the edge as the unit of length."""
     nodes, weights = (torch.tensor(part) for part in rule("gauss", count))
     slope = torch.diff(torch.eye(count, dtype=torch.float64), dim=0) / torch.diff(nodes).sqrt()[:, None]
-    return torch.linalg.cholesky(torch.diag(weights) + slope.T @ slope).to(device)
+    factor: Tensor = torch.linalg.cholesky(torch.diag(weights) + slope.T @ slope)
+    return factor.to(device)
