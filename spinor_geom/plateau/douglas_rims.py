@@ -160,6 +160,8 @@ class RimsProblem:
             there, halvings = here, 0
             while halvings < _MOST_HALVINGS:
                 there = here.stepped(direction * 0.5**halvings)
+                if there is here:
+                    return here.surface
                 if there.energy <= max(energies[-_REMEMBERED:]) * (1 + _SAME_ENERGY):
                     break
                 halvings += 1

@@ -20,6 +20,8 @@ from spinor_geom.plateau.circles import DirichletForm, derivative, without_highe
 from spinor_geom.plateau.douglas import slid
 from spinor_geom.plateau.problem import CurveTensors
 
+# Halvings of a step until the circles stay apart.
+_MOST_HALVINGS = 4
 # Largest step of a modulus: of its logarithm, or of a place by the distance to the next circle.
 _LARGEST_STEP = 0.5
 # Error of Λ, relative, above which so many nodes do not resolve the gaps between the circles.
@@ -190,20 +192,24 @@ class EnergyPoint:
         return rotation
 
     def stepped(self, step: Float[Tensor, " k"], *, fixed: bool = False) -> EnergyPoint:
-        """The energy after a step by arc length and of the moduli, or as much of it as leaves the circles apart."""
+        """The energy after a step by arc length and of the moduli, or as much of it as leaves the circles apart.
+
+        This one itself where so many nodes do not resolve the gaps after a small part of it.
+        """
         count = self.slides.numel()
         direction = step[:count].reshape(self.slides.shape) / self.speed
         if fixed:
             return EnergyPoint.of(self.curves, slid(self.slides, direction, 1.0), self.domain, self.negligible)
         along = step[count:]
         share = min(1.0, _LARGEST_STEP / max(float(along.abs().max()), _LARGEST_STEP))
-        while True:
+        for _ in range(_MOST_HALVINGS):
             domain = self.domain.moved(share * along)
             if float(domain.room[1].min()) > 0:
                 there = EnergyPoint.of(self.curves, slid(self.slides, direction, share), domain, self.negligible)
                 if there.form.error <= max(_UNRESOLVED, self.form.error):
                     return there
             share /= 2
+        return self
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,83 @@
+"""Dirichlet's form of circular domains and the energy over them: known functions, and derivatives by differences."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.capacity_path import mean_modulus
+from spinor_geom.plateau.circles import DirichletForm, HarmonicExtension
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.rims_energy import EnergyPoint
+from tests.plateau.rims import facing
+
+
+def domain(centres, radii):
+    return CircularDomain(
+        centres=torch.tensor(centres, dtype=torch.complex128), log_radii=torch.tensor(radii, dtype=torch.float64).log()
+    )
+
+
+RING, THREE = domain([0], [0.3]), domain([0, 0.6, -0.3 - 0.5j], [0.3, 0.15, 0.1])
+
+
+def harmonic(z, centres):
+    """A harmonic function with a part of every kind, and the derivative of what it is the real part of."""
+    value, slope = (z**3).imag, -3j * z**2
+    for weight, c in enumerate(centres, start=1):
+        value = value + (1 / (z - c)).real + weight * (z - c).abs().log()
+        slope = slope - 1 / (z - c) ** 2 + weight / (z - c)
+    return value, slope
+
+
+@pytest.mark.parametrize(("where", "n"), [(RING, 64), (THREE, 160), (THREE, 512)], ids=["ring", "full", "low alone"])
+def test_normal_derivatives_of_a_harmonic_function(where, n):
+    z, centres = where.circles(n), where.centres.tolist()
+    value, slope = harmonic(z, centres)
+    exact = (slope * where.velocities(n)).imag
+    form = DirichletForm.of(where, n)
+    torch.testing.assert_close(form(value[..., None])[..., 0], exact, rtol=1e-11, atol=1e-11)
+    torch.testing.assert_close(form.matrix() @ value.flatten(), exact.flatten(), rtol=1e-11, atol=1e-11)
+
+
+def test_extension_inside():
+    z = torch.tensor([0.1 + 0.5j, -0.7, 0.4 - 0.6j], dtype=torch.complex128)
+    centres = THREE.centres.tolist()
+    found = HarmonicExtension.of(THREE, harmonic(THREE.circles(160), centres)[0][..., None])(z)
+    torch.testing.assert_close(found[:, 0], harmonic(z, centres)[0], rtol=1e-11, atol=1e-11)
+
+
+def test_mean_modulus_of_a_ring_is_its_own():
+    assert mean_modulus(RING) == pytest.approx(math.log(1 / 0.3), rel=1e-13)
+
+
+def test_derivatives_of_the_energy():
+    loops = facing(np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -0.5, -0.3]]))
+    curves = tuple(CurveTensors.of(BoundaryCurve.from_loop(loop), torch.device("cpu")) for loop in loops)
+    n = 160
+    even = torch.arange(n, dtype=torch.float64) / n
+    slides = even + 0.02 * torch.sin(2 * np.pi * even + torch.arange(4)[:, None])
+    here = EnergyPoint.of(curves, slides, THREE, 1e-17)
+    gradient, count, step = here.gradient(), slides.numel(), 1e-4
+    hessian = here.hessian() - here.stiffness * torch.outer(here.rotation, here.rotation)
+    for k in range(len(gradient) - count):
+        move = torch.zeros(len(gradient) - count, dtype=torch.float64)
+        move[k] = step
+        after, before = (EnergyPoint.of(curves, slides, THREE.moved(way * move), 1e-17) for way in (1, -1))
+        assert (after.energy - before.energy) / (2 * step) == pytest.approx(float(gradient[count + k]), rel=1e-5)
+        second = (after.energy - 2 * here.energy + before.energy) / step**2
+        assert second == pytest.approx(float(hessian[count + k, count + k]), rel=1e-4)
+        torch.testing.assert_close(
+            (after.by_slides - before.by_slides) / (2 * step), hessian[:count, count + k], rtol=1e-4, atol=1e-5
+        )
+
+
+def test_a_rotation_of_the_domain_changes_nothing():
+    loops = facing(np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -0.5, -0.3]]))
+    curves = tuple(CurveTensors.of(BoundaryCurve.from_loop(loop), torch.device("cpu")) for loop in loops)
+    slides = (torch.arange(160, dtype=torch.float64) / 160).expand(4, -1)
+    here = EnergyPoint.of(curves, slides, THREE, 1e-17)
+    assert abs(float(here.gradient() @ here.rotation)) < 1e-10 * float(here.gradient().norm())
