@@ -31,7 +31,7 @@ class Variation:
         turn: seed of a random rotation; none without.
         scale: factor of all lengths.
         noise: deviation of the points' moves in each coordinate, in mean edges; then no answer is known.
-        sampling: "formula" as the formula's parameter runs, "even" and "uneven" along the curve; curves without
+        sampling: "formula" as the formula's parameter runs, "even" and "uneven" along the curve; loops without
             corners only, the others keep their own.
         seed: of the noise and of uneven edges.
     """
@@ -81,11 +81,10 @@ class Case:
     def loop(self, n: int) -> BoundaryLoop:
         """A loop of n points."""
         how, known = self.variation, self.known
-        if isinstance(known, KnownCurve) and not known.corners and how.sampling != "formula":
+        loop = known.sample(n) if isinstance(known, KnownCurve) else known.rim(n)
+        if how.sampling != "formula" and not isinstance(known, KnownPatch) and not loop.corners.any():
             even = how.sampling == "even"
             loop = gallery.evenly_sampled(known, n) if even else gallery.unevenly_sampled(known, n, seed=how.seed)
-        else:
-            loop = known.sample(n) if isinstance(known, KnownCurve) else known.rim(n)
         corners = np.flatnonzero(loop.corners).tolist()
         if how.turn is not None or how.scale != 1:
             loop = BoundaryLoop.from_points(how.scale * loop.points @ self._rotation.T, corners=corners)
@@ -186,15 +185,28 @@ KNOWN: Mapping[str, tuple[Kind, Callable[[], KnownCurve | KnownSurface | KnownPa
 }
 """The cases with a known answer; "random-SEED" makes more, of degree 4."""
 
+SAMPLED = tuple(
+    f"{name}@{sampling}" for name, (kind, _) in KNOWN.items() if kind == "smooth" for sampling in ("even", "uneven")
+)
+"""The smooth ones with points that a formula's parameter does not favour."""
+
+
+def base_name(name: str) -> str:
+    """The name of a case without its sampling."""
+    return name.partition("@")[0]
+
 
 def known_case(name: str, variation: Variation = Variation()) -> Case:
-    """The case of a name.
+    """The case of a name; "NAME@even" and "NAME@uneven" are smooth ones in that sampling.
 
     Raises:
         OptionError: there is none.
     """
-    if name in KNOWN:
-        kind, make = KNOWN[name]
+    base, at, sampling = name.partition("@")
+    kind, make = KNOWN.get(base, ("smooth", None))
+    if at and sampling in ("even", "uneven") and kind == "smooth":
+        return replace(known_case(base, replace(variation, sampling=sampling)), name=name)
+    if make is not None and not at:
         return Case(name=name, kind=kind, known=make(), variation=variation)
     head, _, seed = name.partition("-")
     if head == "random" and seed.isdigit():

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from spinor_geom.bench.cases import KNOWN, Variation, known_case
+from spinor_geom.bench.cases import KNOWN, SAMPLED, Variation, base_name, known_case
 from spinor_geom.bench.claims import REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, SCANS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, SMOOTHEST
@@ -89,8 +89,8 @@ class Settings:
     def known_names(self) -> tuple[str, ...]:
         """Names of the known cases that are measured."""
         if self.cases:
-            return tuple(name for name in self.chosen if name in KNOWN or name.startswith("random-"))
-        return QUICK_CASES if self.quick else tuple(KNOWN)
+            return tuple(name for name in self.chosen if base_name(name) in KNOWN or name.startswith("random-"))
+        return QUICK_CASES if self.quick else (*KNOWN, *SAMPLED)
 
     def odd_names(self) -> tuple[str, ...]:
         """Names of the odd rims that are measured."""
@@ -127,7 +127,15 @@ class Settings:
 QUICK_CUT_OUTS = ("icosphere-3-0.7", "torus-outside-0.4")
 # cut-outs of which the page shows what was removed and what each filler put there
 PICTURED = ("icosphere-4-0.3", "torus-outside-0.4", "bunny_scan-02", "demosthenes_low_res-03")
-QUICK_CASES = ("enneper-0.8", "tennis-seam", "random-1", "plane-l", "schwarz-d-quad")
+QUICK_CASES = (
+    "enneper-0.8",
+    "tennis-seam",
+    "random-1",
+    "random-1@even",
+    "random-1@uneven",
+    "plane-l",
+    "schwarz-d-quad",
+)
 # cases whose time is fitted, and the one whose patches grow
 SCALED_LOOP, SCALED_PATCH = "tennis-seam", "enneper-0.8"
 # edges inside our meshes of loops of any number of points
@@ -187,6 +195,8 @@ def _loops(settings: Settings, folder: Path, files: Sequence[Path]) -> Iterator[
         for case in cases:
             if name == "spinor-formula" and case not in FORMULAS:
                 continue
+            if case in SAMPLED and not settings.cases and name not in SCALED_METHODS:
+                continue
             if name in ("spinor-series", "spinor-mlp") and case in KNOWN and KNOWN[case][0] != "smooth":
                 continue
             for n in points:
@@ -218,7 +228,7 @@ ONE_SIZE = ("spinor-cauchy", "spinor-series", "spinor-mlp", "spinor-formula")
 
 
 def _fillers(settings: Settings, folder: Path, files: Sequence[Path]) -> Iterator[list[Task]]:
-    names = settings.known_names()
+    names = tuple(name for name in settings.known_names() if name == base_name(name))
     if settings.quick and not settings.cases:
         names = names[:1]
     for name in FILLERS:

@@ -17,15 +17,14 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighb
 from spinor_geom.mesh.interpolation import (
     DEGREES,
     MIN_POINTS_FOR_HIGH_DEGREE,
+    analytic,
     by_arcs,
     gauss_nodes,
-    is_trigonometric,
     piecewise_cubic,
     places_in_piece,
     predicting_degree,
     smooth_spline,
     through,
-    trigonometric_coefficients,
 )
 
 LENGTH_NODES = 16
@@ -74,8 +73,8 @@ class BoundaryCurve:
 
     Attributes:
         breaks: (M + 1,) parameters of the vertices, from 0 to 1: share of the length up to the vertex, by chords for
-            degree 3, by arcs of the cubic spline for degrees 5 and 7 (chords would spoil their order); equal steps for
-            a trigonometric polynomial or a formula.
+            degree 3, by arcs of the cubic spline for degrees 5 and 7 (chords would spoil their order); by
+            its own arcs or equal steps for an analytic curve, equal steps for a formula.
         coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
         corners: (M,) bool, at which vertices Γ′ jumps; elsewhere splines are d − 1 times continuously differentiable,
             other curves analytic but for rounding errors.
@@ -91,12 +90,12 @@ class BoundaryCurve:
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
         """The interpolating curve through all vertices of a loop.
 
-        Where the vertices sample an analytic curve at equal steps of its parameter, as a falling spectrum shows, it is
-        the trigonometric polynomial through them, which converges faster than any order. Otherwise it is a spline.
-        Without corners that is periodic, of the degree 3, 5 or 7 that predicts every second vertex best from as many of
-        the others to either side: smooth loops get the high orders, noisy ones the cubic. With corners it is one cubic
-        not-a-knot spline from each corner to the next (from a single corner back to itself); a side of two or one edges
-        is a parabola or a straight line.
+        Without corners it is the candidate that predicts left-out vertices best. Analytic curves converge faster than
+        any order: the trigonometric polynomial where the vertices are equal steps of an analytic parameter, and of up
+        to 256 vertices its like by arc length, wherever they lie. Otherwise it is a periodic spline, of the degree 3, 5
+        or 7 that predicts every second vertex best from as many of the others to either side: smooth loops get the high
+        orders, noisy ones the cubic. With corners it is one cubic not-a-knot spline from each corner to the next (from
+        a single corner back to itself); a side of two or one edges is a parabola or a straight line.
 
         Raises:
             RepeatedPointError: two neighbouring points of the loop are equal.
@@ -107,9 +106,9 @@ class BoundaryCurve:
         if not loop.corners.any() and len(loop) >= MIN_POINTS_FOR_HIGH_DEGREE:
             breaks = by_arcs(loop.points)
             degree, error = predicting_degree(loop.points, breaks)
-            if is_trigonometric(loop.points, error):
-                even = np.arange(len(loop) + 1) / len(loop)
-                return cls(breaks=even, coefficients=trigonometric_coefficients(loop.points), corners=loop.corners)
+            found = analytic(loop.points, breaks, error)
+            if found is not None:
+                return cls(breaks=found[0], coefficients=found[1], corners=loop.corners)
             if degree > DEGREES[0]:
                 spline = smooth_spline(loop.points, breaks, degree)
                 return cls(breaks=breaks, coefficients=spline, corners=loop.corners)

@@ -1,4 +1,4 @@
-"""Curves through points: the closed splines and the trigonometric polynomial, as pieces, and which of them to take."""
+"""Curves through points: the closed splines and analytic curves, as pieces, and which of them to take."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from math import factorial
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+from scipy.linalg import cho_factor, cho_solve
 
 # Degrees tried on loops without corners; higher ones gain nothing that float64 can hold.
 DEGREES = (3, 5, 7)
@@ -16,11 +17,21 @@ MIN_POINTS_FOR_HIGH_DEGREE = 16
 # A higher degree must predict left-out points this many times better: on rough curves it only swings.
 GAIN_PER_DEGREE = 2.5
 ARC_NODES = 6
-# The spectrum of points that lie on an analytic curve at equal steps of its parameter falls off: what is left of it in
-# its last fifth is at most this share of what its last half holds, or of the error of splines, or rounding error as a
-# share of the extent.
-SPECTRAL_FALL, SPECTRAL_ROUNDING = 1e-2, 1e-14
-# Edges of such a curve that differ by a larger factor leave it to splines by arcs, whose parameter is the length.
+# The covariance of neighbouring harmonics of an analytic curve falls to this at the highest that the points show.
+# From 1e-6 to 1e-10 points left out are predicted alike; below that the equations lose what they gain.
+SPECTRAL_FALL = 1e-8
+# Added to these equations, as a share of their diagonal: points that are close together leave them regular.
+RIDGE = 1e-13
+# An analytic curve predicts each point from all others, splines every second from the rest: on noise that is twice as
+# bad at least, but for the chance that fewer points than this leave.
+SURE_POINTS = 40
+# Rounding error of coordinates as a share of the extent: what predicts so well cannot be told from what is better.
+ROUNDING = 1e-14
+# A parameter in equal steps may predict so many times worse than arc length: its equations have a closed solution.
+AS_GOOD = 1.1
+# Points beyond which arcs are not tried, since dense equations cost their cube; splines are as near by then.
+MOST_DENSE = 256
+# Edges of an analytic curve that differ by a larger factor leave it to splines.
 MOST_UNEVEN = 40.0
 # Degree of the pieces of an analytic curve.
 ANALYTIC_DEGREE = 11
@@ -58,7 +69,7 @@ def smooth_spline(
 def predicting_degree(points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"]) -> tuple[int, float]:
     """The degree of the local polynomials that predict every second point best from the others.
 
-    Also the RMS error to expect of the spline through all points: that of the prediction less what an order gains.
+    Also the RMS error that a curve without a degree must stay below to be better: theirs, less a gain for each degree.
     """
     # an odd number of points leaves two neighbours next to each other; nothing is lost by that
     kept, left_out = np.arange(0, len(points) - 1, 2), np.arange(1, len(points), 2)
@@ -73,7 +84,7 @@ def predicting_degree(points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray
     for higher in range(1, len(DEGREES)):
         if GAIN_PER_DEGREE * errors[higher] < errors[best]:
             best = higher
-    return DEGREES[best], float(errors[best]) / 2 ** (DEGREES[best] + 1)
+    return DEGREES[best], float(errors[best]) / GAIN_PER_DEGREE**best
 
 
 def _lagrange_at_0(nodes: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
@@ -89,12 +100,20 @@ def _periodic(breaks: Float[np.ndarray, " m_plus_1"], points: Float[np.ndarray, 
 
 def by_arcs(points: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " m_plus_1"]:
     """The parameters of points as shares of the arc length of the periodic cubic spline through them."""
-    breaks, (a, b, c, _) = piecewise_cubic(points, np.zeros(len(points), dtype=bool))
+    return _arc_shares(*piecewise_cubic(points, np.zeros(len(points), dtype=bool)))
+
+
+def _arc_shares(
+    breaks: Float[np.ndarray, " m_plus_1"], coefficients: Float[np.ndarray, "d_plus_1 m k"]
+) -> Float[np.ndarray, " m_plus_1"]:
+    """Shares of the length of a curve of polynomial pieces up to their ends."""
     nodes, weights = gauss_nodes(ARC_NODES)
     width = np.diff(breaks)
     h = (width[:, None] * (nodes + 1) / 2)[:, :, None]
-    speed = np.linalg.norm((3 * a[:, None] * h + 2 * b[:, None]) * h + c[:, None], axis=2)
-    arcs = width / 2 * (speed @ weights)
+    derivative = np.zeros(())
+    for power, coefficient in zip(range(len(coefficients) - 1, 0, -1), coefficients, strict=False):
+        derivative = derivative * h + power * coefficient[:, None]
+    arcs = width / 2 * (np.linalg.norm(derivative, axis=2) @ weights)
     shares = np.append(0.0, np.cumsum(arcs) / arcs.sum())
     shares[-1] = 1.0
     return shares
@@ -147,19 +166,73 @@ def trigonometric_coefficients(points: Float[np.ndarray, "m 3"]) -> Float[np.nda
     return through(values, np.full(m, 1 / m))
 
 
-def is_trigonometric(points: Float[np.ndarray, "m 3"], error: float) -> bool:
-    """Whether a trigonometric polynomial through points at equal steps is nearer to their curve than splines.
+def analytic(
+    points: Float[np.ndarray, "m 3"], arcs: Float[np.ndarray, " m_plus_1"], error: float
+) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d1 m 3"]] | None:
+    """The analytic curve through points, as breaks and polynomials; None where splines predict points left out better.
+
+    By equal steps of its parameter that is the trigonometric polynomial. By arc length it is the curve of least norm
+    in the Hilbert space of the Poisson kernel, whose harmonics fall geometrically: it stays near the trigonometric
+    polynomial where points are almost evenly spaced, and does not swing where they are not.
 
     Args:
         points: of a closed curve.
-        error: expected of the best spline.
+        arcs: their shares of its length, about.
+        error: RMS, that points left out must be nearer than, see `predicting_degree`.
+
+    Source: Dubrule, "Cross validation of kriging in a unique neighborhood" (1983), for the points left out.
     """
+    m = len(points)
     edges = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1)
     if edges.max() > MOST_UNEVEN * edges.min():
-        return False
+        return None
+    allowed = max(min(1, m / SURE_POINTS) * error, ROUNDING * np.ptp(points, axis=0).max())
+    even = _left_out_at_equal_steps(points)
+    if m <= MOST_DENSE:
+        weights, left_out = _poisson(points, arcs)
+        if left_out < min(allowed, even / AS_GOOD):
+            # the arcs of this curve are nearer to its own than those of the cubic spline
+            arcs = _arc_shares(arcs, _poisson_coefficients(points, arcs, weights))
+            return arcs, _poisson_coefficients(points, arcs, _poisson(points, arcs)[0])
+    return (np.arange(m + 1) / m, trigonometric_coefficients(points)) if even < allowed else None
+
+
+def _left_out_at_equal_steps(points: Float[np.ndarray, "m 3"]) -> float:
+    """RMS error of each point as the others predict it by the Poisson kernel at equal steps, or by least squares."""
     m = len(points)
-    power = (np.abs(np.fft.rfft(points, axis=0) / m) ** 2).sum(axis=1)
-    frequency = np.arange(len(power))
-    upper, last = (float(np.sqrt(2 * power[frequency > share * m / 2].sum())) for share in (0.5, 0.8))
-    rounding = SPECTRAL_ROUNDING * np.ptp(points, axis=0).max()
-    return bool(last <= max(SPECTRAL_FALL * max(upper, error), rounding) and last < max(error, rounding))
+    k = np.arange(1, m)
+    # eigenvalues of the circulant matrix, but for a factor
+    kernel = 1 / (SPECTRAL_FALL ** (2 * k / m) + SPECTRAL_FALL ** (2 * (m - k) / m))
+    # least squares by the lower two thirds of the harmonics leave the upper ones
+    upper = (np.minimum(k, m - k) > m / 3).astype(float)
+    spectrum = np.abs(np.fft.fft(points, axis=0)[1:] / m)
+    return min(float(np.sqrt(((spectrum * w[:, None]) ** 2).sum() / 3) / w.mean()) for w in (kernel, upper))
+
+
+def _kernel(t: Float[np.ndarray, "*pts"], m: int) -> Float[np.ndarray, "*pts"]:
+    """Poisson's kernel Σ_k q^|k| exp 2πikt, where q^(m/2) is the fall."""
+    q = SPECTRAL_FALL ** (2 / m)
+    return np.asarray((1 - q * q) / (1 - 2 * q * np.cos(2 * np.pi * t) + q * q))
+
+
+def _poisson(
+    points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"]
+) -> tuple[Float[np.ndarray, "m 3"], float]:
+    """Weights of the kernels at given parameters that sum up to points, and the RMS error of each point left out."""
+    m, t = len(points), breaks[:-1]
+    matrix = _kernel(t[:, None] - t, m)
+    matrix[np.diag_indices(m)] *= 1 + RIDGE
+    inverse = cho_solve(cho_factor(matrix), np.column_stack([points - points.mean(axis=0), np.eye(m)]))
+    weights, inverse = inverse[:, :3], inverse[:, 3:]
+    return weights, float(np.sqrt(np.mean((weights / np.diag(inverse)[:, None]) ** 2)))
+
+
+def _poisson_coefficients(
+    points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"], weights: Float[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "d1 m 3"]:
+    """Polynomials of the sum of weighted kernels, a piece from each point to the next."""
+    width = np.diff(breaks)
+    t = breaks[:-1] + width * places_in_piece()[:, None]
+    values = points.mean(axis=0) + _kernel(t[:, :, None] - breaks[:-1], len(points)) @ weights
+    values[0] = points
+    return through(values, width)

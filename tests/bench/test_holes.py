@@ -166,6 +166,16 @@ def test_variations_keep_the_answer_and_noise_has_none():
     assert noisy.chart is None
     even = known_case("twisted-circle", Variation(sampling="even")).loop(60).edge_lengths
     assert even.max() / even.min() < 1.01
+    for name in ("random-2", "enneper-0.8", "henneberg"):
+        edges = known_case(f"{name}@even").loop(200).edge_lengths
+        assert edges.max() / edges.min() < 1.01
+        edges = known_case(f"{name}@uneven").loop(200).edge_lengths
+        assert edges.max() / edges.min() > 3
+        assert known_case(f"{name}@even").area == known_case(name).area
+    with pytest.raises(OptionError, match="no case"):
+        known_case("scherk@even")
+    with pytest.raises(OptionError, match="no case"):
+        known_case("random-2@formula")
     with pytest.raises(OptionError, match="scale"):
         Variation(scale=0.0)
     with pytest.raises(OptionError, match="random-SEED"):

@@ -115,23 +115,13 @@ def test_a_whole_fill_has_its_share_of_the_reference_s_seconds(n, share):
     assert claim not in verdicts(*(hole_record(m, n=n, case="scherk") for m in ("spinor-fill", REFERENCE)))
 
 
-def test_a_digit_that_was_not_reached_is_said():
+def test_nothing_is_promised_beside_a_digit_that_was_not_reached():
     text = "1e-06 in less time than the discrete methods take for 0.0001"
-    (told,) = (c for c in claims([loop_record(), libigl_record()]) if c.text == text)
-    assert (told.met, told.measured) == (True, "0.1 s against not reached, 2.0e-03 at best")
+    assert text not in [c.text for c in claims([loop_record(), libigl_record()])]
     (told,) = (c for c in claims([loop_record(area_error=1e-5), libigl_record(area_error=1e-5)]) if c.text == text)
     assert (told.met, told.measured) == (False, "not reached against 0.1 s")
-
-
-def test_fillers_get_fewer_rims_the_less_a_case_is_compared():
-    tasks = [task for group in plan(Settings(hole_points=(64, 256, 1000)), Path("run")) for task in group]
-    points = {
-        case: [task["n"] for task in tasks if (task["suite"], task["method"], task["case"]) == ("hole", "cgal", case)]
-        for case in ("enneper-0.8", "random-1", "scherk")
-    }
-    assert points == {"enneper-0.8": [64, 256, 1000], "random-1": [64, 256], "scherk": [64]}
-    assert {task["method"] for task in tasks if task["suite"] == "hole"} == set(runner.FILLERS)
-    assert {task["repeat"] for task in tasks if task["suite"] == "odd"} == {0}
+    (told,) = (c for c in claims([loop_record(), libigl_record(area_error=1e-5, seconds=0.2)]) if c.text == text)
+    assert (told.met, told.measured) == (True, "0.1 s against 0.2 s")
 
 
 def test_the_cost_of_a_digit_is_that_of_the_quickest_sampling():
