@@ -203,11 +203,12 @@ def known_case(name: str, variation: Variation = Variation()) -> Case:
         OptionError: there is none.
     """
     base, at, sampling = name.partition("@")
-    kind, make = KNOWN.get(base, ("smooth", None))
-    if at and sampling in ("even", "uneven") and kind == "smooth":
-        return replace(known_case(base, replace(variation, sampling=sampling)), name=name)
-    if make is not None and not at:
-        return Case(name=name, kind=kind, known=make(), variation=variation)
+    kind = KNOWN[base][0] if base in KNOWN else "smooth"
+    for other in ("even", "uneven"):
+        if at and sampling == other and kind == "smooth":
+            return replace(known_case(base, replace(variation, sampling=other)), name=name)
+    if name in KNOWN:
+        return Case(name=name, kind=kind, known=KNOWN[name][1](), variation=variation)
     head, _, seed = name.partition("-")
     if head == "random" and seed.isdigit():
         return Case(name=name, kind="smooth", known=gallery.random_polynomial(int(seed)), variation=variation)
