@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 
 COLUMNS = ("loop", "kind", "points", "perimeter", "residual/edge", "area", "stability", "new faces", "seconds")
 _OPEN = {True: ("open", "red"), False: ("left open", "dim")}
-CROSSINGS = "crossings"  # a column more, where there are some
+# columns more, where there are some: RMS angle between patch and mesh along the rim, of the film and continued
+BEND, CROSSINGS = "bend", "crossings"
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
@@ -115,8 +117,12 @@ def add_comparisons(
 def show_result(result: FillResult) -> None:
     """The table of loops on a terminal; on standard error what is not filled as asked and what patches cross."""
     if result.loops:
-        columns = COLUMNS if result.intersection_free else (*COLUMNS, CROSSINGS)
-        show_table(columns, [row(outcome)[: len(columns)] for outcome in result.loops], piped=False)
+        more = {
+            BEND: any(outcome.continuation is not None for outcome in result.loops),
+            CROSSINGS: not result.intersection_free,
+        }
+        columns = (*COLUMNS, *(name for name, is_shown in more.items() if is_shown))
+        show_table(columns, [row(outcome, columns) for outcome in result.loops], piped=False)
     else:
         show_lines("no boundary loops: the mesh is closed, nothing to fill", piped=False)
     for note in result.notes:
@@ -131,22 +137,25 @@ def show_result(result: FillResult) -> None:
         complain(said)
 
 
-def row(outcome: LoopOutcome) -> list[str | Text]:
-    """An outcome as a line of the table, with the column of crossings."""
+def row(outcome: LoopOutcome, columns: Sequence[str]) -> list[str | Text]:
+    """An outcome as a line of the table with these columns."""
     entry = outcome.to_dict()
     residual, area, stability = entry["residual_rms_per_edge"], entry["area"], entry["stability"]
-    return [
-        str(outcome.index),
-        _kind(outcome),
-        str(len(outcome.loop)),
-        f"{outcome.loop.perimeter:.4g}",
-        "" if residual is None else f"{residual:.1e}",
-        "" if area is None else f"{area:.4g}",
-        "" if stability is None else str(stability["verdict"]),
-        str(outcome.faces_added),
-        f"{outcome.timings['total']:.2f}" if outcome.timings else "",
-        Text(str(outcome.intersections or ""), style="red"),
-    ]
+    bend = outcome.continuation
+    cells = {
+        "loop": str(outcome.index),
+        "kind": _kind(outcome),
+        "points": str(len(outcome.loop)),
+        "perimeter": f"{outcome.loop.perimeter:.4g}",
+        "residual/edge": "" if residual is None else f"{residual:.1e}",
+        "area": "" if area is None else f"{area:.4g}",
+        "stability": "" if stability is None else str(stability["verdict"]),
+        "new faces": str(outcome.faces_added),
+        "seconds": f"{outcome.timings['total']:.2f}" if outcome.timings else "",
+        BEND: "" if bend is None else f"{bend.before.rms:.0f}° to {bend.after.rms:.0f}°",
+        CROSSINGS: Text(str(outcome.intersections or ""), style="red"),
+    }
+    return [cells[name] for name in columns]
 
 
 def _kind(outcome: LoopOutcome) -> Text:

@@ -197,7 +197,10 @@ def test_continuity_makes_smooth_patches_and_says_so(
     monkeypatch.setattr(sys, "stdout", Terminal())
     assert main([*arguments, "--continuity", "C1", "--strict"]) == 0
     assert [entry["kind"] for entry in json.loads(report.read_text())["loops"]] == ["smooth", "smooth"]
-    assert "smooth" in sys.stdout.getvalue()  # type: ignore[attr-defined]
+    shown = sys.stdout.getvalue()  # type: ignore[attr-defined]
+    assert "smooth" in shown
+    assert "bend" in shown
+    assert "90° to" in shown
     assert "smooth" in page.read_text()
     filled = read_mesh(output).mesh.vertices
     assert filled[:, 2].max() > 2.3  # a dome on the tube's end at 2
