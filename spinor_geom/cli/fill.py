@@ -142,7 +142,7 @@ def row(outcome: LoopOutcome, columns: Sequence[str]) -> list[str | Text]:
     entry = outcome.to_dict()
     residual, area, stability = entry["residual_rms_per_edge"], entry["area"], entry["stability"]
     bend = outcome.continuation
-    cells = {
+    cells: dict[str, str | Text] = {
         "loop": str(outcome.index),
         "kind": _kind(outcome),
         "points": str(len(outcome.loop)),
