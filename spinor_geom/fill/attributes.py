@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.fill.discrete_patch import graph_laplacian
-from spinor_geom.mesh.operators import cotangent_laplacian
+from spinor_geom.mesh.operators import cotangent_laplacian, vertex_normals
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -62,7 +62,11 @@ def patch_attributes(
     else:
         values = {name: np.empty((0, np.asarray(attributes[name]).shape[1])) for name in names}
     if NORMAL in attributes:
-        normals = _vertex_normals(patch)[size:] if surface is None else surface.normal(patch.points[size:])
+        normals = (
+            vertex_normals(patch.vertices, np.asarray(patch.faces))[size:]
+            if surface is None
+            else surface.normal(patch.points[size:])
+        )
         values[NORMAL] = np.asarray(normals, dtype=np.float64).reshape(-1, 3)
     return values
 
@@ -85,12 +89,3 @@ def _finite(values: Float[np.ndarray, "m k"], points: Float[np.ndarray, "m 3"]) 
     if known.all() or not known.any():
         return values
     return values[np.flatnonzero(known)[cKDTree(points[known]).query(points)[1]]]
-
-
-def _vertex_normals(patch: Patch) -> Float[np.ndarray, "n 3"]:
-    a, b, c = (patch.vertices[patch.faces[:, k]] for k in range(3))
-    normals = np.zeros_like(patch.vertices)
-    for k in range(3):
-        np.add.at(normals, patch.faces[:, k], np.cross(b - a, c - a))
-    size = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.where(size > 0, size, 1.0))
