@@ -68,7 +68,8 @@ def fill_scene(result: FillResult) -> PairScene:
     longest open loop is looked at.
     """
     original, extension = result.original, result.extension
-    camera = camera_on(_used(original), shown_loop(result.loops))
+    # a patch that goes on with the mesh may reach far beyond it
+    camera = camera_on(np.concatenate([_used(original), extension.vertices]), shown_loop(result.loops))
     return PairScene(
         vertices=np.concatenate([original.vertices, extension.vertices]),
         faces=original.faces,

@@ -51,6 +51,19 @@ def test_the_largest_patch_is_that_of_largest_area_not_of_longest_rim() -> None:
 
 
 def test_everything_is_in_the_picture(scene: PairScene) -> None:
+    assert_shown(scene)
+
+
+def test_a_patch_far_wider_than_the_mesh_is_in_the_picture() -> None:
+    ball = trimesh.creation.icosphere(2)
+    bowl = ball.faces[ball.triangles_center[:, 2] < -0.4]
+    used, faces = np.unique(bowl, return_inverse=True)
+    _, report = fill_hole((ball.vertices[used], faces.reshape(-1, 3)), 0, continuity="C1", return_report=True)
+    assert np.ptp(report.extension.vertices[:, 0]) > 1.02 * np.ptp(ball.vertices[used, 0])
+    assert_shown(fill_scene(report))
+
+
+def assert_shown(scene: PairScene) -> None:
     camera = scene.cameras[0]
     right = np.cross(camera.up, camera.direction)
     offset = scene.vertices - camera.focus
