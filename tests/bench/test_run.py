@@ -63,7 +63,7 @@ def test_claims_are_kept_or_missed():
     flat = ("median exact |H| at most 1e-09/diameter", "accuracy")
     assert not verdicts(loop_record(exact_curvature_median=1e-8))[flat]
     assert not verdicts(loop_record(exact_curvature_median=None))[flat]
-    reached = ("area right to 1e-06 at some sampling", "accuracy")
+    reached = ("area right to 1e-06 at some number of points", "accuracy")
     assert not verdicts(loop_record(area_error=1e-5))[reached]
 
 
