@@ -1,10 +1,10 @@
 """Plateau's problem for one loop or two: solver, solution and its evidence."""
 
 from spinor_geom.plateau.network_route import Cauchy
+from spinor_geom.plateau.options import Laurent
 from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, NoAnnulus, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 from spinor_geom.plateau.stability import Stability
-from spinor_geom.plateau.task import Laurent
 
 __all__ = [
     "Annulus",

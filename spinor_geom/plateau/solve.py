@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Literal, overload
+from typing import Literal, TypeAlias, overload
 
 import torch
 
@@ -16,15 +16,18 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Cauchy
+from spinor_geom.plateau.options import Model, Options
+from spinor_geom.plateau.plan import OnUnitDisk, Route, all_disks, minimal_disk, plan
 from spinor_geom.plateau.rims import RimsTask
 from spinor_geom.plateau.solution import Iteration, NoAnnulus, PlateauSolution
-from spinor_geom.plateau.solutions import find_disks
-from spinor_geom.plateau.task import Model, Options, Task
+from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.trained_route import Optimizer
 
 # Loops whose slides are found together.
 _TOGETHER = 64
+
+Planned: TypeAlias = tuple[Task, tuple[Route, ...]]
 
 
 @overload
@@ -167,10 +170,7 @@ def solve_plateau(
             several = RimsTask.of(_several_of(loop), options, on_iteration)
             return several.every() if all_solutions else several.solved()
         task = Task.of(loop, options, on_iteration)
-        if not all_solutions:
-            return task.solved()
-        plane = task.in_plane()
-        return find_disks(task.rim, task.from_disk) if plane is None else (plane,)
+        return all_disks(task) if all_solutions else minimal_disk(task, plan(task))
 
 
 def _require_model_for_all(model: Model, *, rims: int) -> None:
@@ -240,29 +240,34 @@ def _side_by_side(
     loops: Iterator[BoundaryLoop], options: Options, seconds: float
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     while chunk := list(itertools.islice(loops, _TOGETHER)):
-        answers: list[PlateauSolution | SpinorGeomError | None] = []
-        tasks: dict[int, Task] = {}
         with one_thread():
-            for place, loop in enumerate(chunk):
-                try:
-                    task = Task.of(loop, options)
-                    answers.append(task.in_plane())
-                except SpinorGeomError as error:
-                    answers.append(error)
-                if answers[-1] is None:
-                    tasks[place] = task
-            harmonic = [place for place, task in tasks.items() if task.is_harmonic]
-            with deadline.time_limit(seconds * len(harmonic)):
-                started = HarmonicSolver.side_by_side([tasks[place].harmonic for place in harmonic])
-            for place, solver in zip(harmonic, started, strict=True):
-                tasks[place] = replace(tasks[place], harmonic=solver)
-        for place, answer in enumerate(answers):
-            yield _curved(tasks[place], seconds) if answer is None else answer
+            answers = [_planned(loop, options) for loop in chunk]
+            _slide_together(answers, seconds)
+        for answer in answers:
+            yield answer if isinstance(answer, SpinorGeomError) else _solved(*answer, seconds)
 
 
-def _curved(task: Task, seconds: float) -> PlateauSolution | SpinorGeomError:
+def _planned(loop: BoundaryLoop, options: Options) -> Planned | SpinorGeomError:
+    try:
+        task = Task.of(loop, options)
+        return task, plan(task)
+    except SpinorGeomError as error:
+        return error
+
+
+def _slide_together(answers: list[Planned | SpinorGeomError], seconds: float) -> None:
+    """Hands their slides to the tasks whose plan begins on the unit disk, found as one batch."""
+    planned = [(place, *answer) for place, answer in enumerate(answers) if not isinstance(answer, SpinorGeomError)]
+    first = [(place, task, routes) for place, task, routes in planned if routes[0] == OnUnitDisk()]
+    with deadline.time_limit(seconds * len(first)):
+        disks = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in first])
+    for (place, task, routes), disk in zip(first, disks, strict=True):
+        answers[place] = replace(task, on_disk=disk), routes
+
+
+def _solved(task: Task, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:
     with one_thread(), deadline.time_limit(seconds):
         try:
-            return task.curved()
+            return minimal_disk(task, routes)
         except SpinorGeomError as error:
             return error
