@@ -17,7 +17,7 @@ _SOURCES_PER_LEAF = 8
 _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
 # as many pairs of a source and a target take less time one by one
-_FEW_PAIRS = 1 << 18
+_FEW_PAIRS = 1 << 20
 # pairs of clusters, or sources, at once: their series stay in the cache
 _PAIRS = 1 << 10
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])

@@ -140,9 +140,10 @@ class SpinorSurface(Shown, torch.nn.Module):
         """
         if self.has_closed_positions or self.domain.holes or len(z) == 0:
             return np.asarray(self.position(z))
-        reference = self.root if self.domain.root >= self.domain.triangulation.boundary_size else z[0]
-        moved = displacements(self.domain.boundary, self._null_curve, np.append(z, reference))
-        return np.asarray(self.position(np.array([reference])) + moved[:-1] - moved[-1])
+        is_inner = self.domain.root >= self.domain.triangulation.boundary_size
+        moved = displacements(self.domain.boundary, self._null_curve, np.append(z, self.root) if is_inner else z)
+        constant = self.constant.detach().cpu().numpy() - moved[-1] if is_inner else self.position(z[0]) - moved[0]
+        return np.asarray(moved[: len(z)] + constant)
 
     def integrate(self, start: Points, end: Points) -> Points:
         """Displacements r(end) − r(start) by quadrature along straight segments, shape (*pts, 3).
