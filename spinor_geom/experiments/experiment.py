@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
-from spinor_geom.plateau.training import RMSprop
+from spinor_geom.training import RMSprop
 
 Settings = TypeVar("Settings")
 

@@ -16,10 +16,10 @@ from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
-from spinor_geom.plateau.training.curve import CurveAsTensors
 from spinor_geom.render.plots import log_log
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
+from spinor_geom.training.curve import CurveAsTensors
 
 # points of ∂Ω whose distance from Γ is measured
 _POINTS = 1024

@@ -38,8 +38,8 @@ from spinor_geom.experiments.experiment import Outcome, as_json, experiment, fit
 from spinor_geom.experiments.report import Done, report, reproduce
 from spinor_geom.files import finite
 from spinor_geom.holomorphic import PowerSeries
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
 # steps too small to move anything, and steps that bring a small network near to its curve

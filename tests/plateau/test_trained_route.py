@@ -12,8 +12,8 @@ from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic import ComplexMLP
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
 CURVE = gallery.twisted_circle()
 SMALL = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)

@@ -12,9 +12,9 @@ from torch import Tensor
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.holomorphic.mlp import ComplexMLP, Linearisation
 from spinor_geom.plateau.gauss_newton import normals_of
-from spinor_geom.plateau.training.boundary import BoundaryNodes, Placed, placed
-from spinor_geom.plateau.training.curve import CurveAsTensors
-from spinor_geom.plateau.training.steps import (
+from spinor_geom.training.boundary import BoundaryNodes, Placed, placed
+from spinor_geom.training.curve import CurveAsTensors
+from spinor_geom.training.steps import (
     DAMPING,
     LEAST_DAMPING,
     LESS,

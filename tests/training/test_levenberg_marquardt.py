@@ -11,12 +11,12 @@ from spinor_geom.gallery import curves
 from spinor_geom.holomorphic import ComplexMLP, PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.training import LevenbergMarquardt, train_by_levenberg_marquardt
-from spinor_geom.plateau.training.boundary import BoundaryNodes, placed
-from spinor_geom.plateau.training.curve import CurveAsTensors
-from spinor_geom.plateau.training.distillation import distil
-from spinor_geom.plateau.training.polishing import _NormalSystem, polish
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, train_by_levenberg_marquardt
+from spinor_geom.training.boundary import BoundaryNodes, placed
+from spinor_geom.training.curve import CurveAsTensors
+from spinor_geom.training.distillation import distil
+from spinor_geom.training.polishing import _NormalSystem, polish
 
 CPU = torch.device("cpu")
 CURVES = {"twisted circle": curves.twisted_circle(), "tennis seam": curves.tennis_seam(0.8)}

@@ -9,11 +9,11 @@ import torch
 from spinor_geom.errors import OptionError, StorageError
 from spinor_geom.gallery import curves
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.training import RMSprop, rmsprop, train_by_rmsprop
-from spinor_geom.plateau.training.rays import FORMS
-from spinor_geom.plateau.training.rmsprop import _Training
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
+from spinor_geom.training import RMSprop, rmsprop, train_by_rmsprop
+from spinor_geom.training.rays import FORMS
+from spinor_geom.training.rmsprop import _Training
 
 CURVE = curves.twisted_circle()
 # a small network with large steps: the paper's takes an hour

@@ -6,8 +6,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.plateau.training.homeomorphism import CircleHomeomorphism
-from spinor_geom.plateau.training.losses import boundary_loss, distance_loss, tangent_loss
+from spinor_geom.training.homeomorphism import CircleHomeomorphism
+from spinor_geom.training.losses import boundary_loss, distance_loss, tangent_loss
 
 
 def bent(seed=0, strength=3.0):

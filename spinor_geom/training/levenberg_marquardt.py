@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import torch
@@ -16,15 +16,18 @@ from torch import Tensor
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network import interpolate_matching
+from spinor_geom.plateau.solution import Iteration, PlateauSolution
 from spinor_geom.plateau.threads import one_thread
-from spinor_geom.plateau.training.boundary import BoundaryNodes, Placed, placed, with_constant
-from spinor_geom.plateau.training.curve import ClosedCurve, CurveAsTensors
-from spinor_geom.plateau.training.distillation import distil
-from spinor_geom.plateau.training.polishing import polish
-from spinor_geom.plateau.training.result import Status, Trained, TrainingStep
 from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.training.boundary import BoundaryNodes, Placed, placed, with_constant
+from spinor_geom.training.curve import ClosedCurve, CurveAsTensors
+from spinor_geom.training.distillation import distil
+from spinor_geom.training.polishing import polish
+from spinor_geom.training.result import Status, Trained, TrainingStep, continuing
 
 # points between the nodes at which the distance is told, and how many times larger than at the nodes it may be
 _POINTS_PER_NODE, _BETWEEN = 4, 3.0
@@ -58,6 +61,7 @@ class LevenbergMarquardt:
     tolerance: float = 1e-6
     distillation_steps: int = 100
     polishing_steps: int = 100
+    takes_start: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Raises OptionError for values out of range."""
@@ -66,6 +70,30 @@ class LevenbergMarquardt:
                 "nodes must be at least 8, numbers of steps not negative and the tolerance positive, got "
                 f"{self.nodes}, {self.distillation_steps}, {self.polishing_steps} and {self.tolerance}"
             )
+
+    def disk(
+        self,
+        curve: BoundaryCurve,
+        *,
+        start: PlateauSolution | None,
+        device: torch.device,
+        on_iteration: Callable[[Iteration], None] | None,
+    ) -> Found:
+        """A minimal disk over a curve at unit size; see `plateau.trained_route.Trainer`."""
+        history = [] if start is None else list(start.history)
+        unit = None
+        if start is not None:
+            loop = start.loop
+            unit = start.surface.transform(scale=1 / loop.diagonal, translation=-loop.centroid / loop.diagonal)
+        trained = train_by_levenberg_marquardt(
+            curve,
+            start=unit,
+            matching=None if start is None else start.matching,
+            options=self,
+            device=device,
+            on_step=continuing(history, on_iteration),
+        )
+        return trained.as_disk(curve, history)
 
 
 def train_by_levenberg_marquardt(

@@ -14,9 +14,9 @@ from torch import Tensor
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.plateau.residual import projected
-from spinor_geom.plateau.training.curve import CurveAsTensors
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.training.curve import CurveAsTensors
 
 # fewest Gauss-Legendre nodes on a panel of a boundary that is not analytic: its panels are many, and short at corners
 _PANEL_ORDER = 4

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.holomorphic.mlp import ComplexMLP
-from spinor_geom.plateau.training.steps import (
+from spinor_geom.training.steps import (
     DAMPING,
     LEAST_DAMPING,
     LESS,

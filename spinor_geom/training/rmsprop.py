@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -22,15 +22,18 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.errors import OptionError, StorageError
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.training.checkpoint import read_checkpoint, write_checkpoint
-from spinor_geom.plateau.training.curve import ClosedCurve, CurveAsTensors
-from spinor_geom.plateau.training.homeomorphism import CircleHomeomorphism
-from spinor_geom.plateau.training.losses import boundary_loss
-from spinor_geom.plateau.training.rays import FORMS, RayBoundary
-from spinor_geom.plateau.training.result import Status, Trained, TrainingStep
+from spinor_geom.plateau.solution import Iteration, PlateauSolution
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
+from spinor_geom.training.checkpoint import read_checkpoint, write_checkpoint
+from spinor_geom.training.curve import ClosedCurve, CurveAsTensors
+from spinor_geom.training.homeomorphism import CircleHomeomorphism
+from spinor_geom.training.losses import boundary_loss
+from spinor_geom.training.rays import FORMS, RayBoundary
+from spinor_geom.training.result import Status, Trained, TrainingStep, continuing
 
 # a loss so many times that of the first epoch is no training any more
 _GROWTH = 1e3
@@ -38,6 +41,8 @@ _GROWTH = 1e3
 _GAIN = 1e-3
 # points of ∂Ω and of Γ between which the boundary error is measured
 _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192
+# its rates suit curves of the paper's size: a solver's Γ gets the diagonal of the unit circle's bounding box
+_DIAGONAL = 2 * math.sqrt(2)
 _DTYPES = {"double": torch.complex128, "single": torch.complex64}
 # points of the curve that its centre is taken from
 _CENTER_POINTS = 1024
@@ -92,6 +97,7 @@ class RMSprop:
     seed: int = 0
     checkpoint: str | os.PathLike[str] | None = None
     checkpoint_every: int = 10
+    takes_start: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Raises OptionError for values out of range."""
@@ -114,6 +120,21 @@ class RMSprop:
         ):
             if value not in choices:
                 raise OptionError(f"unknown {name} {value!r}; choose one of: {', '.join(choices)}")
+
+    def disk(
+        self,
+        curve: BoundaryCurve,
+        *,
+        start: PlateauSolution | None,
+        device: torch.device,
+        on_iteration: Callable[[Iteration], None] | None,
+    ) -> Found:
+        """A minimal disk over a curve at unit size, from random parameters; see `plateau.trained_route.Trainer`."""
+        assert start is None
+        history: list[Iteration] = []
+        larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
+        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=continuing(history, on_iteration))
+        return trained.as_disk(curve, history, scale=1 / _DIAGONAL)
 
 
 def train_by_rmsprop(
@@ -228,7 +249,7 @@ class _Training:
                 break
             step = TrainingStep(
                 index=index,
-                method="rmsprop",
+                method="RMSprop",
                 loss=loss,
                 boundary_error=self._misfit().max,
                 seconds=seconds,
