@@ -94,7 +94,7 @@ def kept_as(name: str, options: RMSprop) -> RMSprop:
     """Options of one of an experiment's trainings: its state in a file of this name in the folder they name, if any."""
     if options.checkpoint is None:
         return options
-    return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.safetensors")
+    return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.pt")
 
 
 def as_json(settings: Any) -> dict[str, Any]:

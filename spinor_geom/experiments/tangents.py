@@ -78,7 +78,7 @@ def at_epochs(curve: KnownCurve, options: RMSprop, epochs: tuple[int, ...]) -> l
     with tempfile.TemporaryDirectory() as folder:
         for epoch in epochs:
             if epoch:
-                going_on = replace(options, epochs=epoch, checkpoint=Path(folder) / "training.safetensors")
+                going_on = replace(options, epochs=epoch, checkpoint=Path(folder) / "training.pt")
                 states.append(train_by_rmsprop(curve, options=going_on))
             else:
                 still = replace(options, epochs=1, learning_rate=_NO_STEP, checkpoint=None)

@@ -1,12 +1,10 @@
 """Training of complex-valued networks on Plateau's problem: the paper's algorithm, and Levenberg-Marquardt."""
 
-from spinor_geom.training.curve import ClosedCurve
 from spinor_geom.training.levenberg_marquardt import LevenbergMarquardt, train_by_levenberg_marquardt
 from spinor_geom.training.result import Trained, TrainingStep
 from spinor_geom.training.rmsprop import RMSprop, train_by_rmsprop
 
 __all__ = [
-    "ClosedCurve",
     "LevenbergMarquardt",
     "RMSprop",
     "Trained",

@@ -1,9 +1,8 @@
-"""The paper's homeomorphisms of the circle: the integral of a positive real network, and its inverse by bisection."""
+"""The paper's homeomorphisms of the circle: the integral of a positive real network, and its inverse."""
 
 from __future__ import annotations
 
 import itertools
-import math
 
 import torch
 from jaxtyping import Float
@@ -13,8 +12,6 @@ from torch import Tensor
 _SIZES = (1, 64, 64, 32, 1)
 # pieces of [0, 1] on which ρ is linear between its values: its integral there is exact
 _PIECES = 512
-# halvings of [0, 1]: to round-off
-_HALVINGS = 53
 
 
 class CircleHomeomorphism(torch.nn.Module):
@@ -26,79 +23,55 @@ class CircleHomeomorphism(torch.nn.Module):
     Source: Sun & Chern (2026), reparametrisations on S¹.
     """
 
-    def __init__(self, *, generator: torch.Generator | None = None, device: torch.device | str = "cpu") -> None:
-        """Random parameters: uniform in ±1/√fan-in; b = 0.
+    def __init__(self, *, generator: torch.Generator | None = None) -> None:
+        """Random parameters, on the CPU: uniform in ±1/√fan-in; b = 0.
 
         Args:
-            generator: of the parameters, on the CPU.
-            device: of the parameters.
+            generator: of the parameters.
         """
         super().__init__()
-
-        def uniform(size: int, *shape: int) -> torch.nn.Parameter:
-            drawn = torch.rand(*shape, dtype=torch.float64, generator=generator)
-            return torch.nn.Parameter(((2 * drawn - 1) / math.sqrt(size)).to(device))
-
-        pairs = list(itertools.pairwise(_SIZES))
-        self.weights = torch.nn.ParameterList([uniform(size, out, size) for size, out in pairs])
-        self.biases = torch.nn.ParameterList([uniform(size, out) for size, out in pairs])
-        self.shift = torch.nn.Parameter(torch.zeros((), dtype=torch.float64, device=device))
+        pairs = itertools.pairwise(_SIZES)
+        # made without the random numbers of all torch
+        linear = [torch.nn.utils.skip_init(torch.nn.Linear, *pair, dtype=torch.float64) for pair in pairs]
+        for name in ("weight", "bias"):
+            for layer in linear:
+                bound = layer.in_features**-0.5
+                torch.nn.init.uniform_(getattr(layer, name), -bound, bound, generator=generator)
+        self.layers = torch.nn.Sequential(
+            linear[0], *(part for layer in linear[1:] for part in (torch.nn.ReLU(), layer))
+        )
+        self.shift = torch.nn.Parameter(torch.zeros((), dtype=torch.float64))
 
     def density(self, t: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
         """ρ(t) for t in [0, 1]."""
-        h = t[:, None]
-        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            h = (torch.relu(h) if layer else h) @ weight.mT + bias
-        return h[:, 0].exp()
+        output: Tensor = self.layers(t[:, None])
+        return output[:, 0].exp()
 
     def forward(self, t: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
         """Ψ(t); differentiable by t and the parameters."""
-        return self._value(t, self._table()) + self.shift
+        slopes, values = self._table()
+        turns = t.detach().floor()
+        piece = ((t.detach() - turns) * _PIECES).long().clamp(0, _PIECES - 1)
+        part = (t - turns) * _PIECES - piece
+        left, right = slopes[piece], slopes[piece + 1]
+        return turns + values[piece] + part * (left + (right - left) * part / 2) / _PIECES + self.shift
 
     def inverse(self, s: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """The t with Ψ(t) = s, by bisection; differentiable by s and the parameters.
-
-        The derivatives are those of the implicit function theorem: ∂t/∂s = 1/Ψ′(t), ∂t/∂w = −∂Ψ/∂w/Ψ′(t).
-        """
-        table = self._table()
+        """The t with Ψ(t) = s, the zero of a quadratic; differentiable by s and the parameters."""
+        slopes, values = self._table()
         wanted = s - self.shift
-        with torch.no_grad():
-            turns = wanted.floor()
-            rest = wanted - turns
-            low, high = torch.zeros_like(rest), torch.ones_like(rest)
-            for _ in range(_HALVINGS):
-                middle = (low + high) / 2
-                below = self._value(middle, table) < rest
-                low, high = torch.where(below, middle, low), torch.where(below, high, middle)
-            t = turns + (low + high) / 2
-            slope = self._slope(t, table)
-        # a Newton step whose value is round-off and whose derivative is the theorem's
-        return t - (self._value(t, table) - wanted) / slope
+        turns = wanted.detach().floor()
+        rest = wanted - turns
+        piece = (torch.searchsorted(values.detach(), rest.detach(), right=True) - 1).clamp(0, _PIECES - 1)
+        left, right = slopes[piece], slopes[piece + 1]
+        above = (rest - values[piece]) * _PIECES
+        part = 2 * above / (left + (left**2 + 2 * (right - left) * above).sqrt())
+        return turns + (piece + part) / _PIECES
 
-    def _table(self) -> Float[Tensor, " k"]:
-        """ρ/∫₀¹ρ at the ends of the pieces."""
+    def _table(self) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"]]:
+        """Ψ′ and Ψ − b at the ends of the pieces."""
         ends = torch.linspace(0, 1, _PIECES + 1, dtype=torch.float64, device=self.shift.device)
         density = self.density(ends)
-        return density / ((density[1:] + density[:-1]).sum() / (2 * _PIECES))
-
-    @staticmethod
-    def _value(t: Float[Tensor, " n"], table: Float[Tensor, " k"]) -> Float[Tensor, " n"]:
-        """Ψ(t) − b."""
-        before = torch.nn.functional.pad(((table[1:] + table[:-1]) / (2 * _PIECES)).cumsum(0), (1, 0))
-        turns = t.detach().floor()
-        piece, part = CircleHomeomorphism._place(t - turns)
-        left, right = table[piece], table[piece + 1]
-        return turns + before[piece] + part * (left + (right - left) * part / 2) / _PIECES
-
-    @staticmethod
-    def _slope(t: Float[Tensor, " n"], table: Float[Tensor, " k"]) -> Float[Tensor, " n"]:
-        """Ψ′(t)."""
-        piece, part = CircleHomeomorphism._place(t - t.floor())
-        return table[piece] + (table[piece + 1] - table[piece]) * part
-
-    @staticmethod
-    def _place(t: Float[Tensor, " n"]) -> tuple[Tensor, Float[Tensor, " n"]]:
-        """The piece that holds t in [0, 1], and how far along it t lies."""
-        scaled = t * _PIECES
-        piece = scaled.detach().long().clamp(0, _PIECES - 1)
-        return piece, scaled - piece
+        integral = torch.cumulative_trapezoid(density, dx=1 / _PIECES)
+        values = torch.nn.functional.pad(integral / integral[-1], (1, 0))
+        return density / integral[-1], values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar, Literal
 
@@ -16,19 +16,20 @@ from torch import Tensor
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
-from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network import interpolate_matching
+from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.solution import Iteration, PlateauSolution
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
-from spinor_geom.training.boundary import BoundaryNodes, Placed, placed, with_constant
-from spinor_geom.training.curve import ClosedCurve, CurveAsTensors
-from spinor_geom.training.distillation import distil
-from spinor_geom.training.polishing import polish
-from spinor_geom.training.result import Status, Trained, TrainingStep, continuing
+from spinor_geom.training.boundary import BoundaryNodes, as_boundary_curve, diagonal_of, move_to, placed
+from spinor_geom.training.descent import Distillation, Polish, descend
+from spinor_geom.training.result import Trained, TrainingStep, continuing
 
+# damping at the start, as a share of the mean diagonal entry of J Jᴴ: near to what is sought, and from random numbers
+_NEAR, _FAR = 1e-6, 1e-1
 # points between the nodes at which the distance is told, and how many times larger than at the nodes it may be
 _POINTS_PER_NODE, _BETWEEN = 4, 3.0
 _MOST_NODES = 512
@@ -97,7 +98,7 @@ class LevenbergMarquardt:
 
 
 def train_by_levenberg_marquardt(
-    curve: ClosedCurve,
+    curve: BoundaryCurve | ClosedCurve,
     *,
     start: SpinorSurface | None = None,
     matching: Float[np.ndarray, "n 2"] | None = None,
@@ -118,107 +119,109 @@ def train_by_levenberg_marquardt(
     Returns:
         The surface, with its largest distance from Γ at four points a node; pieces of Γ that it passes over count.
 
+    Raises:
+        CurveError: the formulas are not those of a smooth closed curve.
+
     Source: Sun & Chern (2026) for the network; Levenberg (1944) and Marquardt (1963) for the steps.
     """
     with one_thread():
-        training = _Training.of(curve, start, options or LevenbergMarquardt(), torch.device(device), on_step=on_step)
-        pairs = np.array([[0.0, 0.0]]) if matching is None else np.asarray(matching)
-        return training.run(start, pairs)
+        training = _Training(as_boundary_curve(curve), start, options or LevenbergMarquardt(), device, on_step)
+        return training.run(np.zeros((1, 2)) if matching is None else np.asarray(matching))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Training:
     """One curve, its network, and the steps so far."""
 
-    curve: CurveAsTensors  # at the scale of the network: p and q of size 1 whatever the size of Γ
-    network: ComplexMLP
-    domain: PlaneDomain
-    options: LevenbergMarquardt
-    device: torch.device
-    on_step: Callable[[TrainingStep], None] | None
-    begin: float
-    history: list[TrainingStep] = field(default_factory=list)
-
-    @classmethod
-    def of(
-        cls,
-        curve: ClosedCurve,
+    def __init__(
+        self,
+        curve: BoundaryCurve,
         start: SpinorSurface | None,
         options: LevenbergMarquardt,
-        device: torch.device,
-        *,
+        device: str | torch.device,
         on_step: Callable[[TrainingStep], None] | None,
-    ) -> _Training:
-        begin = time.perf_counter()
-        domain = PlaneDomain.disk() if start is None else start.domain
-        network = ComplexMLP.on(
-            domain,
+    ) -> None:
+        self.begin = time.perf_counter()
+        self.start, self.options, self.on_step = start, options, on_step
+        self.device = torch.device(device)
+        self.domain = PlaneDomain.disk() if start is None else start.domain
+        self.network = ComplexMLP.on(
+            self.domain,
             depth=options.depth,
             width=options.width,
             activation=options.activation,
             gain=_GAIN_ALONE / options.depth if start is None and options.depth > _DEEP else None,
             generator=torch.Generator().manual_seed(options.seed),
-            device=device,
+            device=self.device,
         )
-        own = CurveAsTensors.of(curve)
-        return cls(
-            curve=own.scaled(domain.diameter / own.diagonal),
-            network=network,
-            domain=domain,
-            options=options,
-            device=device,
-            on_step=on_step,
-            begin=begin,
-        )
+        # Γ at the size of Ω: p and q of size 1 whatever its own size
+        self.diagonal = diagonal_of(curve)
+        self.scale = self.domain.diameter / self.diagonal
+        self.curve = CurveTensors.of(curve.placed(self.scale * curve.coefficients[-1], self.scale), self.device)
+        self.history: list[TrainingStep] = []
 
-    def run(self, start: SpinorSurface | None, matching: Float[np.ndarray, "n 2"]) -> Trained:
+    def run(self, matching: Float[np.ndarray, "n 2"]) -> Trained:
         """Distils, polishes, and doubles the nodes while the boundary leaves Γ between them."""
-        options, allowed = self.options, self.options.tolerance * self.curve.diagonal
-        count = options.nodes
+        count = self.options.nodes
         while True:
             nodes = BoundaryNodes.on(self.domain, count, self.device)
-            if start is not None:
-                distil(
-                    self.network,
-                    nodes.z,
-                    torch.as_tensor(start.spinors(nodes.z.cpu().numpy()), device=self.device) * self.curve.scale**0.5,
-                    tolerance=_DISTILLED * options.tolerance,
-                    max_steps=options.distillation_steps,
-                    on_step=partial(self._hear, "distillation"),
-                )
             slide = self._slide(matching, nodes)
-            if start is None and count == options.nodes:
-                polish(
-                    self.network,
-                    nodes,
-                    slide,
-                    self.curve,
-                    tolerance=_POLISHED * allowed,
-                    max_steps=options.polishing_steps,
-                    held=True,
-                    on_step=partial(self._hear, "polishing"),
-                )
-            near = polish(
-                self.network,
-                nodes,
-                slide,
-                self.curve,
-                tolerance=_POLISHED * allowed,
-                max_steps=options.polishing_steps,
-                on_step=partial(self._hear, "polishing"),
-            )
+            if self.start is not None:
+                self._distil(nodes, self.start)
+            elif count == self.options.nodes:
+                self._polish(nodes, slide, held=True)
+            near = self._polish(nodes, slide, held=False).near
             matching = np.column_stack([nodes.t.cpu().numpy(), near.slide.cpu().numpy()])
-            told = self._told(matching, len(nodes.t))
-            swings = told.max > _BETWEEN * near.max
-            if told.max <= allowed or not swings or 2 * count > _MOST_NODES:
-                return self._trained(nodes, near, told, matching)
+            misfit = self._misfit(matching, len(nodes.t))
+            met = misfit.max <= self.options.tolerance * self.domain.diameter
+            swings = misfit.max > _BETWEEN * float(near.error.norm(dim=1).max())
+            if met or not swings or 2 * count > _MOST_NODES:
+                break
             count *= 2
+        to_space = torch.eye(2, dtype=torch.complex128, device=self.device) / self.scale**0.5
+        surface = SpinorSurface(self.network, self.domain, spinor_map=to_space).to(self.device)
+        move_to(surface, nodes.z, near.position / self.scale)
+        limit = "within the tolerance" if met else "more steps help no more; a wider network, or other nodes, may"
+        return Trained(
+            surface=surface,
+            matching=matching,
+            misfit=misfit.enlarged(1 / self.scale),
+            diagonal=self.diagonal,
+            history=tuple(self.history),
+            status="converged" if met else "stopped",
+            reason=f"largest distance from the curve {misfit.max / self.domain.diameter:.1e} of its diagonal after "
+            f"{len(self.history)} steps: {limit}",
+            seconds=time.perf_counter() - self.begin,
+        )
+
+    def _distil(self, nodes: BoundaryNodes, start: SpinorSurface) -> None:
+        values = torch.as_tensor(start.spinors(nodes.z.cpu().numpy()), device=self.device) * self.scale**0.5
+        descend(
+            self.network,
+            nodes.z,
+            Distillation(linear=self.network.linearised(nodes.z), values=values),
+            damping=_NEAR,
+            tolerance=_DISTILLED * self.options.tolerance,
+            max_steps=self.options.distillation_steps,
+            on_step=partial(self._hear, "distillation"),
+        )
+
+    def _polish(self, nodes: BoundaryNodes, slide: Float[Tensor, " n"], *, held: bool) -> Polish:
+        linear = self.network.linearised(nodes.z)
+        return descend(
+            self.network,
+            nodes.z,
+            Polish(linear=linear, nodes=nodes, curve=self.curve, slide=slide, held=held),
+            damping=_FAR if held else _NEAR,
+            tolerance=_POLISHED * self.options.tolerance * self.domain.diameter,
+            max_steps=self.options.polishing_steps,
+            on_step=partial(self._hear, "polishing"),
+        )
 
     def _slide(self, matching: Float[np.ndarray, "n 2"], nodes: BoundaryNodes) -> Float[Tensor, " n"]:
         return torch.as_tensor(interpolate_matching(matching, nodes.t.cpu().numpy()), device=self.device)
 
-    def _told(self, matching: Float[np.ndarray, "n 2"], count: int) -> Misfit:
-        """The boundary between the nodes, both ways: what of Γ it passes over counts too."""
+    def _misfit(self, matching: Float[np.ndarray, "n 2"], count: int) -> Misfit:
+        """The distance between the nodes, both ways: what of Γ the boundary passes over counts too."""
         dense = BoundaryNodes.on(self.domain, _POINTS_PER_NODE * count, self.device)
         with torch.no_grad():
             near = placed(dense, self.network.value(dense.z), self._slide(matching, dense), self.curve)
@@ -228,31 +231,10 @@ class _Training:
         step = TrainingStep(
             index=len(self.history) + 1,
             method=method,
-            loss=loss if method == "distillation" else loss / self.curve.scale,
+            loss=loss if method == "distillation" else loss / self.scale,
             boundary_error=None,
             seconds=time.perf_counter() - self.begin,
         )
         self.history.append(step)
         if self.on_step is not None:
             self.on_step(step)
-
-    def _trained(self, nodes: BoundaryNodes, near: Placed, told: Misfit, matching: Float[np.ndarray, "n 2"]) -> Trained:
-        scale = self.curve.scale
-        to_space = torch.eye(2, dtype=torch.complex128, device=self.device) / scale**0.5
-        surface = SpinorSurface(self.network, self.domain, spinor_map=to_space).to(self.device)
-        with_constant(surface, nodes, near.position / scale)
-        largest = told.max / self.curve.diagonal
-        met = largest <= self.options.tolerance
-        status: Status = "converged" if met else "stopped"
-        limit = "within the tolerance" if met else "more steps help no more; a wider network, or other nodes, may"
-        return Trained(
-            surface=surface,
-            matching=matching,
-            misfit=told.enlarged(1 / scale),
-            diagonal=self.curve.diagonal / scale,
-            history=tuple(self.history),
-            status=status,
-            reason=f"largest distance from the curve {largest:.1e} of its diagonal after {len(self.history)} steps: "
-            f"{limit}",
-            seconds=time.perf_counter() - self.begin,
-        )

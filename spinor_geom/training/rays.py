@@ -3,76 +3,60 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
 
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
+from spinor_geom.domain.quadrature import Rule
 from spinor_geom.holomorphic.mlp import ComplexMLP
-from spinor_geom.surface.formulas import null_vector, phi
+from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.weierstrass import weierstrass_phi
 
-
-class Form(NamedTuple):
-    """φ from the two networks' values, and φ′ from values and derivatives."""
-
-    phi: Callable[[Tensor, Tensor], Tensor]
-    derivative: Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]
+# φ of two networks' values, by what they are: p and q, or f and g
+FORMS = {"spinor": phi, "weierstrass-enneper": weierstrass_phi}
 
 
-def _spinor_derivative(p: Tensor, q: Tensor, dp: Tensor, dq: Tensor) -> Tensor:
-    return null_vector(2 * p * dp, 2 * q * dq, dp * q + p * dq)
-
-
-def _weierstrass_derivative(f: Tensor, g: Tensor, df: Tensor, dg: Tensor) -> Tensor:
-    by_g = torch.stack([-f * g * dg, 1j * f * g * dg, f * dg], dim=-1)
-    return weierstrass_phi(df, g) + by_g
-
-
-FORMS = {
-    "spinor": Form(phi, _spinor_derivative),
-    "weierstrass-enneper": Form(weierstrass_phi, _weierstrass_derivative),
-}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RayBoundary:
+class RayBoundary(torch.nn.Module):
     """The boundary r(e^{2πis}) of a surface over the unit disk.
 
     Attributes:
         network: p and q, or f and g.
         constant: c = r(0).
-        form: what φ is made of them.
-        nodes: of the rule on [0, 1].
-        weights: of the rule.
     """
 
-    network: ComplexMLP
-    constant: torch.nn.Parameter
-    form: Form
-    nodes: Float[Tensor, " k"]
-    weights: Float[Tensor, " k"]
+    nodes: Tensor
+    weights: Tensor
+
+    def __init__(self, network: ComplexMLP, constant: Float[np.ndarray, "3"], form: str, rule: Rule) -> None:
+        """A boundary with φ made by a form of `FORMS`, and a rule on [0, 1] for each ray."""
+        super().__init__()
+        self.network = network
+        self.constant = torch.nn.Parameter(torch.tensor(constant))
+        self.phi = FORMS[form]
+        for name, values in (("nodes", rule.nodes), ("weights", rule.weights)):
+            self.register_buffer(name, torch.tensor(values), persistent=False)
 
     def point_and_velocity(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """R and dr/ds; differentiable by the networks' parameters, not by s."""
-        z = torch.polar(torch.ones_like(s), 2 * math.pi * s)
+        """R and dr/ds at given s, differentiable by the networks' parameters."""
+        z = _circle(s)
         # the last point is z itself, for the velocity
-        along = torch.cat([z[:, None] * self.nodes, z[:, None]], dim=1)
-        null = self.form.phi(*self.network.value(along).unbind(-1))
+        null = self._null(torch.cat([z[:, None] * self.nodes, z[:, None]], dim=1))
         position = ((null[:, :-1] * self.weights[:, None]).sum(1) * z[:, None]).real
         return self.constant + position, (2j * math.pi * z[:, None] * null[:, -1]).real
 
     def moved_with(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """R and dr/ds; differentiable by s, not by the networks' parameters."""
+        """R and dr/ds, differentiable by s; the derivative of r is dr/ds itself, not that of its quadrature."""
         with torch.no_grad():
-            at = s.detach()
-            position, velocity = self.point_and_velocity(at)
-            z = torch.polar(torch.ones_like(at), 2 * math.pi * at)
-            values, slopes = self.network.value(z).unbind(-1), self.network.derivative(z).unbind(-1)
-            turned = 2j * math.pi * z[:, None]
-            bend = turned**2 * self.form.derivative(*values, *slopes) + 2j * math.pi * turned * self.form.phi(*values)
-        step = (s - at)[:, None]
-        return position + step * velocity, velocity + step * bend.real
+            position, velocity = self.point_and_velocity(s)
+        z = _circle(s)
+        live = (2j * math.pi * z[:, None] * self._null(z)).real
+        return position + (s - s.detach())[:, None] * velocity, live
+
+    def _null(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+        return self.phi(*self.network.value(z).unbind(-1))
+
+
+def _circle(s: Float[Tensor, " n"]) -> Complex[Tensor, " n"]:
+    return torch.polar(torch.ones_like(s), 2 * math.pi * s)

@@ -50,8 +50,8 @@ class Trained:
         misfit: distance between its boundary and Γ, on points that were not trained on.
         diagonal: of the bounding box of Γ.
         history: the steps.
-        status: "converged": the tolerance was met; "finished": all steps were done; "stopped": steps helped no more;
-            "diverged": losses became infinite, NaN or far larger than at the start.
+        status: "converged": the tolerance was met; "finished": all steps were done; "stopped": steps helped no more, or
+            the time was up; "diverged": losses became infinite, NaN or far larger than at the start.
         reason: the same in one sentence, with figures.
         seconds: of training in all.
     """
@@ -97,9 +97,8 @@ def continuing(
     """What takes steps of training down as iterations after those in a history."""
 
     def hear(step: TrainingStep) -> None:
-        iteration = Iteration(index=len(history) + 1, method=step.method, residual=step.loss)
-        history.append(iteration)
+        history.append(Iteration(index=len(history) + 1, method=step.method, residual=step.loss))
         if on_iteration is not None:
-            on_iteration(iteration)
+            on_iteration(history[-1])
 
     return hear

@@ -83,7 +83,7 @@ def test_rmsprop_is_the_paper_s_training_of_the_curve_at_the_size_of_the_unit_ci
 
 
 def test_rmsprop_goes_on_from_its_checkpoint(tmp_path):
-    kept = replace(SMALL, checkpoint=tmp_path / "training.safetensors")
+    kept = replace(SMALL, checkpoint=tmp_path / "training.pt")
     straight = solve_plateau(CURVE, model="mlp", optimizer=SMALL)
     solve_plateau(CURVE, model="mlp", optimizer=replace(kept, epochs=2))
     heard = []
