@@ -120,7 +120,7 @@ def solve_plateau(
             width; "mlp" for the paper's complex-valued network, trained.
         optimizer: of "mlp": "levenberg-marquardt", which it takes by default, or "rmsprop" for the paper's Algorithm 1
             with the paper's settings, both on networks of any size by `LevenbergMarquardt` and `RMSprop` of
-            `spinor_geom.plateau.training`. RMSprop starts from random parameters on the unit disk, or goes on from a
+            `spinor_geom.training`. RMSprop starts from random parameters on the unit disk, or goes on from a
             checkpoint among its options.
         warm_start: whether Levenberg-Marquardt hands the network the p and q of the solution that "auto" finds, with
             its Ω, before it polishes; else it starts from random parameters on the unit disk.
