@@ -2,7 +2,7 @@
 
 from spinor_geom.plateau.network_route import Cauchy
 from spinor_geom.plateau.options import Laurent
-from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, NoAnnulus, PlateauSolution
+from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 from spinor_geom.plateau.stability import Stability
 
@@ -12,7 +12,7 @@ __all__ = [
     "Cauchy",
     "Iteration",
     "Laurent",
-    "NoAnnulus",
+    "NoConnectedSurface",
     "PlateauSolution",
     "Stability",
     "solve_plateau",

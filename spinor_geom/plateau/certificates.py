@@ -35,9 +35,7 @@ def crossing_faces(surface: SpinorSurface) -> int | None:
     """
     mesh = surface.domain.triangulation
     # whether triangles cross does not hang on the last digits
-    rough = SpinorSurface(
-        surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_ORDER
-    )
+    rough = SpinorSurface(surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_ORDER)
     vertices = rough.position(mesh.points)
     if not np.isfinite(vertices).all():
         return None

@@ -10,8 +10,7 @@ import torch
 
 from spinor_geom.errors import OptionError
 from spinor_geom.plateau.network_route import Cauchy
-from spinor_geom.plateau.trained_route import Optimizer, optimizer_options
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop
+from spinor_geom.plateau.trained_route import Optimizer, Trainer, optimizer_options
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +70,7 @@ class Options:
     laurent: Laurent | None
     is_free: bool
     is_series: bool
-    optimizer: LevenbergMarquardt | RMSprop | None
+    optimizer: Trainer | None
     warm_start: bool
     is_free_between: bool
     tolerance: float

@@ -23,8 +23,7 @@ from spinor_geom.plateau.roughness import ROUGH_TURN, roughness, roundest
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solutions import Beside, find_disks, leave_unstable
 from spinor_geom.plateau.task import Task
-from spinor_geom.plateau.trained_route import trained_disk
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop
+from spinor_geom.plateau.trained_route import Trainer
 from spinor_geom.plateau.vertex_route import VertexSolver
 
 # Rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³.
@@ -128,22 +127,18 @@ class ByNetwork:
 class ByTraining:
     """A complex-valued network, trained; it takes over a minimal disk first where it is to start from one."""
 
-    optimizer: LevenbergMarquardt | RMSprop
+    optimizer: Trainer
     warm_start: bool
 
     def disk(self, task: Task) -> Found:
         """The disk as near to Γ as the training brings it."""
         start: PlateauSolution | None = None
-        if self.warm_start and isinstance(self.optimizer, LevenbergMarquardt):
+        if self.warm_start and self.optimizer.takes_start:
             first = replace(task, options=replace(task.options, optimizer=None, is_free=True))
             start = minimal_disk(first, plan(first))
         with task.clock.stage("training"):
-            found = trained_disk(
-                task.curve,
-                self.optimizer,
-                start=start,
-                device=task.options.device,
-                on_iteration=task.steps.on_iteration,
+            found = self.optimizer.disk(
+                task.curve, start=start, device=task.options.device, on_iteration=task.steps.on_iteration
             )
         task.steps.history[:] = found.history
         return found

@@ -26,7 +26,7 @@ from spinor_geom.plateau.plan import (
 )
 from spinor_geom.plateau.solution import Iteration
 from spinor_geom.plateau.task import Task
-from spinor_geom.plateau.training import LevenbergMarquardt
+from spinor_geom.training import LevenbergMarquardt
 from tests.loops import CONVEX, noisy_ellipse, planar
 
 SMOOTH = gallery.twisted_circle().sample(40)
