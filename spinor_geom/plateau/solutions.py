@@ -30,10 +30,10 @@ from spinor_geom.plateau.steps import Steps
 _GROWTH = 0.1
 _CHANGE = 1e-8
 _MOST_STEPS = 200
-# Displacements along an eigenvector, in diagonals: those among which the least area is sought, and those that are tried
-# where that leads nowhere. From beyond a new disk Newton's method goes to it, from short of it back to the old one.
+# Displacements along an eigenvector, in diagonals, among which the least area is sought. Where that leads nowhere some
+# large ones are tried: from beyond a new disk Newton's method goes to it, from short of it back to the old one.
 _AMPLITUDES = 0.5 ** np.arange(1, 7, 0.5)
-_LARGE_AMPLITUDES = (0.2, 0.1, 0.05)
+# Unstable disks that are left for a better one, one after the other: seams and Enneper's disks take one.
 _MOST_DEPARTURES = 4
 # Harmonic steps take the average of two disks near to a minimal one; more of them would slide off the ridge.
 _RIDGE_STEPS = 3
@@ -378,7 +378,7 @@ def _beside(
             pass
         else:
             yield _disk(descent.vertices, mesh)
-    for amplitude in _LARGE_AMPLITUDES:
+    for amplitude in _AMPLITUDES[2:7:2]:
         yield _disk(x + amplitude * displacement, mesh)
 
 
