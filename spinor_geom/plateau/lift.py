@@ -184,7 +184,7 @@ class _SampledBoundary:
         return replace(self, curves=self.curves.at(which), slide=self.slide[which], weights=self.weights[which])
 
     def spinors(self, points: Float[Tensor, "b n 3"]) -> tuple[Complex[Tensor, "b 2 n"], Bool[Tensor, " b"]]:
-        """P and q at the nodes of the harmonic surfaces with given boundary values, and whether their signs close up."""
+        """P and q at the nodes of harmonic surfaces with given boundary values, and whether their signs close up."""
         velocity = torch.complex(_derivative(points), 2 * np.pi * self.form(points))
         p, q = spinors_from_phi(velocity / self.dz[:: self.each, None])
         return torch.stack([p, q], dim=1), signs_close_up(p, q)
