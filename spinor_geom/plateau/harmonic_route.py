@@ -6,8 +6,6 @@ so it carries rough loops of thousands of points too.
 
 from __future__ import annotations
 
-import itertools
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,28 +13,22 @@ from functools import cached_property
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.minimal_surface import Disk
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.errors import DomainError, SurfaceError
+from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import (
-    HarmonicDisk,
-    minimise_dirichlet_energies,
-    minimise_dirichlet_energy,
-    resampled,
-    slide_downhill,
-)
+from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy, resampled, slide_downhill
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_domains import DomainCandidates, Step
-from spinor_geom.plateau.lift import Lift, lifted, surface_of
+from spinor_geom.plateau.harmonic_fit import Fit, even, fit_together
+from spinor_geom.plateau.lift import Lift, surface_of
 from spinor_geom.plateau.omega import Shape
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.solution import Iteration, Route
@@ -54,11 +46,7 @@ _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
 _MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 96
 _FEWEST_NODES, _MOST_NODES = 256, 1 << 17
 # Nodes for each edge of a loop so short that they are fewer than that, and most nodes of loops that are batched.
-_FEWEST_PER_EDGE, _BATCHED_NODES = 16, 256
-# How many times more nodes come next: on rough loops the distance falls not much faster than their number grows.
-_MORE_NODES, _MOST_MORE = 1.5, 3.0
-# Where so many times more nodes do not halve the residual, it is not their number that limits it.
-_PATIENCE = 3
+_FEWEST_PER_EDGE, _BATCHED_NODES = 16, 2048
 # Nodes farther apart than so many times what was asked for show that Ω has lost a part of the loop.
 _UNEVEN = 3.0
 # Quadrature nodes on each piece of a path in Ω.
@@ -92,7 +80,7 @@ class HarmonicSolver:
         clock: of the stages.
         on_iteration: is called at each step.
         history: the steps so far.
-        start: the harmonic disk on the unit disk, where it was found before.
+        begun: the fit on the unit disk, where it was made or begun together with others.
         to_rounding: whether steps go on until the gradient is rounding error.
     """
 
@@ -104,7 +92,7 @@ class HarmonicSolver:
     clock: Clock
     on_iteration: Callable[[Iteration], None] | None = None
     history: list[Iteration] = field(default_factory=list)
-    start: HarmonicDisk | None = None
+    begun: Fit | None = None
     to_rounding: bool = False
 
     @cached_property
@@ -156,7 +144,7 @@ class HarmonicSolver:
 
     @property
     def _equal_steps(self) -> Float[Tensor, " n"]:
-        n = _even(self._first_nodes)
+        n = even(self._first_nodes)
         return torch.arange(n, dtype=torch.float64, device=self.device) / n
 
     @property
@@ -236,11 +224,13 @@ class HarmonicSolver:
         return None if start is None else next(self._fitted(form, start, "disk", None), None)
 
     def _on_disk(self) -> Iterator[Found]:
-        form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._domains.count))
-        if self.start is None:
-            yield from self._fitted(form, self._equal_steps, "disk", None)
-        else:
-            yield from self._fitted(form, self.start.slide, "disk", None, first=self.start)
+        fit = self.begun or self._begin()
+        fit_together([fit])
+        if fit.best is not None:
+            yield self._found(*fit.best, route="disk", limit=fit.limit)
+
+    def _begin(self) -> Fit:
+        return self._fit(DirichletForm.of_disk(FourierBoundary.circle(1.0, self._domains.count)), self._equal_steps)
 
     def tries_from(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Iterator[Found]:
         """The minimal disk of less energy that a discrete disk leads to, on its flattening.
@@ -261,7 +251,7 @@ class HarmonicSolver:
         for place, step in enumerate(way):
             if is_out_of_time():
                 return
-            slide = resampled(slide, _even(step.nodes))
+            slide = resampled(slide, even(step.nodes))
             disk = self._solved(CurveTensors.of(step.curve, self.device), form, slide, _COARSE)
             if disk.crowded:
                 return
@@ -277,8 +267,6 @@ class HarmonicSolver:
         slide: Float[Tensor, " n"],
         route: Route,
         shape: Shape | None,
-        *,
-        first: HarmonicDisk | None = None,
     ) -> Iterator[Found]:
         """The fit with as many nodes as the tolerance asks for, or as help.
 
@@ -287,52 +275,37 @@ class HarmonicSolver:
             slide: to start from.
             route: for the record.
             shape: of Ω; none for the unit disk.
-            first: the harmonic disk with that slide, where it is known.
         """
-        m = len(self.loop)
-        nodes = max(len(slide), m * self._first_per_edge)
-        fine = self._fine_gradient
-        best: tuple[Lift, HarmonicDisk, DirichletForm] | None = None
-        per_edge = _MOST_PER_EDGE_ROUGH if self.is_rough else _MOST_PER_EDGE
-        last_gain, most = 0, _even(min(max(4 * _FEWEST_NODES, per_edge * m), _MOST_NODES))
-        limit = "more nodes on the domain's boundary do not help"
-        for attempt in itertools.count():
-            n = _even(nodes)
-            disk = first
-            if disk is None or attempt > 0:
-                disk = self._solved(
-                    self._exact, form, resampled(slide, n), fine, near=attempt > 0 and not self.is_rough
-                )
-            if disk.crowded:
-                limit = "the nodes crowd on the domain's boundary"
-                break
-            slide = disk.slide
-            try:
-                with self.clock.stage("lift"):
-                    lift = lifted(disk, form, self._exact, allowed=self.allowed)
-            except SurfaceError:  # more nodes may tell the sheets apart
-                lift = None
-            if lift is not None and (best is None or lift.misfit.rms < best[0].misfit.rms):
-                if best is None or lift.misfit.rms < best[0].misfit.rms / 2:
-                    last_gain = attempt
-                best = lift, disk, form
-            short = 1.0 if lift is None else self._excess(lift, self.allowed)
-            nodes = min(most, int(np.clip(short, _MORE_NODES, _MOST_MORE if self.is_rough else _MORE_NODES) * n))
-            if (best is not None and self._excess(best[0], self._enough) <= 1) or attempt - last_gain >= _PATIENCE:
-                break
-            if n >= most:
-                limit = f"{n} nodes are the most that are tried"
-                break
-            if len(self.history) >= self._last_step or is_out_of_time():
-                limit = "the limit on steps or on time was reached"
-                break
-            if shape is not None and shape.unevenness(slide) > _UNEVEN:
-                form, slide = self._domains.flattened_anew(disk, form, shape)
-        if best is not None:
-            yield self._found(*best, route=route, limit=limit)
+        fit = self._fit(form, slide, shape)
+        fit_together([fit])
+        if fit.best is not None:
+            yield self._found(*fit.best, route=route, limit=fit.limit)
 
-    def _excess(self, lift: Lift, allowed: float) -> float:
-        return lift.misfit.excess(allowed=allowed, tolerance=allowed / self.loop.mean_edge_length)
+    def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"], shape: Shape | None = None) -> Fit:
+        m = len(self.loop)
+        per_edge = _MOST_PER_EDGE_ROUGH if self.is_rough else _MOST_PER_EDGE
+
+        def renewed(disk: HarmonicDisk, form: DirichletForm) -> tuple[DirichletForm, Float[Tensor, " n"]] | None:
+            assert shape is not None
+            return self._domains.flattened_anew(disk, form, shape) if shape.unevenness(disk.slide) > _UNEVEN else None
+
+        return Fit(
+            curve=self._exact,
+            form=form,
+            slide=slide,
+            nodes=even(max(len(slide), m * self._first_per_edge)),
+            most_nodes=even(min(max(4 * _FEWEST_NODES, per_edge * m), _MOST_NODES)),
+            is_rough=self.is_rough,
+            allowed=self.allowed,
+            enough=self._enough,
+            mean_edge=self.loop.mean_edge_length,
+            gradient=self._fine_gradient,
+            negligible=self._negligible_energy,
+            steps_left=lambda: max(0, self._last_step - len(self.history)),
+            on_step=self._heard,
+            clock=self.clock,
+            renewed=None if shape is None else renewed,
+        )
 
     def _found(self, lift: Lift, disk: HarmonicDisk, form: DirichletForm, *, route: Route, limit: str) -> Found:
         with self.clock.stage("surface"):
@@ -383,29 +356,7 @@ class HarmonicSolver:
 
     @staticmethod
     def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[HarmonicSolver]:
-        """Solvers with their slides on the unit disk found, together for those of as many nodes that suit it."""
-        started = list(solvers)
-        for nodes in sorted({solver._first_nodes for solver in solvers}):
-            some = [i for i, solver in enumerate(solvers) if solver.suits_disk and solver._first_nodes == nodes]
-            chosen = [solvers[i] for i in some]
-            if len(chosen) < 2 or nodes > _BATCHED_NODES:
-                continue
-            begin = time.perf_counter()
-            disks = minimise_dirichlet_energies(
-                CurveTensors.batch([solver._exact for solver in chosen]),
-                DirichletForm.of_disk(FourierBoundary.circle()),
-                chosen[0]._equal_steps.expand(len(chosen), -1),
-                tolerances=[solver._fine_gradient for solver in chosen],
-                max_steps=min(_MOST_STEPS, *(solver.max_steps for solver in chosen)),
-                on_step=[solver._heard for solver in chosen],
-            )
-            seconds = (time.perf_counter() - begin) / len(chosen)
-            for i, disk in zip(some, disks, strict=True):
-                solvers[i].clock.add("slide", seconds)
-                started[i] = replace(solvers[i], start=disk)
+        """Solvers with their fits on the unit disk made, together, for those that suit it."""
+        started = [replace(solver, begun=solver._begin() if solver.suits_disk else None) for solver in solvers]
+        fit_together([solver.begun for solver in started if solver.begun is not None], most_nodes=_BATCHED_NODES)
         return started
-
-
-def _even(nodes: int) -> int:
-    """An even number of nodes, not smaller, that is fast to transform."""
-    return 2 * next_fast_len((nodes + 1) // 2)
