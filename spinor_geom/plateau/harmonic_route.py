@@ -5,8 +5,6 @@ It takes loops without corners: milliseconds for smooth ones, and its cost grows
 
 from __future__ import annotations
 
-import itertools
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,28 +12,22 @@ from functools import cached_property
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
-from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import Disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.errors import DomainError, SurfaceError
+from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import (
-    HarmonicDisk,
-    minimise_dirichlet_energies,
-    minimise_dirichlet_energy,
-    resampled,
-    slide_downhill,
-)
+from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy, resampled, slide_downhill
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.lift import Lift, lifted, surface_of
+from spinor_geom.plateau.harmonic_fit import Fit, even, fit_together
+from spinor_geom.plateau.lift import surface_of
 from spinor_geom.plateau.omega import NodeDensity, Shape, flattened_anew, resolved
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.roughness import is_rough
@@ -48,15 +40,10 @@ _DISK_ELONGATION = 2.5
 _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
 # Points that Ω is made from: the cost of Λ on it is their number cubed.
 _FEWEST_POINTS, _POINTS = 32, 128
-_CROWDED = "the nodes crowd on the domain's boundary"
 # Most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing.
 _MOST_PER_EDGE, _MOST_NODES = 64, 1 << 17
-# Nodes of the shortest loops on the disk, for each edge and in all; loops with as many are batched.
-_FEWEST_PER_EDGE, _FEWEST_NODES = 16, 256
-# How many times more nodes come next: on rough loops the distance falls not much faster than their number grows.
-_MORE_NODES, _MOST_MORE = 1.5, 3.0
-# Where so many times more nodes do not halve the residual, it is not their number that limits it.
-_PATIENCE = 3
+# Nodes of the shortest loops on the disk, for each edge and in all, and most nodes of fits that are made together.
+_FEWEST_PER_EDGE, _FEWEST_NODES, _BATCHED_NODES = 16, 256, 2048
 # Nodes farther apart than so many times what was asked for show that Ω has lost a part of the loop.
 _UNEVEN = 3.0
 # Quadrature nodes on each piece of a path in Ω.
@@ -87,7 +74,7 @@ class HarmonicSolver:
         device: where the slide is found.
         clock: of the stages.
         to_rounding: whether steps go on until the gradient is rounding error.
-        start: the harmonic disk on the unit disk, where it was found before.
+        begun: the fit on the unit disk, where it was made or begun together with others.
     """
 
     loop: BoundaryLoop
@@ -97,7 +84,7 @@ class HarmonicSolver:
     device: torch.device
     clock: Clock
     to_rounding: bool = False
-    start: HarmonicDisk | None = None
+    begun: Fit | None = None
 
     def on_disk(self) -> Found:
         """The minimal disk on the unit disk.
@@ -111,9 +98,8 @@ class HarmonicSolver:
         )
         if self.loop.corners.any():
             raise refusal
-        slide = self._equal_steps if self.start is None else self.start.slide
         try:
-            return self._fitted(self._unit_disk, slide, "disk", first=self.start)
+            return self._fitted(self.begun or self._begin(), "disk")
         except DomainError as error:
             raise refusal from error
 
@@ -128,7 +114,7 @@ class HarmonicSolver:
         if start is None:
             return None
         try:
-            return self._fitted(self._unit_disk, start, "disk")
+            return self._fitted(self._fit(self._unit_disk, start), "disk")
         except DomainError:
             return None
 
@@ -179,11 +165,6 @@ class HarmonicSolver:
         return DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
 
     @property
-    def _equal_steps(self) -> Float[Tensor, " n"]:
-        n = _even(first_nodes(self.loop))
-        return torch.arange(n, dtype=torch.float64, device=self.device) / n
-
-    @property
     def _first_per_edge(self) -> int:
         if not self._is_rough:
             return 1
@@ -223,81 +204,64 @@ class HarmonicSolver:
             is_fine = self._is_rough and len(self.loop) <= self._density.points
             shape, form = resolved(polygon, t, self._density, is_fine, count=self._count, device=self.device)
         slide = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=self.device)
-        disk = self._slid(form, slide, _COARSE)
+        with self.clock.stage("slide"):
+            disk = minimise_dirichlet_energy(
+                self._exact,
+                form,
+                slide,
+                tolerance=_COARSE,
+                max_steps=min(_MOST_STEPS, self.steps.left),
+                negligible=self._negligible_energy,
+                on_step=self._take,
+            )
         if disk.crowded:
-            raise DomainError(_CROWDED, vertices=len(self.loop))
+            raise DomainError("the nodes crowd on the domain's boundary", vertices=len(self.loop))
         with self.clock.stage("flattening"):
             form, slide = flattened_anew(disk, form, shape)
-        return self._fitted(form, slide, route, shape)
+        return self._fitted(self._fit(form, slide, shape), route)
 
-    def _fitted(
-        self,
-        form: DirichletForm,
-        slide: Float[Tensor, " n"],
-        route: RouteName,
-        shape: Shape | None = None,
-        *,
-        first: HarmonicDisk | None = None,
-    ) -> Found:
-        """The fit with as many nodes as the tolerance asks for, or as help.
+    def _begin(self) -> Fit:
+        """The fit on the unit disk from equal steps, of short loops a power of two: many have as many nodes."""
+        m = len(self.loop)
+        n = even(max(min(1 << (_FEWEST_PER_EDGE * m - 1).bit_length(), _FEWEST_NODES), m))
+        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.device) / n)
 
-        Args:
-            form: of Ω.
-            slide: to start from.
-            route: for the record.
-            shape: of Ω; none for the unit disk.
-            first: the harmonic disk with that slide, where it is known.
+    def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"], shape: Shape | None = None) -> Fit:
+        """The fit on an Ω from a slide; one that is no disk has a shape, and is made anew where it loses a part."""
+        m = len(self.loop)
+
+        def renewed(disk: HarmonicDisk, form: DirichletForm) -> tuple[DirichletForm, Float[Tensor, " n"]] | None:
+            is_lost = shape is not None and shape.unevenness(disk.slide) > _UNEVEN
+            return flattened_anew(disk, form, shape) if is_lost else None
+
+        return Fit(
+            curve=self._exact,
+            form=form,
+            slide=slide,
+            nodes=even(max(len(slide), m * self._first_per_edge)),
+            most_nodes=even(min(max(4 * _FEWEST_NODES, _MOST_PER_EDGE * m), _MOST_NODES)),
+            is_rough=self._is_rough,
+            allowed=self.allowed,
+            enough=self._enough,
+            mean_edge=self.loop.mean_edge_length,
+            gradient=self._fine_gradient,
+            negligible=self._negligible_energy,
+            steps_left=lambda: self.steps.left,
+            on_step=self._take,
+            clock=self.clock,
+            renewed=renewed,
+        )
+
+    def _fitted(self, fit: Fit, route: RouteName) -> Found:
+        """The minimal disk with as many nodes as the tolerance asks for, or as help.
 
         Raises:
-            DomainError: the nodes crowd.
-            SurfaceError: all harmonic disks are branched.
+            DomainError: the nodes crowd, or all harmonic disks are branched.
         """
-        m = len(self.loop)
-        nodes = max(len(slide), m * self._first_per_edge)
-        best: tuple[Lift, HarmonicDisk, DirichletForm] | None = None
-        branched: SurfaceError | None = None
-        last_gain, most = 0, _even(min(max(4 * _FEWEST_NODES, _MOST_PER_EDGE * m), _MOST_NODES))
-        limit = "more nodes on the domain's boundary do not help"
-        for attempt in itertools.count():
-            n = _even(nodes)
-            disk = first
-            if disk is None or attempt > 0:
-                near = attempt > 0 and not self._is_rough
-                disk = self._slid(form, resampled(slide, n), self._fine_gradient, near=near)
-            if disk.crowded:
-                limit = _CROWDED
-                break
-            slide = disk.slide
-            try:
-                with self.clock.stage("lift"):
-                    lift = lifted(disk, form, self._exact, allowed=self.allowed)
-            except SurfaceError as error:  # more nodes may tell the sheets apart
-                branched, excess = error, 1.0
-            else:
-                excess = self._excess(lift, self.allowed)
-                if best is None or lift.misfit.rms < best[0].misfit.rms:
-                    if best is None or lift.misfit.rms < best[0].misfit.rms / 2:
-                        last_gain = attempt
-                    best = lift, disk, form
-            nodes = min(most, int(np.clip(excess, _MORE_NODES, _MOST_MORE if self._is_rough else _MORE_NODES) * n))
-            if (best is not None and self._excess(best[0], self._enough) <= 1) or attempt - last_gain >= _PATIENCE:
-                break
-            if n >= most:
-                limit = f"{n} nodes are the most that are tried"
-                break
-            if self.steps.are_spent:
-                limit = "the limit on steps or on time was reached"
-                break
-            if shape is not None and shape.unevenness(slide) > _UNEVEN:
-                form, slide = flattened_anew(disk, form, shape)
-        if best is None:
-            raise branched or DomainError(limit, vertices=m)
-        return self._found(*best, route=route, limit=limit)
-
-    def _excess(self, lift: Lift, allowed: float) -> float:
-        return lift.misfit.excess(allowed=allowed, tolerance=allowed / self.loop.mean_edge_length)
-
-    def _found(self, lift: Lift, disk: HarmonicDisk, form: DirichletForm, *, route: RouteName, limit: str) -> Found:
+        fit_together([fit])
+        if fit.best is None:
+            raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.loop))
+        lift, disk, form = fit.best
         with self.clock.stage("surface"):
             surface = surface_of(lift, form.boundary, order=_PATH_ORDER)
         n = len(disk.slide)
@@ -309,50 +273,18 @@ class HarmonicSolver:
             area=lift.area,
             route=route,
             history=tuple(self.steps.history),
-            limit=limit,
+            limit=fit.limit,
         )
-
-    def _slid(
-        self, form: DirichletForm, slide: Float[Tensor, " n"], tolerance: float, *, near: bool = False
-    ) -> HarmonicDisk:
-        with self.clock.stage("slide"):
-            return minimise_dirichlet_energy(
-                self._exact,
-                form,
-                slide,
-                tolerance=tolerance,
-                max_steps=min(_MOST_STEPS, self.steps.left),
-                near=near,
-                negligible=self._negligible_energy,
-                on_step=self._take,
-            )
 
     def _take(self, gradient: float) -> None:
         self.steps.take(Iteration(index=len(self.steps.history) + 1, method="Douglas-Newton", residual=gradient))
 
     @staticmethod
-    def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[HarmonicDisk | None]:
-        """The disks on the unit disk, found together, of those solvers that have as many nodes; none for the others."""
-        disks: list[HarmonicDisk | None] = [None] * len(solvers)
-        for nodes in sorted({first_nodes(solver.loop) for solver in solvers}):
-            some = [i for i, solver in enumerate(solvers) if first_nodes(solver.loop) == nodes]
-            chosen = [solvers[i] for i in some]
-            if len(chosen) < 2 or nodes > _FEWEST_NODES:
-                continue
-            begin = time.perf_counter()
-            together = minimise_dirichlet_energies(
-                CurveTensors.batch([solver._exact for solver in chosen]),
-                DirichletForm.of_disk(FourierBoundary.circle()),
-                chosen[0]._equal_steps.expand(len(chosen), -1),
-                tolerances=[solver._fine_gradient for solver in chosen],
-                max_steps=min(_MOST_STEPS, *(solver.steps.left for solver in chosen)),
-                on_step=[solver._take for solver in chosen],
-            )
-            seconds = (time.perf_counter() - begin) / len(chosen)
-            for i, disk in zip(some, together, strict=True):
-                solvers[i].clock.add("slide", seconds)
-                disks[i] = disk
-        return disks
+    def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[Fit]:
+        """The fits on the unit disk, made together while they ask for few nodes."""
+        fits = [solver._begin() for solver in solvers]
+        fit_together(fits, most_nodes=_BATCHED_NODES)
+        return fits
 
 
 def suits_unit_disk(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
@@ -363,14 +295,3 @@ def suits_unit_disk(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
 def points_of_domain(loop: BoundaryLoop) -> int:
     """Points that Ω is made from, but for those that narrow places want."""
     return int(np.clip(len(loop), _FEWEST_POINTS, _POINTS))
-
-
-def first_nodes(loop: BoundaryLoop) -> int:
-    """Nodes on the disk to begin with: of short loops a power of two."""
-    few = 1 << int(np.ceil(np.log2(_FEWEST_PER_EDGE * len(loop))))
-    return max(min(few, _FEWEST_NODES), len(loop))
-
-
-def _even(nodes: int) -> int:
-    """An even number of nodes, not smaller, that is fast to transform."""
-    return 2 * next_fast_len((nodes + 1) // 2)

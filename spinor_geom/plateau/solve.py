@@ -242,7 +242,7 @@ def _side_by_side(
     while chunk := list(itertools.islice(loops, _TOGETHER)):
         with one_thread():
             answers = [_planned(loop, options) for loop in chunk]
-            _slide_together(answers, seconds)
+            _fit_together(answers, seconds)
         for answer in answers:
             yield answer if isinstance(answer, SpinorGeomError) else _solved(*answer, seconds)
 
@@ -255,14 +255,14 @@ def _planned(loop: BoundaryLoop, options: Options) -> Planned | SpinorGeomError:
         return error
 
 
-def _slide_together(answers: list[Planned | SpinorGeomError], seconds: float) -> None:
-    """Hands their slides to the tasks whose plan begins on the unit disk, found as one batch."""
+def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> None:
+    """Hands their fits to the tasks whose plan begins on the unit disk, made side by side."""
     planned = [(place, *answer) for place, answer in enumerate(answers) if not isinstance(answer, SpinorGeomError)]
     first = [(place, task, routes) for place, task, routes in planned if routes[0] == OnUnitDisk()]
     with deadline.time_limit(seconds * len(first)):
-        disks = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in first])
-    for (place, task, routes), disk in zip(first, disks, strict=True):
-        answers[place] = replace(task, on_disk=disk), routes
+        fits = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in first])
+    for (place, task, routes), fit in zip(first, fits, strict=True):
+        answers[place] = replace(task, on_disk=fit), routes
 
 
 def _solved(task: Task, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:

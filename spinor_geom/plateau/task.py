@@ -13,9 +13,9 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import require_simple
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.douglas import HarmonicDisk
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.harmonic_fit import Fit
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Budget, NetworkSolver, rim_indices
 from spinor_geom.plateau.options import Options
@@ -35,7 +35,7 @@ class Task:
         options: of the call.
         steps: of all routes.
         clock: of their stages.
-        on_disk: the harmonic disk on the unit disk, where it was found with those of other loops.
+        on_disk: the fit on the unit disk, where it was made together with those of other loops.
     """
 
     loop: BoundaryLoop
@@ -44,7 +44,7 @@ class Task:
     options: Options
     steps: Steps
     clock: Clock = field(default_factory=Clock)
-    on_disk: HarmonicDisk | None = None
+    on_disk: Fit | None = None
 
     @classmethod
     def of(
@@ -121,7 +121,7 @@ class Task:
             device=self.options.device,
             clock=self.clock,
             to_rounding=self.options.is_series,
-            start=self.on_disk,
+            begun=self.on_disk,
         )
 
     def is_met(self, found: Found) -> bool:
