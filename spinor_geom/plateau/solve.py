@@ -97,23 +97,16 @@ def solve_plateau(
 
     It is exactly minimal, its boundary on Γ as nearly as the model allows. Γ is the curve through all of the loop's
     points, with its corners kept (`BoundaryCurve`). A plane loop bounds the plane region inside it, exactly. Loops
-    without corners take Douglas's route: the slide along Γ that makes the harmonic disk over Ω conformal, by Newton's
-    method, and p and q from its boundary; Ω is the unit disk where that serves the loop, else a domain made for it.
-    Loops with corners, and those that route does not bring near to Γ, take a Cauchy network: a discrete disk over the
-    loop is flattened with its boundary lengths kept, which gives Ω; p and q start from the disk's frames along ∂Ω and
-    are fitted by Gauss-Newton with the slide along Γ eliminated, in rounds, each with more Cauchy units where the
-    residual is. Minimal disks need not be minima of the area: one that is unstable is left along an eigenvector of its
-    second variation for one of less area.
+    without corners take Douglas's route; those with corners, and those that it does not bring near to Γ, a Cauchy
+    network, by Gauss-Newton: `spinor_geom.plateau` tells the way, `plateau.plan` the order. Minimal disks need not be
+    minima of the area: one that is unstable is left along an eigenvector of its second variation for one of less area.
 
-    Two curves and more take Douglas's route on the unit disk less round holes: all slides and the moduli, by Newton's
-    method, then p and q as Laurent series; curves in one plane, one with the others inside it, bound the plane region
-    between them. Where a round annulus between two would take too many nodes, as for a small hole near the end of a
-    long one, a discrete annulus between the curves is flattened to an Ω of their lengths, and p and q are a Cauchy
-    network on it with poles in the hole too, by Gauss-Newton with the modulus and the closed period among its
-    conditions. Which point lies opposite to which, and the directions of the curves after the first, come from the
-    energy and not from the order of the points. The area is set against that of the disks: see
-    `PlateauSolution.annulus` and `is_area_minimum`. Curves too far from each other have no surface of one piece, and
-    the answer says so.
+    Two curves and more take Douglas's route on the unit disk less round holes: all slides and the moduli, then p and q
+    as Laurent series; curves in one plane, one with the others inside it, bound the plane region between them. Where
+    that takes too many nodes, as for a small hole near the end of a long one, a Cauchy network on a flattened annulus
+    does. Which point lies opposite to which, and the directions of the curves after the first, come from the energy and
+    not from the order of the points. The area is set against that of the disks: see `PlateauSolution.annulus` and
+    `is_area_minimum`. Curves too far from each other have no surface of one piece, and the answer says so.
 
     Args:
         loop: the curve, or several of them, from a mesh or `BoundaryLoop.from_points`; or a curve in formulas, which no
