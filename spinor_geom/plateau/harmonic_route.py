@@ -28,7 +28,7 @@ from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy,
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_fit import Fit, even, fit_together
 from spinor_geom.plateau.lift import surface_of
-from spinor_geom.plateau.omega import NodeDensity, Shape, flattened_anew, resolved
+from spinor_geom.plateau.omega import NodeDensity, Shape, reflattened, resolved
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.roughness import is_rough
 from spinor_geom.plateau.solution import Iteration, RouteName
@@ -217,7 +217,7 @@ class HarmonicSolver:
         if disk.crowded:
             raise DomainError("the nodes crowd on the domain's boundary", vertices=len(self.loop))
         with self.clock.stage("flattening"):
-            form, slide = flattened_anew(disk, form, shape)
+            form, slide = reflattened(disk, form, shape)
         return self._fitted(self._fit(form, slide, shape), route)
 
     def _begin(self) -> Fit:
@@ -232,7 +232,7 @@ class HarmonicSolver:
 
         def renewed(disk: HarmonicDisk, form: DirichletForm) -> tuple[DirichletForm, Float[Tensor, " n"]] | None:
             is_lost = shape is not None and shape.unevenness(disk.slide) > _UNEVEN
-            return flattened_anew(disk, form, shape) if is_lost else None
+            return reflattened(disk, form, shape) if is_lost else None
 
         return Fit(
             curve=self._exact,

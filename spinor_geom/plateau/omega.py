@@ -37,8 +37,6 @@ _MOST_STEPS = 4096
 _SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
 # Width of a loop, as a density of nodes, from which its fingers want the finer ones.
 _NARROW = 1.7
-# Shares of a new flattening that are tried until Ω is simple.
-_SHARES_OF_FLATTENING = (1.0, 0.7, 0.4)
 # Rows of a table of distances made at once.
 _ROWS = 512
 
@@ -170,20 +168,6 @@ def resolved(
     raise failure
 
 
-def flattened_anew(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[DirichletForm, Float[Tensor, " n"]]:
-    """Ω from a harmonic disk, as much of it as stays simple, and the disk's slide along it."""
-    for share in _SHARES_OF_FLATTENING:
-        again = reflattened(disk, form, shape, share=share)
-        if again is None:
-            break
-        boundary, slide = again
-        try:
-            return resolved_form(boundary, shape.steps, disk.slide.device), slide
-        except DomainError:
-            continue
-    return form, disk.slide
-
-
 def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], shape: Shape) -> FourierBoundary:
     """An analytic curve near to a polygon: a spline through its vertices, rounded off.
 
@@ -247,23 +231,18 @@ def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
     return least
 
 
-def reflattened(
-    disk: HarmonicDisk, form: DirichletForm, shape: Shape, *, share: float
-) -> tuple[FourierBoundary, Float[Tensor, " n"]] | None:
-    """∂Ω for which a harmonic disk has the same scale all along its boundary: its surface flattened.
+def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[DirichletForm, Float[Tensor, " n"]]:
+    """A harmonic disk's surface flattened: the Ω over which its scale is the same all along ∂Ω, and its slide there.
 
     With u = log |ds/dz| on ∂Ω, s the length along Γ, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz
     maps Ω conformally onto the flattening (`flatten` does the same for triangles). Equal lengths of Γ become equal
-    lengths of the new ∂Ω, whose perimeter is 1. Nothing crowds there, whatever Ω was.
+    lengths of the new ∂Ω, whose perimeter is 1. Nothing crowds there, whatever Ω was. Where the slide is too uneven to
+    smooth, or the flattening is not simple, Ω stays as it is.
 
     Args:
         disk: a harmonic disk over Ω.
         form: Λ of Ω.
         shape: of the new ∂Ω; its Gaussian smooths the scale, too.
-        share: of u: 1 for perimeter 1 and constant scale, less to stay nearer to the old Ω.
-
-    Returns:
-        The boundary, and the slide of the same disk over it; None where the old slide is too uneven to smooth.
     """
     n = len(disk.slide)
     even = np.arange(n) / n
@@ -274,15 +253,20 @@ def reflattened(
     offset = np.fft.fft(shape.density.curve.length_share(s) - even) * damping
     stretch = 1 + np.fft.ifft(2j * np.pi * k * offset).real
     if stretch.min() <= 0:
-        return None
+        return form, disk.slide
     _, dz, _ = form.boundary.grid(n)
-    u = share * np.fft.ifft(np.fft.fft(np.log(stretch / np.abs(dz))) * damping).real
+    u = np.fft.ifft(np.fft.fft(np.log(stretch / np.abs(dz))) * damping).real
     slope = np.fft.fft(form(torch.tensor(u, device=disk.slide.device)[:, None])[:, 0].cpu().numpy())
     v = _integral(2 * np.pi * slope).real
     image = _integral(np.fft.fft(dz * np.exp(u + 1j * v)))
     t = shape.density.parameter(smooth)
     slide = np.interp(even, np.concatenate([t - 1, t, t + 1]), np.concatenate([s - 1, s, s + 1]))
-    return rounded_boundary(image, t, shape), torch.tensor(slide, device=disk.slide.device)
+    device = disk.slide.device
+    try:
+        new = resolved_form(rounded_boundary(image, t, shape), shape.steps, device)
+    except DomainError:
+        return form, disk.slide
+    return new, torch.tensor(slide, device=device)
 
 
 def _integral(spectrum: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
