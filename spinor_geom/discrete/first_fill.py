@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import partial
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -46,7 +47,8 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     try:
-        flat = flatten_boundary(edge, turning, _laplacian(angles, triangles, len(corners)), clearance=1.0, saws=saws)
+        laplacian = partial(_laplacian, angles, triangles, len(corners))
+        flat = flatten_boundary(edge, turning, laplacian, clearance=1.0, saws=saws)
     except DomainError as error:
         raise FirstFillError(
             f"no first fill was found for a loop of {len(points)} points: its least-area triangulation does not unfold "

@@ -67,7 +67,8 @@ def flatten_annulus(
     maps", ACM TOG 21 (2002), for the conformal energy.
     """
     m, rim = sizes[0], sum(sizes)
-    neumann, turning = dirichlet_to_neumann(vertices, faces, rim)
+    make_neumann, turning = dirichlet_to_neumann(vertices, faces, rim)
+    neumann = make_neumann()
     if not np.isfinite(neumann).all():
         return None
     parts = slice(0, m), slice(m, rim)
