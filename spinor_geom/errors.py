@@ -71,18 +71,6 @@ class MeshExtentError(MeshError):
     sentence = "the mesh has an extent of {extent:.1e}, and powers of such lengths are no numbers; scale the mesh"
 
 
-class DegenerateFaceError(MeshError):
-    """A face uses one vertex more than once."""
-
-    sentence = "face {face} uses a vertex twice {vertices}; remove the face"
-
-
-class DuplicateFaceError(MeshError):
-    """Two faces have the same three vertices."""
-
-    sentence = "faces {faces} have the same vertices {vertices}; keep one of them"
-
-
 class NonManifoldEdgeError(MeshError):
     """An edge has three or more faces where a boundary loop passes."""
 
@@ -90,12 +78,6 @@ class NonManifoldEdgeError(MeshError):
         "edge {edge} has the faces {faces}, at most 2 are allowed beside a boundary loop; remove or split the extra "
         "faces"
     )
-
-
-class InconsistentOrientationError(MeshError):
-    """Two neighbouring faces run through their common edge the same way."""
-
-    sentence = "faces {faces} run through edge {edge} in the same direction; orient the faces consistently"
 
 
 class DuplicateVertexError(MeshError):

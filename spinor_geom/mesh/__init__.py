@@ -18,7 +18,6 @@ from spinor_geom.mesh.topology import (
     referenced_vertices,
 )
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.mesh.validate import validate
 
 __all__ = [
     "BoundaryCurve",
@@ -40,5 +39,4 @@ __all__ = [
     "mass_matrix",
     "referenced_vertices",
     "turning_angles",
-    "validate",
 ]

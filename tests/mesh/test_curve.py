@@ -385,11 +385,6 @@ class TestCorners:
         middle = curve.point((curve.breaks[:-1] + curve.breaks[1:]) / 2)
         np.testing.assert_allclose(middle, (L_SHAPE + np.roll(L_SHAPE, -1, axis=0)) / 2, atol=1e-14)
 
-    def test_corner_parameters(self) -> None:
-        curve = curve_of(L_SHAPE, [1, 3])
-        np.testing.assert_allclose(curve.corner_parameters, [2 / 8, 4 / 8])
-        assert len(curve_of(circle(20)).corner_parameters) == 0
-
     @pytest.mark.parametrize("corners", [[0], [7], [3, 20], [0, 1, 2, 12], [39]])
     def test_tangent_jumps_at_corners_only(self, corners: list[int]) -> None:
         points = circle(40) + 0.05 * np.random.default_rng(1).normal(size=(40, 3))
