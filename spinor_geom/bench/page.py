@@ -22,8 +22,9 @@ from spinor_geom.bench.scaling import fits
 from spinor_geom.bench.tables import Table, option_table, tables
 from spinor_geom.files import atomic_path, write_json
 from spinor_geom.render import page
+from spinor_geom.render.layers import Faces
 from spinor_geom.render.plots import log_log
-from spinor_geom.render.viewer import STYLE, Faces, MeshView, Scene, Views
+from spinor_geom.render.viewer import STYLE, MeshView, Scene, Views
 
 PAGE, TABLES, CSV, JSON, PLOTS = "report.html", "tables.md", "records.csv", "records.json", "plots"
 _RESOLUTION = 110

@@ -22,8 +22,7 @@ from spinor_geom.measures.hausdorff import distances_to_mesh
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR
-from spinor_geom.render.scene import Camera
-from spinor_geom.render.viewer import ALWAYS, Dots, Faces, Lines
+from spinor_geom.render.layers import ALWAYS, Camera, Dots, Faces, Lines
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 MEAN, DISTANCE, GAUSS = "mean curvature", "distance to the discrete minimal surface", "Gauss curvature"

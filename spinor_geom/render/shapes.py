@@ -24,9 +24,10 @@ from spinor_geom.meshing.surface_mesh import mesh_surface
 from spinor_geom.optional import require
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR, UNKNOWN_COLOUR, VIRIDIS
+from spinor_geom.render.layers import Faces, Lines, Scale
 from spinor_geom.render.page import document
 from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.viewer import STYLE, Faces, Lines, Scale, Scene, Views
+from spinor_geom.render.viewer import STYLE, Scene, Views
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 if TYPE_CHECKING:
