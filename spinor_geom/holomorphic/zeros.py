@@ -37,6 +37,8 @@ _MOST_INTERVALS = 1 << 12
 _ATTEMPTS = ((4, 1), (16, 1), (16, 10), (64, 1))
 # of the rational function: enough to find its zeros by
 _TOLERANCE = 1e-8
+# |f| near its zeros, per that on ∂Ω
+_SMALL = 0.1
 _CIRCLE_NODES = 128
 _BLOCK = 1 << 14
 
@@ -142,10 +144,13 @@ def _approximate_zeros(
     function: HolomorphicFunction, domain: PlaneDomain, rim: Complex[np.ndarray, " n"], size: float
 ) -> Complex[np.ndarray, " k"]:
     """Where in Ω a rational function has zeros that has the values of f on ∂Ω; those nearer than `size` as one."""
+    values = _evaluate(function, rim)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of an approximation that is no better: what it gives is checked
-        roots = AAA(rim, _evaluate(function, rim), rtol=_TOLERANCE).roots()
+        roots = AAA(rim, values, rtol=_TOLERANCE).roots()
     roots = roots[domain.contains(roots)]
+    # a zero of its own beside a pole of its own is none of f
+    roots = roots[np.abs(_evaluate(function, roots)) < _SMALL * np.median(np.abs(values))]
     if not len(roots):
         return roots
     near = np.argwhere(np.abs(roots[:, None] - roots) <= size)
