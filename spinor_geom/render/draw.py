@@ -49,12 +49,12 @@ def draw(
         plotter.set_background("white")
         height = view.camera.radius if view.camera else float(np.ptp(view.layers[0].vertices, axis=0).max()) / 2
         for layer in view.layers:
-            if not len(layer.faces if isinstance(layer, Faces) else layer.edges):
-                continue
-            if isinstance(layer, Faces):
+            if isinstance(layer, Faces) and len(layer.faces):
                 moved = _add_faces(plotter, layer, title)
-            else:
+            elif isinstance(layer, Lines) and len(layer.edges):
                 moved = _add_lines(plotter, layer, _THICKNESS * layer.width * height)
+            else:
+                continue
             if layer.conjugate is not None:
                 turning.append((layer.vertices, layer.conjugate, moved))
         plotter.add_text(view.title, font_size=LABEL_SIZE, color="black")

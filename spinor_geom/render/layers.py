@@ -17,16 +17,12 @@ ALWAYS = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Faces:
-    """A surface in a view.
+class Layer:
+    """Something in a view.
 
     Attributes:
         vertices: positions.
-        faces: triangles.
-        colour: where no field is shown.
-        inside: colour of the side that faces run clockwise on; that of the other side if none is given.
-        fields: values at the vertices that it may be coloured by, by name; NaN is grey.
-        edges: whether the triangles' edges are drawn, or the switch of the view's panel that says so.
+        colour: of all, where no field is shown.
         switch: the switch of the view's panel that shows it; without one it is always shown.
         loop: the loop of the view's panel for which it is shown; `ALWAYS` for each.
         conjugate: positions on the conjugate surface; with them a slider turns through the associate family, cos θ of
@@ -34,56 +30,50 @@ class Faces:
     """
 
     vertices: Float[np.ndarray, "n 3"]
+    colour: str = RIM_COLOUR
+    switch: str | None = None
+    loop: str = ALWAYS
+    conjugate: Float[np.ndarray, "n 3"] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Faces(Layer):
+    """A surface in a view.
+
+    Attributes:
+        faces: triangles.
+        inside: colour of the side that faces run clockwise on; that of the other side if none is given.
+        fields: values at the vertices that it may be coloured by, by name; NaN is grey.
+        edges: whether the triangles' edges are drawn, or the switch of the view's panel that says so.
+    """
+
     faces: Int[np.ndarray, "f 3"]
     colour: str = PLAIN_COLOUR
     inside: str | None = None
     fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
     edges: bool | str = False
-    switch: str | None = None
-    loop: str = ALWAYS
-    conjugate: Float[np.ndarray, "n 3"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Lines:
-    """Straight pieces of lines in a view; what is not explained here is as in `Faces`.
+class Lines(Layer):
+    """Straight pieces of lines in a view.
 
     Attributes:
-        vertices: their ends.
-        edges: pairs of ends.
-        colour: of all.
+        edges: pairs of vertices.
         width: in pixels; in a picture 500 high.
         halo: colour of their edges, where they are to be seen on light and on dark.
-        switch: see `Faces`.
-        loop: see `Faces`.
-        conjugate: see `Faces`.
     """
 
-    vertices: Float[np.ndarray, "n 3"]
     edges: Int[np.ndarray, "e 2"]
-    colour: str = RIM_COLOUR
     width: float = 1.5
     halo: str | None = None
-    switch: str | None = None
-    loop: str = ALWAYS
-    conjugate: Float[np.ndarray, "n 3"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Dots:
-    """Points in a view; what is not explained here is as in `Faces`.
+class Dots(Layer):
+    """Points in a view, of a diameter in pixels."""
 
-    Attributes:
-        vertices: the points.
-        colour: of all.
-        size: their diameter in pixels.
-        loop: see `Faces`.
-    """
-
-    vertices: Float[np.ndarray, "n 3"]
-    colour: str = RIM_COLOUR
     size: float = 7.0
-    loop: str = ALWAYS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +126,7 @@ class View:
         labels: texts at points.
     """
 
-    layers: Sequence[Faces | Lines]
+    layers: Sequence[Layer]
     camera: Camera | None = None
     title: str = ""
     labels: Sequence[tuple[Float[np.ndarray, "3"], str]] = ()

@@ -13,7 +13,7 @@ from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR
-from spinor_geom.render.layers import Camera, Faces, Lines, View
+from spinor_geom.render.layers import Camera, Faces, Layer, Lines, View
 
 ALONG_Y = np.cos(np.pi / 4)  # a view along the y axis, or nearly, has the z axis upright instead
 MARGIN_OF_HOLE = 2.2  # radius shown around a small hole, in radii of the hole
@@ -73,7 +73,7 @@ def _used(mesh: TriangleMesh) -> Float[np.ndarray, "v 3"]:
     return np.asarray(mesh.vertices[referenced_vertices(mesh.faces, vertices=len(mesh.vertices))])
 
 
-def _layers(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> list[Faces | Lines]:
+def _layers(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> list[Layer]:
     rims = [np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1) for loop in loops]
     edges = np.concatenate([np.empty((0, 2), dtype=np.int64), *rims])
     return [

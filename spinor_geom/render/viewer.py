@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 from importlib.resources import files
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from spinor_geom.render.colours import UNKNOWN_COLOUR, VIRIDIS
-from spinor_geom.render.layers import Camera, Dots, Faces, Lines, Scale
+from spinor_geom.render.layers import Camera, Dots, Faces, Layer, Lines, Scale
 
 STYLE = """figure.view { width: 282px }
 figure.view canvas { width: 280px; height: 280px; border: 1px solid var(--faint); display: block; touch-action: none }
@@ -29,36 +28,6 @@ form.panel { font-size: 13px; display: flex; flex-wrap: wrap; gap: .5rem 1rem; a
 form.panel fieldset { border: 1px solid var(--faint); border-radius: 4px } form.panel label { display: block }
 form.panel output { width: 16rem; min-height: 2.2rem } canvas:focus-visible,
 form.panel :focus-visible { outline: 2px solid var(--link) }"""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MeshView:
-    """A mesh to be looked at, alone and turning.
-
-    Attributes:
-        title: below which it stands.
-        vertices: positions.
-        faces: triangles.
-        fields: values at the vertices that it may be coloured by, by name; NaN is grey. The first is shown first.
-        edges: whether the triangles' edges are drawn.
-    """
-
-    title: str
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
-    fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
-    edges: bool = True
-
-    def scene(self) -> Scene:
-        """The mesh as the one layer of a view."""
-        layer = Faces(
-            vertices=self.vertices,
-            faces=self.faces,
-            fields=self.fields,
-            edges=self.edges,
-        )
-        scales = {name: Scale.of(values) for name, values in self.fields.items()}
-        return Scene(title=self.title, layers=(layer,), scales=scales, spins=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +47,7 @@ class Scene:
     """
 
     title: str
-    layers: Sequence[Faces | Lines | Dots]
+    layers: Sequence[Layer]
     scales: Mapping[str, Scale] = field(default_factory=dict)
     panel: str | None = None
     cameras: Mapping[str, Camera] = field(default_factory=dict)
@@ -86,6 +55,13 @@ class Scene:
     flat: bool = False
     spins: bool = False
     shape: str = ""
+
+
+def turning_mesh(title: str, mesh: Faces) -> Scene:
+    """A mesh to be looked at, alone and turning, coloured by its first field at first."""
+    return Scene(
+        title=title, layers=(mesh,), scales={name: Scale.of(own) for name, own in mesh.fields.items()}, spins=True
+    )
 
 
 class Views:
@@ -97,9 +73,8 @@ class Views:
         # each array once, however many layers have it
         self._places: dict[str, int] = {}
 
-    def figure(self, view: MeshView | Scene) -> str:
+    def figure(self, scene: Scene) -> str:
         """The element in which the view will stand."""
-        scene = view.scene() if isinstance(view, MeshView) else view
         place = f"view-{len(self._views)}"
         data = {
             "place": place,
@@ -172,29 +147,26 @@ class Views:
             ]
         )
 
-    def _layer(self, layer: Faces | Lines | Dots) -> dict[str, object]:
+    def _layer(self, layer: Layer) -> dict[str, object]:
         """A layer in JSON's types; arrays as their places among all."""
         data: dict[str, object] = {
             "kind": type(layer).__name__.lower(),
             "vertices": self._array(layer.vertices, "<f4"),
             "colour": layer.colour,
             "loop": layer.loop,
+            "switch": layer.switch,
         }
-        if isinstance(layer, Dots):
-            return {**data, "size": layer.size}
-        data |= {"switch": layer.switch}
         if layer.conjugate is not None:
             data["conjugate"] = self._array(layer.conjugate, "<f4")
-        if isinstance(layer, Lines):
-            elements = self._array(layer.edges, "<u4")
-            return {**data, "elements": elements, "width": layer.width, "halo": layer.halo}
-        return {
-            **data,
-            "elements": self._array(layer.faces, "<u4"),
-            "inside": layer.inside,
-            "edges": layer.edges,
-            "fields": {name: self._array(values, "<f4") for name, values in layer.fields.items()},
-        }
+        if isinstance(layer, Dots):
+            data |= {"size": layer.size}
+        elif isinstance(layer, Lines):
+            data |= {"elements": self._array(layer.edges, "<u4"), "width": layer.width, "halo": layer.halo}
+        elif isinstance(layer, Faces):
+            fields = {name: self._array(values, "<f4") for name, values in layer.fields.items()}
+            elements = self._array(layer.faces, "<u4")
+            data |= {"elements": elements, "inside": layer.inside, "edges": layer.edges, "fields": fields}
+        return data
 
     def _array(self, values: np.ndarray, kind: str) -> int:
         """The place of an array: its little-endian bytes in base 64."""
