@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import MeshExtentError, NoFacesError, VertexIndexError
-from spinor_geom.mesh.arrays import freeze_attributes, freeze_faces, freeze_points
+from spinor_geom.mesh.arrays import freeze_attributes, freeze_points, frozen
 from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.shown import Shown
 
@@ -54,7 +54,7 @@ class TriangleMesh(Shown):
         labels: Collection[str] | None = None,
     ) -> None:
         points = freeze_points(vertices, name="vertices")
-        corners = freeze_faces(faces)
+        corners = frozen(faces, "integers", None, 3, name="faces")
         _require_existing_vertices(corners, vertices=len(points))
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "faces", corners)
