@@ -42,7 +42,7 @@ def frozen(
     if copy.size == 0 and shape[0] is None:
         copy = copy.reshape([length or 0 for length in shape])
     if copy.ndim != len(shape) or any(b not in (a, None) for a, b in zip(copy.shape, shape, strict=True)):
-        raise MeshShapeError(f"{wanted}, got {copy.shape}; reshape it, faces of more corners split into triangles")
+        raise MeshShapeError(f"{wanted}, got {copy.shape}; reshape or convert it")
     copy.setflags(write=False)
     return copy
 

@@ -42,7 +42,7 @@ class MeshExtension:
         vertex_attributes: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         points = freeze_points(vertices, name="vertices")
-        corners = frozen(faces, "integers", None, 3, name="faces")
+        corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "faces", corners)
         object.__setattr__(self, "face_loops", frozen(face_loops, "integers", len(corners), name="face_loops"))

@@ -54,7 +54,7 @@ class TriangleMesh(Shown):
         labels: Collection[str] | None = None,
     ) -> None:
         points = freeze_points(vertices, name="vertices")
-        corners = frozen(faces, "integers", None, 3, name="faces")
+        corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
         _require_existing_vertices(corners, vertices=len(points))
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "faces", corners)

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from spinor_geom import gallery
 from spinor_geom.errors import RepeatedPointError
-from spinor_geom.mesh import BoundaryCurve, BoundaryLoop
 from spinor_geom.mesh import interpolation as rules
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
 from tests.strategies import SEEDS, RigidMotion, rigid_motions, rough_loops, smooth_loops
 
 L_SHAPE = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0]])

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import NonManifoldEdgeError
-from spinor_geom.mesh import BoundaryLoop, TriangleMesh, find_boundary_loops
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube
 
 SIDES, RINGS = 12, 6
