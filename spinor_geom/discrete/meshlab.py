@@ -1,4 +1,4 @@
-"""The discrete baseline by MeshLab's filters: isotropic remeshing and cotangent smoothing."""
+"""The discrete baseline on triangles that MeshLab's filters make: isotropic remeshing and cotangent smoothing."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.discrete.area_descent import descend_area
 from spinor_geom.discrete.first_fill import disk_without_inner_points
-from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface
+from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, Disk
 from spinor_geom.errors import FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
@@ -29,8 +30,6 @@ _REMESHING_STEPS = 5
 # MeshLab splits edges longer than 4/3 of the wanted length.
 _LONGEST = 4 / 3
 _BISECTIONS = 64
-_BATCH_STEPS = 25
-_BATCHES = 100
 # An edge length that is not given is raised until about so many vertices are enough; a given one may ask for more.
 _VERTICES = 20_000
 _MOST_VERTICES = 500_000
@@ -39,14 +38,12 @@ _MOST_VERTICES = 500_000
 def meshlab_minimal_surface(
     loop: BoundaryLoop, *, target_edge_length: float | None, relative_change: float
 ) -> DiscreteMinimalSurface:
-    """A disk over a loop by MeshLab's filters, as near to minimal as its cotangent smoothing brings it.
+    """A disk over a loop whose triangles MeshLab makes, with an area that is stationary along its normals.
 
-    The loop's triangulation of least area, as fillers of holes make it, is remeshed isotropically and smoothed in
-    turns, with edges of halving length down to the target. Then the inner vertices are smoothed with cotangent weights,
-    in batches of 25 steps, until a batch lowers the area by less than `relative_change`; after 100 batches, or when the
-    area rises, it ends with converged=False. The smoothing also creeps along the surface itself and degenerates
-    triangles in the long run, so changes below about 1e-6 are seldom met but on plane loops. `area_history` has an
-    entry a batch.
+    The loop's triangulation of least area, as fillers of holes make it, is remeshed isotropically and smoothed with
+    cotangent weights in turns, with edges of halving length down to the target. That smoothing does not end: it creeps
+    along the surface, by half a millionth of the area in 25 steps, and degenerates triangles. So it is left when a turn
+    gains little, and `descend_area` makes the area stationary, as for the other baseline.
 
     Time grows with the square of the loop's number of points, as the number of vertices does.
 
@@ -54,7 +51,7 @@ def meshlab_minimal_surface(
         loop: a closed loop.
         target_edge_length: edge length inside, in mesh units; None for the loop's mean edge, or longer where that would
             take more than 20,000 vertices. Loop edges stay as they are.
-        relative_change: see above.
+        relative_change: as for `discrete_minimal_surface`.
 
     Raises:
         OptionError: the edge length would take more than 500,000 vertices.
@@ -70,23 +67,12 @@ def meshlab_minimal_surface(
         faces = disk_without_inner_points(boundary)
         size = _edge_length(target_edge_length, loop, area=_area(boundary, faces))
         vertices, faces = _remeshed(boundary, faces, size)
-        vertices, areas, converged = _smoothed(vertices, faces, len(loop), relative_change)
     except pymeshlab.PyMeshLabException as error:
         raise FirstFillError(f"MeshLab did not fill a loop of {len(loop)} points: {error}") from error
     finally:
         _forget_remeshing_options()
-    vertices = np.concatenate([loop.points, vertices[len(loop) :] * loop.diagonal + loop.centroid])
-    return DiscreteMinimalSurface(
-        vertices=vertices,
-        faces=faces,
-        boundary_size=len(loop),
-        area=areas[-1] * loop.diagonal**2,
-        area_history=tuple(area * loop.diagonal**2 for area in areas),
-        converged=converged,
-        reason="" if converged else "the smoothing did not make the area stationary",
-        method="pymeshlab",
-        seconds=time.perf_counter() - start,
-    )
+    disk = Disk.of(descend_area(vertices, faces, len(loop), relative_change=relative_change), faces)
+    return disk.result(loop.points, scale=loop.diagonal, centre=loop.centroid, method="pymeshlab", start=start)
 
 
 def _edge_length(target: float | None, loop: BoundaryLoop, *, area: float) -> float:
@@ -218,29 +204,6 @@ def _forget_remeshing_options() -> None:
         smoothflag=True,
         reprojectflag=True,
     )
-
-
-# --- smoothing --------------------------------------------------------------------------------------------------------
-
-
-def _smoothed(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int, relative_change: float
-) -> tuple[Float[np.ndarray, "n 3"], tuple[float, ...], bool]:
-    """Smooths the inner vertices in batches while the area falls; vertices, areas, whether it became stationary."""
-    areas = [_area(vertices, faces)]
-    if len(vertices) == m:
-        return vertices, tuple(areas), True
-    for _ in range(_BATCHES):
-        moved = _smooth(vertices, faces, m, _BATCH_STEPS)
-        area = _area(moved, faces)
-        gain = areas[-1] - area
-        if gain >= 0:
-            vertices = moved
-            areas.append(area)
-        # not ≤: a NaN area ends it too
-        if not gain >= relative_change * areas[-1]:
-            return vertices, tuple(areas), bool(abs(gain) < relative_change * areas[-1])
-    return vertices, tuple(areas), False
 
 
 def _smooth(

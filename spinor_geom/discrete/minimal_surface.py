@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.discrete.area_descent import descend_area, harmonic_extension
+from spinor_geom.discrete.area_descent import Descent, descend_area, harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.flattening import flatten
@@ -78,7 +78,8 @@ def discrete_minimal_surface(
     Loops without a simple plane domain like them, as ragged rims and loops that cross or touch themselves may be, start
     from a round one; where that leaves more area than triangles without inner vertices do, these are the result. The
     result's `reason` says so.
-    "pymeshlab": isotropic remeshing of the minimum-area triangulation, and cotangent smoothing of the inner vertices.
+    "pymeshlab": MeshLab's isotropic remeshing and cotangent smoothing of the minimum-area triangulation in turns, and
+    the same descent.
 
     Two loops start from the strip of least area between them; their triangles always grow inwards, and there is no
     "pymeshlab" for them.
@@ -115,21 +116,9 @@ def discrete_minimal_surface(
         raise OptionError(f"unknown method {method!r}; choose 'libigl' or 'pymeshlab'")
     start = time.perf_counter()
     unit = (loop.points - loop.centroid) / loop.diagonal
-    disk = _stationary_disk(
-        unit, relative_change, None if target_edge_length is None else target_edge_length / loop.diagonal
-    )
-    areas = tuple(area * loop.diagonal**2 for area in disk.areas)
-    return DiscreteMinimalSurface(
-        vertices=np.concatenate([loop.points, disk.vertices[len(loop) :] * loop.diagonal + loop.centroid]),
-        faces=disk.faces,
-        boundary_size=len(loop),
-        area=areas[-1],
-        area_history=areas,
-        converged=disk.converged,
-        reason=disk.reason,
-        method="libigl",
-        seconds=time.perf_counter() - start,
-    )
+    target = None if target_edge_length is None else target_edge_length / loop.diagonal
+    disk = _stationary_disk(unit, relative_change, target)
+    return disk.result(loop.points, scale=loop.diagonal, centre=loop.centroid, method="libigl", start=start)
 
 
 def _between(loops: Sequence[BoundaryLoop], relative_change: float) -> DiscreteMinimalSurface:
@@ -137,17 +126,22 @@ def _between(loops: Sequence[BoundaryLoop], relative_change: float) -> DiscreteM
         raise TooManyRimsError(sizes=[len(loop) for loop in loops])
     start = time.perf_counter()
     plane, descent = discrete_annulus(loops[0].points, loops[1].points, relative_change=relative_change)
-    return DiscreteMinimalSurface(
-        vertices=descent.vertices,
-        faces=plane.faces,
-        boundary_size=plane.boundary_size,
-        area=descent.areas[-1],
-        area_history=descent.areas,
-        converged=descent.converged,
-        reason=_reason(descent.converged),
-        method="libigl",
-        seconds=time.perf_counter() - start,
-    )
+    return Disk.of(descent, plane.faces).result(descent.vertices[: plane.boundary_size], method="libigl", start=start)
+
+
+def relaxed_surface(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
+) -> DiscreteMinimalSurface:
+    """The discrete minimal surface that `descend_area` reaches from a mesh, on the same triangles.
+
+    Args:
+        vertices: the boundary's first, which stay.
+        faces: triangles.
+        boundary_size: number of boundary vertices.
+    """
+    start = time.perf_counter()
+    disk = Disk.of(descend_area(vertices, faces, boundary_size, relative_change=_FINE_CHANGE), faces)
+    return disk.result(vertices[:boundary_size], method="libigl", start=start)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,9 +154,36 @@ class Disk:
     converged: bool
     reason: str = ""
 
+    @classmethod
+    def of(cls, descent: Descent, faces: Int[np.ndarray, "f 3"]) -> Disk:
+        """What a descent ended at."""
+        reason = "" if descent.converged else "the area did not become stationary"
+        return cls(
+            vertices=descent.vertices, faces=faces, areas=descent.areas, converged=descent.converged, reason=reason
+        )
 
-def _reason(converged: bool) -> str:
-    return "" if converged else "the area did not become stationary"
+    def result(
+        self,
+        boundary: Float[np.ndarray, "m 3"],
+        *,
+        method: DiscreteMethod,
+        start: float,
+        scale: float = 1.0,
+        centre: Float[np.ndarray, "3"] | float = 0.0,
+    ) -> DiscreteMinimalSurface:
+        """The disk scaled and moved, its boundary put back bit for bit; `start` is when the work on it began."""
+        areas = tuple(area * scale**2 for area in self.areas)
+        return DiscreteMinimalSurface(
+            vertices=np.concatenate([boundary, self.vertices[len(boundary) :] * scale + centre]),
+            faces=self.faces,
+            boundary_size=len(boundary),
+            area=areas[-1],
+            area_history=areas,
+            converged=self.converged,
+            reason=self.reason,
+            method=method,
+            seconds=time.perf_counter() - start,
+        )
 
 
 def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, target: float | None) -> Disk:
@@ -237,14 +258,7 @@ def _fill(
     plane = triangulate_polygon(polygon, size or graded_size(polygon))
     flat = np.column_stack([plane.points.real, plane.points.imag, np.zeros(len(plane.points))])
     mapped = harmonic_extension(mollified_laplacian(flat, plane.faces), points)
-    descent = descend_area(mapped, plane.faces, len(points), relative_change=relative_change)
-    return Disk(
-        vertices=descent.vertices,
-        faces=plane.faces,
-        areas=descent.areas,
-        converged=descent.converged,
-        reason=_reason(descent.converged),
-    )
+    return Disk.of(descend_area(mapped, plane.faces, len(points), relative_change=relative_change), plane.faces)
 
 
 def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | None) -> SizeFunction:

@@ -14,23 +14,6 @@ from tests.loops import L_SHAPE, is_disk_on, noisy_ellipse, planar
 SEAM = gallery.tennis_seam(0.8)
 
 
-def test_a_change_that_is_not_met_is_not_called_converged():
-    surface = meshlab_minimal_surface(SEAM.sample(24), target_edge_length=None, relative_change=1e-14)
-    assert not surface.converged
-    assert (np.diff(surface.area_history) <= 0).all()
-
-
-def test_area_falls_with_the_change_asked_for():
-    loop = SEAM.sample(48)
-    loose, tight = (
-        meshlab_minimal_surface(loop, target_edge_length=None, relative_change=change) for change in (1e-3, 1e-5)
-    )
-    assert loose.converged
-    assert tight.converged
-    assert len(tight.area_history) > len(loose.area_history)
-    assert tight.area < loose.area
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_strongly_folded_loops_come_near_to_the_other_baseline(seed):
     rng = np.random.default_rng(seed)
