@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ from spinor_geom.discrete.area_descent import Descent, descend_area, harmonic_ex
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.triangulation import SizeFunction, graded_size, triangulate_polygon
+from spinor_geom.domain.triangulation import MOST_POINTS, SizeFunction, graded_size, triangulate_polygon
 from spinor_geom.errors import DomainError, FirstFillError, OptionError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian
@@ -78,8 +79,8 @@ def discrete_minimal_surface(
     Loops without a simple plane domain like them, as ragged rims and loops that cross or touch themselves may be, start
     from a round one; where that leaves more area than triangles without inner vertices do, these are the result. The
     result's `reason` says so.
-    "pymeshlab": MeshLab's isotropic remeshing and cotangent smoothing of the minimum-area triangulation in turns, and
-    the same descent.
+    "pymeshlab": MeshLab's isotropic remeshing of that surface, its edges `target_edge_length` or the rim's mean
+    edge long inside, and the same descent on its triangles. Both stop at 200,000 vertices.
 
     Two loops start from the strip of least area between them; their triangles always grow inwards, and there is no
     "pymeshlab" for them.
@@ -95,7 +96,7 @@ def discrete_minimal_surface(
     Raises:
         OptionError: unknown method, one that has no annuli, or an edge length that is not positive.
         TooManyRimsError: a sequence of other than one or two loops.
-        FirstFillError: MeshLab did not fill the loop; "libigl" closes every loop.
+        FirstFillError: MeshLab did not remesh the fill; "libigl" closes every loop.
         DomainError: the two loops lie so that no annulus can be meshed.
 
     Source: Pinkall & Polthier (1993); the first fill after Barequet & Sharir (1995).
@@ -108,17 +109,21 @@ def discrete_minimal_surface(
         if method != "libigl" or target_edge_length is not None:
             raise OptionError("between two loops there is only method='libigl', without target_edge_length")
         return _between(loop, relative_change)
-    if method == "pymeshlab":
-        from spinor_geom.discrete.meshlab import meshlab_minimal_surface
-
-        return meshlab_minimal_surface(loop, target_edge_length=target_edge_length, relative_change=relative_change)
-    if method != "libigl":
+    if method not in ("libigl", "pymeshlab"):
         raise OptionError(f"unknown method {method!r}; choose 'libigl' or 'pymeshlab'")
     start = time.perf_counter()
     unit = (loop.points - loop.centroid) / loop.diagonal
-    target = None if target_edge_length is None else target_edge_length / loop.diagonal
+    length = loop.mean_edge_length if target_edge_length is None and method == "pymeshlab" else target_edge_length
+    target = None if length is None else length / loop.diagonal
     disk = _stationary_disk(unit, relative_change, target)
-    return disk.result(loop.points, scale=loop.diagonal, centre=loop.centroid, method="libigl", start=start)
+    if method == "pymeshlab" and target is not None:
+        from spinor_geom.discrete.meshlab import remeshed
+
+        # n equilateral pairs of triangles of edge h have the area n·h²·√3/2
+        shortest = math.sqrt(2 * disk.areas[-1] / (math.sqrt(3) * MOST_POINTS))
+        vertices, faces = remeshed(disk.vertices, disk.faces, len(loop), max(target, shortest))
+        disk = Disk.of(descend_area(vertices, faces, len(loop), relative_change=relative_change), faces)
+    return disk.result(loop.points, scale=loop.diagonal, centre=loop.centroid, method=method, start=start)
 
 
 def _between(loops: Sequence[BoundaryLoop], relative_change: float) -> DiscreteMinimalSurface:

@@ -28,6 +28,8 @@ from spinor_geom.errors import DomainError, OptionError
 SizeFunction = Callable[[Complex[np.ndarray, " k"]], Float[np.ndarray, " k"]]
 SizeBounds = Callable[[Complex[np.ndarray, " k"]], tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]
 
+# of a triangulation, if nothing else is said
+MOST_POINTS = 200_000
 # points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
 _SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
 _MOST_ROWS = 20_000
@@ -150,7 +152,7 @@ def triangulate_polygon(
     *,
     holes: Sequence[Complex[np.ndarray, " _"]] = (),
     min_angle: float = 25.0,
-    max_points: int = 200_000,
+    max_points: int = MOST_POINTS,
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
