@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.discrete.area_descent import Descent, descend_area, harmonic_extension
+from spinor_geom.discrete.area_descent import Descent, descend_area, descend_from_plane, harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.triangulation import MOST_POINTS, SizeFunction, graded_size, triangulate_polygon
 from spinor_geom.errors import DomainError, FirstFillError, OptionError, TooManyRimsError
@@ -261,9 +262,7 @@ def _fill(
 ) -> Disk:
     """Meshes a polygon, maps it harmonically to the loop, and descends in area."""
     plane = triangulate_polygon(polygon, size or graded_size(polygon))
-    flat = np.column_stack([plane.points.real, plane.points.imag, np.zeros(len(plane.points))])
-    mapped = harmonic_extension(mollified_laplacian(flat, plane.faces), points)
-    return Disk.of(descend_area(mapped, plane.faces, len(points), relative_change=relative_change), plane.faces)
+    return Disk.of(descend_from_plane(plane, points, relative_change=relative_change), plane.faces)
 
 
 def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | None) -> SizeFunction:
@@ -271,8 +270,8 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     graded = graded_size(polygon)
     if target is None:
         return graded
-    boundary = np.column_stack([polygon.real, polygon.imag])
-    flat = harmonic_extension(mollified_laplacian(first.vertices, first.faces), boundary) @ np.array([1.0, 1.0j])
+    laplacian = mollified_laplacian(first.vertices, first.faces)
+    flat = harmonic_extension(laplacian, plane_coordinates(polygon)) @ np.array([1.0, 1.0j])
     flat = flat[first.faces]
     plane_area = 0.5 * np.abs(np.imag(np.conj(flat[:, 1] - flat[:, 0]) * (flat[:, 2] - flat[:, 0])))
     tiny = np.finfo(np.float64).tiny  # faces without area bound nothing
@@ -281,10 +280,10 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     # a round domain of a tangled loop is stretched without bounds somewhere, and would be meshed as finely there
     stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), tiny)))
     middle = flat.mean(axis=1)
-    tree = cKDTree(np.column_stack([middle.real, middle.imag]))
+    tree = cKDTree(plane_coordinates(middle))
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        _, near = tree.query(np.column_stack([z.real, z.imag]))
+        _, near = tree.query(plane_coordinates(z))
         return np.asarray(np.minimum(graded(z), target / stretch[near]))
 
     return size

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.operators import (
     factor_symmetric,
@@ -211,7 +212,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
     ends = np.stack([polygon, np.roll(polygon, -1)])
     edge, middle = ends[1] - ends[0], ends.mean(axis=0)
     half = 0.5 * np.abs(edge)
-    tree = cKDTree(np.stack([middle.real, middle.imag], axis=1))
+    tree = cKDTree(plane_coordinates(middle))
     # the share is for round-off: edges cross only where their middles are within half their lengths
     i, j = tree.query_pairs(2.001 * half.max(), output_type="ndarray").T
     near = (np.abs(middle[i] - middle[j]) <= 1.001 * (half[i] + half[j])) & (j - i > 1) & (j - i < m - 1)

@@ -74,7 +74,7 @@ class SplineBoundary:
         """The interpolating cubic spline by chord length through vertices, counter-clockwise."""
         flags = np.zeros(len(vertices), dtype=bool) if corners is None else np.asarray(corners, dtype=bool)
         z = np.asarray(vertices, dtype=np.complex128)
-        parameters, coefficients = piecewise_cubic(np.stack([z.real, z.imag], axis=1), flags)
+        parameters, coefficients = piecewise_cubic(plane_coordinates(z), flags)
         boundary = cls(parameters, coefficients[..., 0] + 1j * coefficients[..., 1], flags)
         boundary.vertices = z
         return boundary

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed_surface
-from spinor_geom.domain.delaunay import Rims
+from spinor_geom.domain.delaunay import Rims, plane_coordinates
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, OptionError
@@ -119,8 +119,8 @@ def inner_positions(surface: SpinorSurface, plane: PlaneTriangulation) -> Float[
     points, count = plane.points[m:], len(plane.points) - m
     if surface.has_closed_positions or count == 0:
         return np.asarray(surface.position(points)).reshape(-1, 3)
-    rim = cKDTree(_coordinates(plane.points[:m]))
-    depth, _ = rim.query(_coordinates(points))
+    rim = cKDTree(plane_coordinates(plane.points[:m]))
+    depth, _ = rim.query(plane_coordinates(points))
     roots, parent = _forest(plane.edges[plane.edges[:, 0] >= m] - m, np.asarray(depth))
     displacement = _edge_displacements(surface, points[parent], points, rim)
     displacement[roots] = np.asarray(surface.position(points[roots])).reshape(-1, 3)
@@ -183,14 +183,10 @@ def _nodes_needed(
     Source: Trefethen, Approximation Theory and Approximation Practice (2013), theorem 19.3.
     """
     middle, half = 0.5 * (start + end), 0.5 * np.abs(end - start)
-    distance, _ = rim.query(_coordinates(middle))
+    distance, _ = rim.query(plane_coordinates(middle))
     # an edge as long as its distance from the boundary takes the most nodes there are; one of length 0 the fewest
     ratio = np.maximum(distance / np.maximum(half, np.finfo(np.float64).tiny), 1.1)
     return np.asarray(-np.log(QUADRATURE_ERROR) / (2 * np.arccosh(ratio)))
-
-
-def _coordinates(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
-    return np.stack([z.real, z.imag], axis=1)
 
 
 def _integrals(

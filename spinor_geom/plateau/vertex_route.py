@@ -22,6 +22,7 @@ from torch import Tensor
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
@@ -223,8 +224,8 @@ class VertexSolver:
 def _domain(disk: Disk, flat: Flattening) -> PlaneDomain:
     """Inside the flattened boundary, with the disk's own triangles where they have a place there."""
     boundary, m = _polygon(flat.boundary), len(flat.boundary)
-    around = np.column_stack([flat.boundary.real, flat.boundary.imag])
-    points = harmonic_extension(mollified_laplacian(disk.vertices, disk.faces), around) @ np.array([1.0, 1.0j])
+    laplacian = mollified_laplacian(disk.vertices, disk.faces)
+    points = harmonic_extension(laplacian, plane_coordinates(flat.boundary)) @ np.array([1.0, 1.0j])
     points[:m] = flat.boundary
     a, b, c = points[disk.faces].T
     if not ((np.conj(b - a) * (c - a)).imag > 0).all():
