@@ -155,9 +155,9 @@ def _least_straightened(
     for polygon in polygons:
         if polygon is None or not is_simple(polygon) or (drawn is not None and not is_simple(drawn(polygon))):
             continue
-        ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
-        log_scale = (ratio + np.roll(ratio, 1)) / 2
-        found.append(Flattening(boundary=polygon, log_scale=log_scale, clearance=outer_clearance(polygon)))
+        found.append(
+            Flattening(boundary=polygon, log_scale=log_scale_of(polygon, edge), clearance=outer_clearance(polygon))
+        )
         if found[-1].clearance >= clearance:
             return found[-1]
     # little straightening comes before a little more room: polygons are in order of their straightening
@@ -171,19 +171,29 @@ def _candidates(
     yield np.zeros(len(edge))
     ds = (edge + np.roll(edge, 1)) / 2
     length = ds.sum()
-    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / length
-    distance = np.abs(s[:, None] - s)
-    distance = np.minimum(distance, 1 - distance)
     # S is blind to what changes from vertex to vertex: without Λ here slivers turn the boundary to and fro
     size = np.diag(ds) / length**2 + (0 if saws else neumann / length)
     for width in _WIDTHS:
-        smooth = np.exp(-0.5 * (distance / width) ** 2)
-        smooth /= (smooth @ ds)[:, None]
+        smooth = smoothing(edge, width)
         slope = smooth @ neumann
         normal = slope.T @ (ds[:, None] * slope)
         load = slope.T @ (ds * (2 * np.pi / length - smooth @ turning))
         for strength in _STRENGTHS:
             yield np.linalg.solve(normal + strength * size, load)
+
+
+def smoothing(edge: Float[np.ndarray, " m"], width: float) -> Float[np.ndarray, "m m"]:
+    """Gaussian means along a closed boundary, the width a share of its length: turning at vertices to curvature."""
+    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / edge.sum()
+    distance = np.abs(s[:, None] - s)
+    smooth = np.exp(-0.5 * (np.minimum(distance, 1 - distance) / width) ** 2)
+    return np.asarray(smooth / (smooth @ ((edge + np.roll(edge, 1)) / 2))[:, None])
+
+
+def log_scale_of(polygon: Complex[np.ndarray, " m"], edge: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """Logarithm of a polygon's edge lengths per given ones at its vertices, the mean of two edges each."""
+    ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
+    return np.asarray((ratio + np.roll(ratio, 1)) / 2)
 
 
 def lay_out(
