@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.operators import (
     factor_symmetric,
@@ -162,9 +163,9 @@ def _least_straightened(
     for polygon in polygons:
         if polygon is None or not is_simple(polygon) or (drawn is not None and not is_simple(drawn(polygon))):
             continue
-        ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
-        log_scale = (ratio + np.roll(ratio, 1)) / 2
-        found.append(Flattening(boundary=polygon, log_scale=log_scale, clearance=outer_clearance(polygon)))
+        found.append(
+            Flattening(boundary=polygon, log_scale=log_scale_of(polygon, edge), clearance=outer_clearance(polygon))
+        )
         if found[-1].clearance >= clearance:
             return found[-1]
     # little straightening comes before a little more room: polygons are in order of their straightening
@@ -179,20 +180,30 @@ def _candidates(
     matrix = neumann()
     ds = (edge + np.roll(edge, 1)) / 2
     length = ds.sum()
-    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / length
-    distance = np.abs(s[:, None] - s)
-    distance = np.minimum(distance, 1 - distance)
     # S is blind to what changes from vertex to vertex: without Λ here slivers turn the boundary to and fro
     size = np.diag(ds) / length**2 + (0 if saws else matrix / length)
     for width in _WIDTHS:
-        smooth = np.exp(-0.5 * (distance / width) ** 2)
-        smooth /= (smooth @ ds)[:, None]
+        smooth = smoothing(edge, width)
         slope = smooth @ matrix
         normal = slope.T @ (ds[:, None] * slope)
         load = slope.T @ (ds * (2 * np.pi / length - smooth @ turning))
         for strength in _STRENGTHS:
             log_scale = np.linalg.solve(normal + strength * size, load)
             yield turning + matrix @ log_scale, log_scale
+
+
+def smoothing(edge: Float[np.ndarray, " m"], width: float) -> Float[np.ndarray, "m m"]:
+    """Gaussian means along a closed boundary, the width a share of its length: turning at vertices to curvature."""
+    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / edge.sum()
+    distance = np.abs(s[:, None] - s)
+    smooth = np.exp(-0.5 * (np.minimum(distance, 1 - distance) / width) ** 2)
+    return np.asarray(smooth / (smooth @ ((edge + np.roll(edge, 1)) / 2))[:, None])
+
+
+def log_scale_of(polygon: Complex[np.ndarray, " m"], edge: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """Logarithm of a polygon's edge lengths per given ones at its vertices, the mean of two edges each."""
+    ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
+    return np.asarray((ratio + np.roll(ratio, 1)) / 2)
 
 
 def lay_out(
@@ -221,7 +232,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
     ends = np.stack([polygon, np.roll(polygon, -1)])
     edge, middle = ends[1] - ends[0], ends.mean(axis=0)
     half = 0.5 * np.abs(edge)
-    tree = cKDTree(np.stack([middle.real, middle.imag], axis=1))
+    tree = cKDTree(plane_coordinates(middle))
     # the share is for round-off: edges cross only where their middles are within half their lengths
     i, j = tree.query_pairs(2.001 * half.max(), output_type="ndarray").T
     near = (np.abs(middle[i] - middle[j]) <= 1.001 * (half[i] + half[j])) & (j - i > 1) & (j - i < m - 1)
