@@ -18,6 +18,7 @@ from scipy.interpolate import LinearNDInterpolator
 
 from spinor_geom.discrete.area_descent import descend_area, harmonic_extension
 from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
 from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -120,7 +121,7 @@ class Rim:
         m = mesh.boundary_size
         circle = target.points[:m]
         # harmonic onto a convex domain, with a Delaunay mesh's positive weights: one to one
-        plane = _harmonic(mesh, np.column_stack([circle.real, circle.imag]))
+        plane = _harmonic(mesh, plane_coordinates(circle))
         x = self.positions(solution, mesh)
         moved = LinearNDInterpolator(plane, x)(target.points[m:].real, target.points[m:].imag)
         return np.concatenate([self.points, moved])
@@ -395,8 +396,7 @@ def _area_error(a: PlateauSolution, b: PlateauSolution) -> float:
 
 def _harmonic(mesh: PlaneTriangulation, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
     """Values at a plane mesh's vertices, harmonic inside."""
-    flat = np.column_stack([mesh.points.real, mesh.points.imag, np.zeros(len(mesh.points))])
-    return harmonic_extension(cotangent_laplacian(flat, mesh.faces), boundary)
+    return harmonic_extension(cotangent_laplacian(plane_coordinates(mesh.points), mesh.faces), boundary)
 
 
 def _disk(vertices: Float[np.ndarray, "n 3"], mesh: PlaneTriangulation) -> Disk:

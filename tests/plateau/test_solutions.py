@@ -145,18 +145,15 @@ def test_mirrored_disk_and_ridge_lead_to_the_other_stable_disk_and_to_the_saddle
 
 def test_round_positions_converge_to_the_surface():
     """Ω's harmonic map to the round mesh is a similarity here, so that the surface's positions there are known."""
-    errors = []
     for points in (32, 64, 128):
         exact = exact_solution(ENNEPER, points)
         rim = Rim(loop=exact.loop, indices=np.arange(points))
         positions = rim.round_positions(exact)
         assert np.array_equal(positions[:points], exact.loop.points)
         z = rim.round_mesh.points / np.abs(rim.round_mesh.points[0])
-        errors.append(np.sqrt(((positions - exact.surface.position(z)) ** 2).sum(axis=1).mean()))
-    assert errors[0] < 2e-2
-    # triangles that grow inwards: between order 1 and 2
-    assert errors[1] < 0.65 * errors[0]
-    assert errors[2] < 0.65 * errors[1]
+        error = np.sqrt(((positions - exact.surface.position(z)) ** 2).sum(axis=1).mean())
+        # order 1, as triangles grow inwards; it is less by chance where both meshes are nearly one
+        assert error < 0.2 / points
 
 
 @pytest.mark.parametrize(
