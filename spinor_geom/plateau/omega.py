@@ -130,11 +130,6 @@ class Shape:
     steps: int
     width: float
 
-    def unevenness(self, slide: Float[Tensor, " n"]) -> float:
-        """Largest distance of neighbouring nodes over what the density asks for."""
-        t = self.density.parameter(slide.cpu().numpy())
-        return float(np.diff(np.append(t, t[0] + 1)).max()) * len(t)
-
 
 def resolved(
     polygon: Complex[np.ndarray, " k"],
