@@ -13,7 +13,15 @@ import numpy as np
 from figure_tables import Figure, Table, figure_table, note
 from jaxtyping import Float
 
-from spinor_geom import BoundaryLoop, ClosedCurve, NoAnnulus, PlateauSolution, boundary_loops, fill_hole, solve_plateau
+from spinor_geom import (
+    BoundaryLoop,
+    ClosedCurve,
+    NoConnectedSurface,
+    PlateauSolution,
+    boundary_loops,
+    fill_hole,
+    solve_plateau,
+)
 from spinor_geom.adapters import read_mesh, to_mesh
 from spinor_geom.fill.bridge import find_islands
 
@@ -83,7 +91,7 @@ def catenoid_area(h: float) -> float:
     return float(2 * np.pi * (h * c + c * c * np.sinh(h / c) * np.cosh(h / c)))
 
 
-def timed(pair: Pair) -> tuple[PlateauSolution | NoAnnulus, float]:
+def timed(pair: Pair) -> tuple[PlateauSolution | NoConnectedSurface, float]:
     """An answer, and the median seconds of some after one that is not counted."""
     answer = solve_plateau(pair)
     seconds = []
@@ -113,7 +121,7 @@ def catenoid_figures(h: float) -> list[Figure]:
 def far_figures(h: float) -> list[Figure]:
     """The answer that there is none."""
     answer, seconds = timed((ring(1.0, h), ring(1.0, -h)))
-    none = isinstance(answer, NoAnnulus)
+    none = isinstance(answer, NoConnectedSurface)
     error = abs(answer.area / (2 * np.pi) - 1) if answer.area is not None else float("inf")
     told = "no annulus" if none else "an annulus"
     return [
@@ -229,8 +237,8 @@ def end_figures(path: Path) -> list[Figure]:
     case, mesh = f"facing ends of {path.name}", read_mesh(path).merged()
     first, second = boundary_loops(mesh)
     answer, seconds = timed((first, second))
-    none = isinstance(answer, NoAnnulus)
-    told = answer.reason if isinstance(answer, NoAnnulus) else "an annulus"
+    none = isinstance(answer, NoConnectedSurface)
+    told = answer.reason if isinstance(answer, NoConnectedSurface) else "an annulus"
     _, report = fill_hole(mesh, return_report=True)
     residuals = [outcome.solution.boundary_residual.rms_per_edge for outcome in report.loops if outcome.solution]
     return [

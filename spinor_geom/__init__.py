@@ -35,47 +35,38 @@ if TYPE_CHECKING:
     from spinor_geom.mesh.triangle_mesh import TriangleMesh as TriangleMesh
     from spinor_geom.meshing.embed import Patch as Patch
     from spinor_geom.meshing.embed import mesh_patch as mesh_patch
-    from spinor_geom.plateau.solution import NoAnnulus as NoAnnulus
+    from spinor_geom.plateau.solution import NoConnectedSurface as NoConnectedSurface
     from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution
     from spinor_geom.plateau.solve import solve_plateau as solve_plateau
     from spinor_geom.plateau.solve import solve_plateau_batch as solve_plateau_batch
     from spinor_geom.render.report import report as report
     from spinor_geom.surface.spinor_surface import SpinorSurface as SpinorSurface
 
-_MODULES = {
-    "BatchProgress": "spinor_geom.batching.engine",
-    "BatchResult": "spinor_geom.batching.engine",
-    "BoundaryCurve": "spinor_geom.mesh.curve",
-    "BoundaryLoop": "spinor_geom.mesh.boundary_loop",
-    "CauchyNetwork": "spinor_geom.holomorphic.cauchy",
-    "ClosedCurve": "spinor_geom.mesh.curve",
-    "Comparison": "spinor_geom.comparison",
-    "ComplexMLP": "spinor_geom.holomorphic.mlp",
-    "Continuation": "spinor_geom.fill.continuation",
-    "DiscreteMinimalSurface": "spinor_geom.discrete.minimal_surface",
-    "FillResult": "spinor_geom.fill.result",
-    "LaurentSeries": "spinor_geom.holomorphic.laurent",
-    "LoopOutcome": "spinor_geom.fill.result",
-    "MeshFile": "spinor_geom.adapters",
-    "NoAnnulus": "spinor_geom.plateau.solution",
-    "Patch": "spinor_geom.meshing.embed",
-    "PlaneDomain": "spinor_geom.domain.plane_domain",
-    "PlateauSolution": "spinor_geom.plateau.solution",
-    "PowerSeries": "spinor_geom.holomorphic.series",
-    "SpinorGeomError": "spinor_geom.errors",
-    "SpinorSurface": "spinor_geom.surface.spinor_surface",
-    "TriangleMesh": "spinor_geom.mesh.triangle_mesh",
-    "batch": "spinor_geom.batching.engine",
-    "boundary_loops": "spinor_geom.fill.loops",
-    "compare": "spinor_geom.comparison",
-    "discrete_minimal_surface": "spinor_geom.discrete.minimal_surface",
-    "fill_hole": "spinor_geom.fill.fill_hole",
-    "mesh_patch": "spinor_geom.meshing.embed",
-    "read_mesh": "spinor_geom.adapters",
-    "report": "spinor_geom.render.report",
-    "solve_plateau": "spinor_geom.plateau.solve",
-    "solve_plateau_batch": "spinor_geom.plateau.solve",
+_NAMES = {
+    "adapters": "MeshFile read_mesh",
+    "batching.engine": "BatchProgress BatchResult batch",
+    "comparison": "Comparison compare",
+    "discrete.minimal_surface": "DiscreteMinimalSurface discrete_minimal_surface",
+    "domain.plane_domain": "PlaneDomain",
+    "errors": "SpinorGeomError",
+    "fill.continuation": "Continuation",
+    "fill.fill_hole": "fill_hole",
+    "fill.loops": "boundary_loops",
+    "fill.result": "FillResult LoopOutcome",
+    "holomorphic.cauchy": "CauchyNetwork",
+    "holomorphic.laurent": "LaurentSeries",
+    "holomorphic.mlp": "ComplexMLP",
+    "holomorphic.series": "PowerSeries",
+    "mesh.boundary_loop": "BoundaryLoop",
+    "mesh.curve": "BoundaryCurve ClosedCurve",
+    "mesh.triangle_mesh": "TriangleMesh",
+    "meshing.embed": "Patch mesh_patch",
+    "plateau.solution": "NoConnectedSurface PlateauSolution",
+    "plateau.solve": "solve_plateau solve_plateau_batch",
+    "render.report": "report",
+    "surface.spinor_surface": "SpinorSurface",
 }
+_MODULES = {name: f"spinor_geom.{module}" for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = sorted(_MODULES)
 

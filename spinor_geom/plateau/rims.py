@@ -38,6 +38,8 @@ from spinor_geom.plateau.lift_rims import Lift, lifted, lifted_surface
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.network_route import Budget
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.plan import minimal_disk, plan
 from spinor_geom.plateau.plane_route import beside_in_plane, plane_between
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between, start_over
@@ -46,12 +48,12 @@ from spinor_geom.plateau.solution import (
     Annulus,
     BoundaryResidual,
     Iteration,
-    NoAnnulus,
+    NoConnectedSurface,
     PlateauSolution,
     RimDisks,
     RimMatch,
 )
-from spinor_geom.plateau.task import Options, Task, sampled_formula
+from spinor_geom.plateau.task import Task, sampled_formula
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Nodes on each rim where an annulus is sought, most for which matrices are factored, most of all, and most an edge.
@@ -162,7 +164,7 @@ class RimsTask:
             history=[],
         )
 
-    def solved(self) -> PlateauSolution | NoAnnulus:
+    def solved(self) -> PlateauSolution | NoConnectedSurface:
         """The surface of least area that was found, or that there is none."""
         plane = self._in_plane()
         if plane is not None:
@@ -193,7 +195,7 @@ class RimsTask:
             if fitted is None:
                 raise
             return fitted
-        if isinstance(answer, NoAnnulus) or answer.converged:
+        if isinstance(answer, NoConnectedSurface) or answer.converged:
             return answer
         fitted = fitted or self._on_network()
         if fitted is None:
@@ -205,7 +207,7 @@ class RimsTask:
         leaves = self.options.leaves_unstable
         return annulus.converged and not (leaves and annulus.stability.verdict == "unstable")
 
-    def _on_circles(self) -> PlateauSolution | NoAnnulus:
+    def _on_circles(self) -> PlateauSolution | NoConnectedSurface:
         """Douglas's surface of least area over a circular domain, or that there is none."""
         best = self._descended()
         if best is None and len(self.loops) == 2:
@@ -405,12 +407,12 @@ class RimsTask:
     def _stable(self) -> list[Placement]:
         return [placed for placed in self._all_critical() if self._problem(placed).index(placed.surface) == 0]
 
-    def _none(self, reason: str | None = None) -> NoAnnulus:
+    def _none(self, reason: str | None = None) -> NoConnectedSurface:
         two = len(self.loops) == 2
         kind, left = ("annulus", "two disks") if two else ("surface of one piece", "surfaces of fewer rims each")
         if reason is None:
             reason = _RUNS_AWAY if two else _FALLS_APART
-        return NoAnnulus(
+        return NoConnectedSurface(
             loops=self.loops,
             rim_disks=self._disks,
             reason=f"no {kind}: {reason}; what is left are {left}",
@@ -575,7 +577,8 @@ def _disks_over(
 ) -> tuple[PlateauSolution, ...] | None:
     """The minimal disks over loops that are known to be simple; None where one was not found."""
     try:
-        return tuple(Task.over(*rim, options).solved() for rim in zip(loops, curves, strict=True))
+        tasks = [Task.over(*rim, options) for rim in zip(loops, curves, strict=True)]
+        return tuple(minimal_disk(task, plan(task)) for task in tasks)
     except SpinorGeomError:
         return None
 

@@ -5,7 +5,8 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.plateau import network_route, solve_plateau
-from spinor_geom.plateau.task import Options, Task
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.task import Task
 
 
 @pytest.mark.parametrize("order", [1, 2])
