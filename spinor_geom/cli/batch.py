@@ -5,17 +5,18 @@ from __future__ import annotations
 import argparse
 
 from spinor_geom.batching.engine import BatchProgress, batch
-from spinor_geom.cli.console import ExitStatus, batch_progress, complain, show_lines
+from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
     """Runs the batch; says how many files are not wholly done, and where that stands."""
-    with batch_progress() as show:
+    with progress("listing the inputs") as show:
 
         def on_progress(now: BatchProgress) -> None:
             rate = (now.files - now.files_before) / now.seconds if now.seconds else 0.0
-            left = (now.files_total - now.files) / rate if rate else None
-            show(now.files, now.files_total, _said(now), left)
+            left = (now.files_total - now.files) / rate if rate else 0.0
+            ready = f", ready in {f'{left / 60:.0f} min' if left > 90 else f'{left:.0f} s'}" if rate else ""
+            show(now.files, now.files_total, _said(now) + ready)
 
         options = {
             name: value for name, value in vars(arguments).items() if name not in ("command", "inputs", "output")
