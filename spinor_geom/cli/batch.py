@@ -13,10 +13,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     with progress("listing the inputs") as show:
 
         def on_progress(now: BatchProgress) -> None:
-            rate = (now.files - now.files_before) / now.seconds if now.seconds else 0.0
-            left = (now.files_total - now.files) / rate if rate else 0.0
-            ready = f", ready in {f'{left / 60:.0f} min' if left > 90 else f'{left:.0f} s'}" if rate else ""
-            show(now.files, now.files_total, _said(now) + ready)
+            show(now.files, now.files_total, _said(now) + _ready(now))
 
         options = {
             name: value for name, value in vars(arguments).items() if name not in ("command", "inputs", "output")
@@ -28,6 +25,13 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     if not result.complete:
         complain(f"{done.files_failed} of {done.files} files are not wholly done; see {result.log}")
     return ExitStatus.DONE if result.complete else ExitStatus.IMPERFECT
+
+
+def _ready(now: BatchProgress) -> str:
+    if not now.seconds or now.files == now.files_before:
+        return ""
+    left = (now.files_total - now.files) * now.seconds / (now.files - now.files_before)
+    return f", ready in {left / 60:.0f} min" if left > 90 else f", ready in {left:.0f} s"
 
 
 def _said(now: BatchProgress) -> str:
