@@ -235,11 +235,11 @@ def _directions(
         yield torch.nn.functional.normalize(tangent[held], dim=1), held
 
 
-def normals_of(tangent: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+def normals_of(tangent: Float[Tensor, "*pts 3"]) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
     """Two orthonormal directions normal to each tangent."""
-    unit = torch.nn.functional.normalize(tangent, dim=1)
-    axis = torch.nn.functional.one_hot(unit.abs().argmin(1), 3).to(unit.dtype)
-    first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=1)
+    unit = torch.nn.functional.normalize(tangent, dim=-1)
+    axis = torch.nn.functional.one_hot(unit.abs().argmin(-1), 3).to(unit.dtype)
+    first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=-1)
     return first, torch.linalg.cross(unit, first)
 
 

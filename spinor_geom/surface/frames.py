@@ -18,7 +18,7 @@ from __future__ import annotations
 from typing import Literal
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from spinor_geom.errors import DtypeError, OptionError
@@ -101,7 +101,13 @@ def spin_invariant(
         p: p at the samples of a closed curve, in order (the last is followed by the first).
         q: q at the same samples.
     """
-    return 1 if bool(_signs(p, q).prod() > 0) else -1
+    return 1 if bool(signs_close_up(p, q)) else -1
+
+
+def signs_close_up(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Bool[Tensor, "*batch"]:
+    """Whether the spinors of closed sequences come back to themselves, and not to their negatives."""
+    closed: Tensor = _signs(p, q).prod(-1) > 0
+    return closed
 
 
 def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tensor, " n"]) -> Literal[0, 1]:
