@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -39,6 +40,7 @@ from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.solution import Iteration
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Gauss-Legendre nodes on each edge while p and q are sought: poles lie at least 0.35 edges away, so the first integrate
@@ -64,8 +66,9 @@ _FAR = 4.0
 _LARGEST_BULGE = 2.0
 # Linearisations in all: rims that are met take one to ten.
 _MOST_LINEARISATIONS = 12
-# Quadrature nodes on each piece of a path in Ω.
-_PATH_ORDER = 16
+
+
+Array = TypeVar("Array", np.ndarray, Tensor)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,12 +119,13 @@ class VertexSolver:
             with self.clock.stage("fit"):
                 raw = self._fitted(basis, basis.nearest(spinors), raw, wanted, steps)
             with self.clock.stage("surface"):
-                network, told = basis.told(raw)
-                error = told.centred(wanted)
-            if _rms(error) <= self.allowed or is_out_of_time():
+                network = basis.network(raw)
+                rim = RimPrimitive.along(domain.boundary, partial(_phi_of, network), _NODES_TOLD)
+                error = _centred(rim.at_breaks[:-1].real - points)
+            if _rms(torch.from_numpy(error)) <= self.allowed or is_out_of_time():
                 break
         with self.clock.stage("surface"):
-            return self._found(network, told, error.cpu().numpy(), domain, tuple(steps))
+            return self._found(network, rim, error, domain, tuple(steps))
 
     def _fitted(
         self,
@@ -186,20 +190,24 @@ class VertexSolver:
     def _found(
         self,
         network: CauchyNetwork,
-        told: _Rim,
+        rim: RimPrimitive,
         error: Float[np.ndarray, "n 3"],
         domain: PlaneDomain,
         history: tuple[Iteration, ...],
     ) -> Found:
         points = self.loop.points
-        curve = told.curve_through(points, error)
+        curve = _curve_through(points, rim, error)
         bulge = curve.bulge() / self.loop.mean_edge_length
         if not bulge <= _LARGEST_BULGE:
             raise SurfaceError(
                 f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
             )
-        constant = points[0] + error[0] + told.displacement(domain)
-        surface = SpinorSurface(network, domain, constant, order=_PATH_ORDER).to(self.device)
+        m = len(points)
+        at_root = (
+            rim.at_breaks[domain.root] if domain.root < m else rim.inside(domain.triangulation.points[[domain.root]])
+        )
+        constant = points[0] + error[0] + at_root.real.reshape(3)
+        surface = SpinorSurface(network, domain, constant).to(self.device)
         length, after = self.loop.edge_lengths, np.roll(error, -1, axis=0)
         beside = (length + np.roll(length, 1)) / 2
         # of what is linear from point to point: from the surface's boundary to Γ
@@ -214,7 +222,7 @@ class VertexSolver:
                 max_per_local_edge=float((np.linalg.norm(error, axis=1) / beside).max()),
                 length=curve.length(),
             ),
-            area=told.area,
+            area=rim.area,
             route="vertices",
             history=history,
             limit="no minimal surface near the discrete one passes through the loop's points more nearly",
@@ -311,13 +319,11 @@ class _Basis:
         """The surface's boundary for orthonormal read-outs, at the nodes of the fit."""
         return _Rim(polygon=self.polygon, spinors=self.features @ self.raw(readout))
 
-    def told(self, raw: Complex[Tensor, "k 2"]) -> tuple[CauchyNetwork, _Rim]:
-        """The network with read-outs of the features themselves, and its boundary at nodes that tell it."""
-        network = CauchyNetwork.of_raw_features(
+    def network(self, raw: Complex[Tensor, "k 2"]) -> CauchyNetwork:
+        """The network with read-outs of the features themselves."""
+        return CauchyNetwork.of_raw_features(
             self.polygon, hessenberg=self.hessenberg, poles=self.poles, scales=self.scales, readout=raw
         )
-        with torch.no_grad():
-            return network, _Rim(polygon=self.polygon, spinors=network.value(_nodes(self.polygon, _NODES_TOLD)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -347,48 +353,7 @@ class _Rim:
 
     def centred(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
         """Distances of the vertices from given points, with the constant of r that makes their sum 0."""
-        error = self.starts - points
-        return error - error.mean(0)
-
-    @cached_property
-    def primitive(self) -> Complex[Tensor, "n g 3"]:
-        """∫ φ dz from the first vertex to the nodes."""
-        inner, weights = cumulative_matrix(self.nodes), rule("gauss", self.nodes).weights
-        whole = torch.tensor(np.vstack([inner, weights]), device=self.polygon.device).to(self.velocity)
-        within = torch.einsum("hg,ngk->nhk", whole, self.velocity)
-        length = within[:, -1:]
-        return length.cumsum(0) - length + within[:, :-1]
-
-    def displacement(self, domain: PlaneDomain) -> Float[np.ndarray, "3"]:
-        """R at the root of Ω less that at the first vertex, by Cauchy's formula."""
-        if domain.root < len(self.polygon):
-            return np.asarray(self.starts[domain.root].cpu())
-        z = _nodes(self.polygon, self.nodes)
-        weights = torch.tensor(rule("gauss", self.nodes).weights, device=z.device)
-        kernel = weights * (self.polygon.roll(-1) - self.polygon)[:, None]
-        kernel = kernel / (z - complex(domain.triangulation.points[domain.root]))
-        # the formula for 1 below that for ∫φ: near ∂Ω their errors are nearly the same
-        return np.asarray((torch.einsum("ng,ngk->k", kernel, self.primitive) / kernel.sum()).real.cpu())
-
-    @property
-    def area(self) -> float:
-        """½∮ r·Im(φ dz)."""
-        weights = torch.tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
-        return 0.5 * float(torch.einsum("g,ngk,ngk->", weights, self.primitive.real, self.velocity.imag))
-
-    def curve_through(self, points: Float[np.ndarray, "n 3"], error: Float[np.ndarray, "n 3"]) -> BoundaryCurve:
-        """Γ: the surface's boundary less its distances from the points, which change linearly from one to the next."""
-        place = places_in_piece()
-        within = np.einsum("hg,ngk->hnk", cumulative_matrix(self.nodes, tuple(place)), self.velocity.real.cpu().numpy())
-        drift = np.roll(error, -1, axis=0) - error
-        values = points + within - place[:, None, None] * drift
-        chord = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-        breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
-        breaks[-1] = 1.0
-        values[0] = points
-        return BoundaryCurve(
-            breaks=breaks, coefficients=through(values, np.diff(breaks)), corners=np.ones(len(points), dtype=bool)
-        )
+        return _centred(self.starts - points)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -443,6 +408,34 @@ class _Linear:
         """Of the vertices by a change of the read-outs."""
         (pp, pq), (qp, qq) = (self.by_p.mH @ readout).T, (self.by_q.mH @ readout).T
         return torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
+
+
+def _curve_through(
+    points: Float[np.ndarray, "n 3"], rim: RimPrimitive, error: Float[np.ndarray, "n 3"]
+) -> BoundaryCurve:
+    """Γ: the surface's boundary less its distances from the points, which change linearly from one to the next."""
+    place = places_in_piece()
+    velocity = rim.velocity.real.reshape(len(points), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
+    within = np.einsum("hg,ngk->hnk", cumulative_matrix(rim.panels.order, tuple(place)), velocity)
+    values = points + within - place[:, None, None] * (np.roll(error, -1, axis=0) - error)
+    chord = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
+    breaks[-1] = 1.0
+    values[0] = points
+    return BoundaryCurve(
+        breaks=breaks, coefficients=through(values, np.diff(breaks)), corners=np.ones(len(points), dtype=bool)
+    )
+
+
+def _phi_of(network: CauchyNetwork, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
+    with torch.no_grad():
+        spinors = network.value(torch.from_numpy(z).to(network.poles.device))
+        return phi(*spinors.unbind(-1)).cpu().numpy()
+
+
+def _centred(error: Array) -> Array:
+    """Less their mean."""
+    return error - error.mean(0)
 
 
 def _rms(error: Float[Tensor, "n 3"]) -> float:
