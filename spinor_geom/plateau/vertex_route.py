@@ -44,8 +44,8 @@ from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Gauss-Legendre nodes on each edge while p and q are sought: poles lie at least 0.35 edges away, so the first integrate
-# φ to 1e-4 where p and q are tame, which is told with the last; where that does not do, the second.
-_NODES, _NODES_TOLD = (10, 16), 24
+# φ to 1e-4 where p and q are tame, which is told with the last; where that does not do, the next.
+_NODES, _NODES_TOLD = (10, 16, 24), 32
 # Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
 _NORM_DEGREE = 6
 # Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
