@@ -246,8 +246,8 @@ class PlateauSolution(Shown):
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
         area: ½∮ r·Im(φ dz), in squared mesh units.
         route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "vertices": of
-            the surfaces through a rough loop's points the one nearest to a discrete minimal disk; Γ between the points
-            is the surface's own boundary. "disk", "unfolded", "deformed", "flattened": Douglas's slide on the unit
+            the surfaces through rough loops' points the one nearest to a discrete minimal disk, or to that over
+            averages of several loops; Γ between the points is the surface's own boundary. "disk", "unfolded", "deformed", "flattened": Douglas's slide on the unit
             disk, on the unfolded least-area triangulation, on a domain that grew with the loop from an average of it,
             or on a flattened discrete disk; p and q are a power series or Cauchy's formula. "network": Gauss-Newton for
             a Cauchy network. "trained": training of a complex-valued network. "annulus": Douglas's slides of two rims
