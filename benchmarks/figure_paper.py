@@ -23,8 +23,8 @@ from spinor_geom.experiments.moebius import fit_moebius
 from spinor_geom.experiments.paper_surfaces import boundary_of, random_networks, solved_by_network
 from spinor_geom.experiments.timing import boundary_distance
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
 
 RUNS = 5
 EXACT, AREA_ERROR, EXACT_SECONDS = 1e-13, 1e-13, 0.1

@@ -287,11 +287,3 @@ def shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
     """Lengths of a polygon's edges by all."""
     edge = (polygon.roll(-1) - polygon).abs()
     return edge / edge.sum()
-
-
-def norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "g g"]:
-    """L with LLᵀ the matrix of ∫ |f|² + |f′|² for values at an edge's nodes, the edge as the unit of length."""
-    nodes, weights = (torch.tensor(part) for part in rule("gauss", count))
-    slope = torch.diff(torch.eye(count, dtype=torch.float64), dim=0) / torch.diff(nodes).sqrt()[:, None]
-    factor: Tensor = torch.linalg.cholesky(torch.diag(weights) + slope.T @ slope)
-    return factor.to(device)

@@ -12,16 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.discrete.area_descent import harmonic_extension
-from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
@@ -31,19 +30,17 @@ from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import mollified_laplacian
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.gauss_newton import gram
 from spinor_geom.plateau.solution import Iteration
-from spinor_geom.plateau.start import lifted_spinors
+from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.through_points import (
     EdgeIntegrals,
     PointEquations,
     misfit_at_points,
     nearest_through,
     nodes_on_edges,
-    norm_of_edge,
     polygon_through,
     rms,
     shares,
@@ -53,6 +50,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Gauss-Legendre nodes on each edge while p and q are sought: poles lie at least 0.35 edges away, so the first integrate
 # φ to 1e-4 where p and q are tame, which is told with the last; where that does not do, the second.
 _NODES, _NODES_TOLD = (10, 16), 24
+# Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
+_NORM_DEGREE = 6
 # Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
 _DEGREE, _MOST_UNITS = 24, 800
 # The Gram matrix's diagonal is raised by this share of its mean: units with neighbouring poles are nearly dependent.
@@ -104,8 +103,9 @@ class VertexSolver:
             disk = first_disk(points)
         with self.clock.stage("flattening"):
             flat = flatten(disk.vertices, disk.faces, len(points))
-            domain = _domain(disk, flat)
-        spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, self.device)
+            images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
+            domain = _domain(disk.faces, images, flat)
+            spinors = lifted_spinors(disk.vertices, disk.faces, images, len(points), self.device)
         wanted = torch.tensor(points, device=self.device)
         steps, raw = list(history), None
         for nodes in _NODES:
@@ -187,16 +187,13 @@ class VertexSolver:
         )
 
 
-def _domain(disk: Disk, flat: Flattening) -> PlaneDomain:
+def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
     """Inside the flattened boundary, with the disk's own triangles where they have a place there."""
-    boundary, m = polygon_through(flat.boundary), len(flat.boundary)
-    around = np.column_stack([flat.boundary.real, flat.boundary.imag])
-    points = harmonic_extension(mollified_laplacian(disk.vertices, disk.faces), around) @ np.array([1.0, 1.0j])
-    points[:m] = flat.boundary
-    a, b, c = points[disk.faces].T
+    boundary = polygon_through(flat.boundary)
+    a, b, c = images[faces].T
     if not ((np.conj(b - a) * (c - a)).imag > 0).all():
         return PlaneDomain.inside(boundary, flat.log_scale)
-    mesh = PlaneTriangulation(points=points, faces=disk.faces, boundary_size=m)
+    mesh = PlaneTriangulation(points=images, faces=faces, boundary_size=len(flat.boundary))
     return PlaneDomain(boundary=boundary, triangulation=mesh, log_scale=flat.log_scale)
 
 
@@ -222,7 +219,7 @@ class _Basis:
         weight = shares(polygon)[:, None] * torch.tensor(rule("gauss", nodes).weights, device=device)
         hessenberg = arnoldi_hessenberg(z.reshape(-1), weight.reshape(-1), min(_DEGREE, max(2, n // 2)))
         features = raw_features(z, hessenberg, positions, scales)
-        root = norm_of_edge(nodes, device).T.to(features) * shares(polygon).sqrt()[:, None, None]
+        root = _norm_of_edge(nodes, device).to(features) * shares(polygon).sqrt()[:, None, None]
         matrix = gram((root @ features).flatten(0, 1))
         matrix.diagonal().add_(_RIDGE * matrix.diagonal().real.mean())
         return cls(
@@ -252,8 +249,8 @@ class _Basis:
         back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
         ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
         wanted = (1 - back - ahead) * spinors[:, None] + back * before + ahead * after
-        factor = norm_of_edge(self.nodes, wanted.device).to(wanted)
-        weighted = (factor @ (factor.mT @ wanted) * edge).flatten(0, 1)
+        factor = _norm_of_edge(self.nodes, wanted.device).to(wanted)
+        weighted = (factor.mT @ (factor @ wanted) * edge).flatten(0, 1)
         nearest: Tensor = torch.linalg.solve_triangular(
             self.norm, self.features.flatten(0, 1).mH @ weighted, upper=False
         )
@@ -298,3 +295,18 @@ class _Passing:
             torch.linalg.solve_triangular(self.basis.norm, part.mH, upper=False) for part in to_vertex.unbind(1)
         )
         return PointEquations.of(by_p, by_q)
+
+
+@lru_cache
+def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
+    """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of low degree, from its values at an edge's nodes.
+
+    The edge is the unit of length; of other functions it is their projection's.
+    """
+    places, weights = rule("gauss", count)
+    x, degrees = 2 * places - 1, np.arange(_NORM_DEGREE + 1)
+    values = np.polynomial.legendre.legvander(x, _NORM_DEGREE)
+    slopes = 2 * np.polynomial.legendre.legval(x, np.polynomial.legendre.legder(np.eye(_NORM_DEGREE + 1))).T
+    both = np.diag(1 / (2 * degrees + 1)) + slopes.T @ (weights[:, None] * slopes)
+    projection = (2 * degrees[:, None] + 1) * (values * weights[:, None]).T
+    return torch.tensor(np.linalg.cholesky(both).T @ projection, device=device)

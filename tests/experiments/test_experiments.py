@@ -6,12 +6,13 @@ import base64
 import json
 import math
 import re
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
 import torch
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import proj3d
 from PIL import Image
 
 from spinor_geom import gallery
@@ -34,12 +35,12 @@ from spinor_geom.experiments import (
     timing,
     twisted_circle,
 )
-from spinor_geom.experiments.experiment import Outcome, as_json, experiment, fitted_slope, keeping
+from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope, keeping
 from spinor_geom.experiments.report import Done, report, reproduce
 from spinor_geom.files import finite
 from spinor_geom.holomorphic import PowerSeries
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
 # steps too small to move anything, and steps that bring a small network near to its curve
@@ -55,8 +56,8 @@ def test_every_name_is_an_experiment_that_quick_shortens(name):
     assert all(long != short for long, short in shortened.values())
     assert {name.split(".")[0] for name in shortened} <= {entry.name for entry in fields(one.full)}
     # by its settings a run knows what an earlier one finished
-    told = finite(as_json(one.full))
-    assert json.loads(json.dumps(told)) == told != finite(as_json(one.quick))
+    told = finite(asdict(one.full))
+    assert json.loads(json.dumps(told)) == told != finite(asdict(one.quick))
 
 
 def test_slopes_are_fitted_above_the_floor_only():
@@ -253,13 +254,22 @@ def test_triangles_of_the_disk_cover_it_once_and_turn_one_way():
     assert abs(areas.sum() - 6 * np.sin(np.pi / 6)) < 1e-12
 
 
-def test_surfaces_lie_inside_their_pictures_and_crosses_on_them():
+def test_surfaces_lie_inside_their_pictures_with_crosses_and_a_scale_of_colours():
     surface = gallery.enneper(1.0).surface
     one = replace(drawing.Drawn.of(surface, (3, 24)), marks=surface.position(np.array([0j])))
     figure = drawing.surfaces({"a": one, "b": replace(one, value=np.arange(len(one.position), dtype=float))})
     assert len(figure.axes) == 3  # and a scale of colours
-    first, second = (cross.get_xdata()[0] for cross in figure.artists)
-    assert 0.1 < first < 0.5 < second < 0.9
+    figure.canvas.draw()
+    for axes in figure.axes[:2]:
+        rim, cross = axes.lines
+        assert cross.get_marker() == "x"
+        x, y, _ = proj3d.proj_transform(*rim.get_data_3d(), axes.get_proj())
+        on_screen = axes.transData.transform(np.stack([x, y], axis=-1))
+        box = axes.get_window_extent()
+        inside = (on_screen - box.min) / box.size
+        assert inside.min() > 0
+        assert inside.max() < 1
+        assert np.ptp(inside[:, 0]) > 0.7
 
 
 def test_a_different_surface_leaves_a_residual():
