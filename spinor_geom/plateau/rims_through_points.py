@@ -37,9 +37,7 @@ from spinor_geom.plateau.through_points import (
     misfit_at_points,
     nearest_through,
     nodes_on_edges,
-    norm_of_edge,
     polygon_through,
-    shares,
 )
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -199,9 +197,8 @@ class _Basis:
                 for j, most in enumerate(powers)
             ]
             parts = [_own_powers(zeta[j], count, of_hole=j > 0) for j, count in enumerate(counts)]
-            size = root.abs().mean() * (polygon.roll(-1) - polygon).abs().sum() * shares(polygon)
-            factor = norm_of_edge(_NODES, z.device).T.to(z)
-            norm = gram((factor @ parts[number] * size.sqrt()[:, None, None]).flatten(0, 1))
+            norm = gram(_in_h1(parts[number], z, polygon, centre=circles.centres[number - 1] if number else None))
+            norm *= root.abs().mean()
             norm.diagonal().add_(_RIDGE * norm.diagonal().real.mean())
             on_way, dz = _way(domain, number, odd.device)
             zeta = circles.coordinates(on_way)
@@ -241,6 +238,21 @@ def _own_powers(zeta: Complex[Tensor, "*pts"], count: int, *, of_hole: bool) -> 
     """The powers of a circle's coordinate that a Laurent series has: from the first for holes, else from the zeroth."""
     table = power_table(zeta, count).movedim(0, -1)
     return zeta[..., None] * table if of_hole else table
+
+
+def _in_h1(
+    powers: Complex[Tensor, "n g k"],
+    z: Complex[Tensor, "n g"],
+    polygon: Complex[Tensor, " n"],
+    *,
+    centre: Complex[Tensor, ""] | None,
+) -> Complex[Tensor, "_ k"]:
+    """Rows whose squares sum to ∫ |f|² + |f′|² |dz| of powers of a coordinate, f′ by edges; those of z have no centre."""
+    edge = (polygon.roll(-1) - polygon).abs()[:, None, None]
+    weights = torch.tensor(rule("gauss", z.shape[1]).weights, device=z.device)[:, None]
+    k = torch.arange(powers.shape[-1], dtype=edge.dtype, device=z.device)
+    slopes = powers * (k if centre is None else k + 1) / (z if centre is None else z - centre)[..., None] * edge
+    return (torch.stack([powers, slopes]) * (weights * edge).sqrt()).flatten(0, 2)
 
 
 def _way(domain: PlaneDomain, number: int, device: torch.device) -> tuple[Complex[Tensor, " w"], Complex[Tensor, " w"]]:

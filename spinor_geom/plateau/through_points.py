@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
@@ -36,8 +36,6 @@ _KEEP = 0.3
 _HALVINGS, _STALL = 6, 0.99
 # Linearisations in all: rims that are met take one to ten.
 _MOST_LINEARISATIONS = 12
-# Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
-_NORM_DEGREE = 6
 
 Array = TypeVar("Array", bound="np.ndarray[Any, Any] | Tensor")
 
@@ -277,20 +275,3 @@ def shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
 def centred(error: Array) -> Array:
     """Less their mean."""
     return error - error.mean(0)
-
-
-@lru_cache
-def norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
-    """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of low degree, from its values at an edge's nodes.
-
-    The edge is the unit of length; of other functions it is their projection's.
-    """
-    places, weights = rule("gauss", count)
-    degrees = np.arange(_NORM_DEGREE + 1)
-    values = np.polynomial.legendre.legvander(2 * places - 1, _NORM_DEGREE)
-    slopes = (
-        2 * np.polynomial.legendre.legval(2 * places - 1, np.polynomial.legendre.legder(np.eye(_NORM_DEGREE + 1))).T
-    )
-    both = np.diag(1 / (2 * degrees + 1)) + slopes.T @ (weights[:, None] * slopes)
-    projection = (2 * degrees[:, None] + 1) * (values * weights[:, None]).T
-    return torch.tensor(np.linalg.cholesky(both).T @ projection, device=device)

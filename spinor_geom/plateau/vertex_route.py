@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 import torch
@@ -43,7 +43,6 @@ from spinor_geom.plateau.through_points import (
     misfit_at_points,
     nearest_through,
     nodes_on_edges,
-    norm_of_edge,
     polygon_through,
     rms,
     shares,
@@ -55,6 +54,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Gauss-Legendre nodes on each edge while p and q are sought: poles lie at least 0.35 edges away, so the first integrate
 # φ to 1e-4 where p and q are tame, which is told with the last; where that does not do, the next.
 _NODES, _NODES_TOLD = (10, 16, 24), 32
+# Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
+_NORM_DEGREE = 6
 # Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
 _DEGREE, _MOST_UNITS = 24, 800
 # The Gram matrix's diagonal is raised by this share of its mean: units with neighbouring poles are nearly dependent.
@@ -229,7 +230,7 @@ class _Basis:
         weight = shares(polygon)[:, None] * torch.tensor(rule("gauss", nodes).weights, device=device)
         hessenberg = arnoldi_hessenberg(z.reshape(-1), weight.reshape(-1), min(_DEGREE, max(2, n // 2)))
         features = raw_features(z, hessenberg, positions, scales)
-        root = norm_of_edge(nodes, device).to(features) * shares(polygon).sqrt()[:, None, None]
+        root = _norm_of_edge(nodes, device).to(features) * shares(polygon).sqrt()[:, None, None]
         matrix = gram((root @ features).flatten(0, 1))
         matrix.diagonal().add_(_RIDGE * matrix.diagonal().real.mean())
         return cls(
@@ -259,7 +260,7 @@ class _Basis:
         back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
         ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
         wanted = (1 - back - ahead) * spinors[:, None] + back * before + ahead * after
-        factor = norm_of_edge(self.nodes, wanted.device).to(wanted)
+        factor = _norm_of_edge(self.nodes, wanted.device).to(wanted)
         weighted = (factor.mT @ (factor @ wanted) * edge).flatten(0, 1)
         nearest: Tensor = torch.linalg.solve_triangular(
             self.norm, self.features.flatten(0, 1).mH @ weighted, upper=False
@@ -301,3 +302,20 @@ class _Passing:
             torch.linalg.solve_triangular(self.basis.norm, part.mH, upper=False) for part in to_vertex.unbind(1)
         )
         return PointEquations.of(by_p, by_q)
+
+
+@lru_cache
+def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
+    """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of low degree, from its values at an edge's nodes.
+
+    The edge is the unit of length; of other functions it is their projection's.
+    """
+    places, weights = rule("gauss", count)
+    degrees = np.arange(_NORM_DEGREE + 1)
+    values = np.polynomial.legendre.legvander(2 * places - 1, _NORM_DEGREE)
+    slopes = (
+        2 * np.polynomial.legendre.legval(2 * places - 1, np.polynomial.legendre.legder(np.eye(_NORM_DEGREE + 1))).T
+    )
+    both = np.diag(1 / (2 * degrees + 1)) + slopes.T @ (weights[:, None] * slopes)
+    projection = (2 * degrees[:, None] + 1) * (values * weights[:, None]).T
+    return torch.tensor(np.linalg.cholesky(both).T @ projection, device=device)
