@@ -50,8 +50,8 @@ class Portrait:
         return cls(
             layers=(
                 Faces(**places, faces=family.faces, colour=FRONT_COLOUR, inside=BACK_COLOUR),
-                Lines(**places, edges=np.stack([rim, np.roll(rim, -1)], axis=1), width=2.5),
                 Lines(**places, edges=family.lines, colour=GRID_COLOUR, width=0.75),
+                Lines(**places, edges=np.stack([rim, np.roll(rim, -1)], axis=1), width=2.5),
             )
         )
 
