@@ -134,7 +134,7 @@ class ByTraining:
         """The disk as near to Γ as the training brings it."""
         start: PlateauSolution | None = None
         if self.warm_start and self.optimizer.takes_start:
-            first = replace(task, options=replace(task.options, optimizer=None, is_free=True))
+            first = replace(task, options=replace(task.options, model="auto", optimizer=None))
             start = minimal_disk(first, plan(first))
         with task.clock.stage("training"):
             found = self.optimizer.disk(
@@ -147,8 +147,8 @@ class ByTraining:
 def plan(task: Task) -> tuple[Route, ...]:
     """The routes to a disk over a loop, the likeliest first, as its shape, its corners and the options ask for."""
     loop, curve, options = task.unit, task.curve, task.options
-    if options.optimizer is not None:
-        return (ByTraining(options.optimizer, options.warm_start),)
+    if options.trainer is not None:
+        return (ByTraining(options.trainer, options.warm_start),)
     if options.is_series:
         return (OnUnitDisk(),)
     if not options.is_free:
@@ -157,7 +157,7 @@ def plan(task: Task) -> tuple[Route, ...]:
     if loop.corners.any():
         # kinks of Γ are singularities of p and q
         return (*in_plane, ByNetwork())
-    if options.is_free_between and _shows_no_curve(loop, curve):
+    if options.between == "free" and _shows_no_curve(loop, curve):
         return (*in_plane, ThroughPoints())
     on_disk = (OnUnitDisk(),) if suits_unit_disk(loop, curve) else ()
     return (*in_plane, *on_disk, OnUnfolding(), ByNetwork())
