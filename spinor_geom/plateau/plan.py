@@ -218,12 +218,16 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     if not task.options.leaves_unstable:
         return solution
     if task.options.is_series:
-        lower = partial(_lower_on_disk, task)
-        solution = leave_unstable(solution, lower, "in power series: model='auto' looks among others")
+        where = "in power series: model='auto' looks among others"
+        solution = leave_unstable(solution, partial(_lower_on_disk, task), where)
     elif solution.route in _LEFT and solution.boundary_residual.rms_per_edge <= _POOR:
         beside = Beside(rim=task.rim, solve=lambda disk: _solution(_routes_down(task, disk), task), steps=task.steps)
-        with task.clock.stage("leaving"):
-            solution = leave_unstable(solution, beside.lower, "along its eigenvectors")
+
+        def lower(unstable: PlateauSolution) -> PlateauSolution | None:
+            with task.clock.stage("leaving"):
+                return beside.lower(unstable)
+
+        solution = leave_unstable(solution, lower, "along its eigenvectors")
     return replace(solution, history=tuple(task.steps.history), solve_timings=dict(task.clock.seconds))
 
 
