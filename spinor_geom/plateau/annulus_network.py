@@ -184,7 +184,6 @@ class AnnulusNetworkSolver:
                 CornerPairs(t=np.zeros(0), s=np.zeros(0)),
                 degree=self.options.degree,
                 offset=self.options.pole_offset,
-                turning=self._turning,
                 tolerance=self.budget.allowed / self.loops[0].mean_edge_length,
                 branch=branch,
             )

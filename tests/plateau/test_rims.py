@@ -196,3 +196,39 @@ def test_what_cannot_be_between_three_is_refused():
         solve_plateau(loops[:1])
     with pytest.raises(OptionError, match="three loops or more"):
         solve_plateau(loops, model="cauchy")
+
+
+# --- rough rims -------------------------------------------------------------------------------------------------------
+
+
+def noisy(loops, *, noise=0.15, seed=0):
+    """Loops whose points are moved at random by a share of an edge."""
+    random = np.random.default_rng(seed)
+    return [
+        BoundaryLoop.from_points(
+            loop.points + noise * loop.mean_edge_length * random.normal(size=loop.points.shape), corners=()
+        )
+        for loop in loops
+    ]
+
+
+@pytest.mark.parametrize(("directions", "count"), [(TETRAHEDRON[:3], 60), (TETRAHEDRON, 100)])
+def test_noisy_rims_are_met_in_their_points(directions, count):
+    solution = solve_plateau(noisy(facing(directions, count=count)), between="free")
+    assert solution.route == "vertices"
+    assert solution.converged
+    assert solution.boundary_residual.rms_per_edge < 1e-3
+    # positions by closed integrals, not by those along ∂Ω that were fitted
+    for rim in solution.rims:
+        away = np.linalg.norm(solution.surface.position(rim.points_in_domain()) - rim.loop.points, axis=1)
+        assert away.max() < 1e-2 * rim.loop.mean_edge_length
+        assert rim.bulge < 0.5 * rim.loop.mean_edge_length
+    # coefficients of high powers are large, and rounding errors with them
+    assert solution.annulus.period < 1e-6
+    # noise makes the surface between smooth circles larger, by little
+    smooth = solve_plateau(facing(directions, count=count)).area
+    assert smooth < solution.area < smooth * 1.03
+    patch = mesh_patch(solution)
+    loops = [rim.loop for rim in solution.rims]
+    np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
+    assert _euler(patch.faces) == 2 - len(directions)
