@@ -33,10 +33,10 @@ from spinor_geom.plateau.network_route import (
     fitted_surface,
     limit_of,
     rim_indices,
-    roughness,
 )
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import independent_residual
+from spinor_geom.plateau.roughness import roughness
 from spinor_geom.plateau.start import lifted_frames
 from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
 

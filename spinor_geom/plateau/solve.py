@@ -154,8 +154,15 @@ def solve_plateau(
 
     Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).
     """
-    options = Options.checked(
-        model, tolerance, max_iterations, unstable, device, optimizer=optimizer, warm_start=warm_start, between=between
+    options = Options(
+        model=model,
+        optimizer=optimizer,
+        warm_start=warm_start,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        unstable=unstable,
+        between=between,
+        device=torch.device(device),
     )
     if all_solutions:
         _require_model_for_all(model, rims=1 if isinstance(loop, (BoundaryLoop, ClosedCurve)) else 2)
@@ -226,7 +233,14 @@ def solve_plateau_batch(
     Raises:
         OptionError: an unknown model or a value out of range.
     """
-    options = Options.checked(model, tolerance, max_iterations, unstable, device, between=between)
+    options = Options(
+        model=model,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        unstable=unstable,
+        between=between,
+        device=torch.device(device),
+    )
     return _side_by_side(iter(loops), options, time_limit)
 
 
