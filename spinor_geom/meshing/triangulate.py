@@ -9,7 +9,8 @@ from jaxtyping import Complex
 
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import TooManyPointsError
-from spinor_geom.meshing.size_field import patch_size_field
+from spinor_geom.meshing.seeds import even_seeds, is_unit_disk
+from spinor_geom.meshing.size_field import size_field
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # points allowed per boundary vertex, and per equilateral triangle of the target size that fits on the patch's area:
@@ -49,10 +50,16 @@ def triangulate_patch(
     """
     require_few_points(area, target)
     boundary, sizes = np.concatenate(rims), tuple(map(len, rims))
+    mesh = surface.domain.triangulation
+    stretch = np.asarray(surface.conformal_factor(mesh.points))
+    on_boundary, seeds = stretch[: mesh.boundary_size], None
+    if is_unit_disk(surface.domain) and (np.isfinite(on_boundary) & (on_boundary > 0)).all():
+        seeds = even_seeds(on_boundary, target, area)
     return triangulate_polygon(
         rims[0],
-        patch_size_field(surface, boundary, target, rims=sizes),
+        size_field(mesh.points, stretch, boundary, target, rims=sizes),
         holes=rims[1:],
+        seeds=seeds,
         max_points=most_points(area, target, len(boundary)),
     )
 
