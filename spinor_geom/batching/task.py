@@ -24,7 +24,6 @@ from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.records import worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.files import finite
 from spinor_geom.fill.many_loops import fill_loops
 from spinor_geom.fill.one_loop import FillOptions, refusal
 from spinor_geom.fill.result import LoopOutcome
@@ -54,7 +53,7 @@ class Results:
     """What is left of a file.
 
     Attributes:
-        record: in JSON's types; all that may differ between two runs is under the keys "seconds".
+        record: JSON-ready; all that may differ between two runs is under the keys "seconds".
         files: what writes each of the files, by name.
     """
 
@@ -201,7 +200,7 @@ def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
         "version": program_version(),
         "seconds": {"read": opened.seconds, "results": perf_counter() - start},
     }
-    return Results(record=finite(record), files=files)
+    return Results(record=record, files=files)
 
 
 def _solved(

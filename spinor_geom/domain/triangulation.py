@@ -305,14 +305,15 @@ def _behind_a_row(
     tips, length = 0.5 * (polygon + polygon[after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
     if len(_independent(tips, _FROM_TIPS * length, length)) < len(tips):
         tips, length = tips[:0], length[:0]
+    free = ~guard.too_near(tips)
+    tips, length = tips[free], length[free]
     if len(seeds) > 1:
         spacing, _ = cKDTree(plane_coordinates(seeds)).query(plane_coordinates(seeds), k=[2])
         seeds = seeds[np.asarray(spacing)[:, 0] > _LEAST_SPACING * size(seeds)]
     row = np.concatenate([tips, polygon])
     away = np.concatenate([_FROM_TIPS * length, _FROM_VERTICES * np.abs(edge)])
     distance, nearest = cKDTree(plane_coordinates(row)).query(plane_coordinates(seeds))
-    points = np.concatenate([tips, seeds[np.asarray(distance) > away[np.asarray(nearest)]]])
-    return np.asarray(points[~guard.too_near(points)])
+    return np.concatenate([tips, seeds[np.asarray(distance) > away[np.asarray(nearest)]]])
 
 
 def _refine(

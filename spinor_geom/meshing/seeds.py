@@ -61,8 +61,7 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
     found = []
     for some in np.split(lattice, np.arange(_AT_ONCE, len(lattice), _AT_ONCE)):
         # Cauchy's formula for the inverse of G, over that for 1
-        kernel = slope * circle / (rim - some[:, None])
-        turns = kernel.sum(axis=1)
+        turns, sums = (1 / (rim - some[:, None]) @ np.stack([slope * circle, slope * circle**2], axis=1)).T
         once = np.abs(turns / (2 * n) - 1) < _ONCE
-        found.append((kernel[once] @ circle) / turns[once])
+        found.append(sums[once] / turns[once])
     return np.concatenate(found)
