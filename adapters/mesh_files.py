@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Int
 
 from spinor_geom.adapters.contents import Addition, FileContents, malformed, nonfinite_rows
-from spinor_geom.adapters.extending import attribute_rows, check_extension
+from spinor_geom.adapters.extending import grown_attributes
 from spinor_geom.adapters.glb import encode_glb, read_glb
 from spinor_geom.adapters.library_files import (
     encode_3mf,
@@ -111,17 +111,12 @@ class MeshFile(Shown):
             MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
         """
         old = self.contents
-        widths = {name: values.shape[1] for name, values in old.attributes.items()}
         first = len(old.vertices)
-        check_extension(extension, vertices=first, attributes=widths)
         contents = replace(
             old,
             vertices=np.concatenate([old.vertices, extension.vertices]),
             polygons=old.polygons.followed_by(extension.faces),
-            attributes={
-                name: np.concatenate([values, attribute_rows(extension, name, width=widths[name])])
-                for name, values in old.attributes.items()
-            },
+            attributes=grown_attributes(old.attributes, extension, vertices=first),
             representatives=np.append(old.representatives, np.arange(first, first + len(extension.vertices))),
         )
         return MeshFile.of_contents(contents, path=self.path, read_sizes=self.read_sizes)

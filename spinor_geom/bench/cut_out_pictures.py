@@ -15,8 +15,8 @@ from matplotlib.image import imread
 from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.measure import DISTANCE
 from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.render.layers import Scale
 from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.viewer import Scale
 
 REMOVED = "removed"
 _GAP = 1.15  # from piece to piece, per width

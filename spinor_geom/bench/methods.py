@@ -15,9 +15,9 @@ from spinor_geom.errors import OptionError
 from spinor_geom.gallery.known import KnownCurve
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
-from spinor_geom.plateau.task import Model
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -22,8 +22,9 @@ from spinor_geom.bench.scaling import fits
 from spinor_geom.bench.tables import Table, option_table, tables
 from spinor_geom.files import atomic_path, write_json
 from spinor_geom.render import page
+from spinor_geom.render.layers import Faces
 from spinor_geom.render.plots import log_log
-from spinor_geom.render.viewer import STYLE, Faces, MeshView, Scene, Views
+from spinor_geom.render.viewer import STYLE, Scene, Views, turning_mesh
 
 PAGE, TABLES, CSV, JSON, PLOTS = "report.html", "tables.md", "records.csv", "records.json", "plots"
 _RESOLUTION = 110
@@ -124,7 +125,9 @@ def _figures(run: Run, views: Views) -> list[str]:
             fields = {name[len("field/") :]: arrays[name] for name in arrays if name.startswith("field/")}
             # the distance first
             ordered = dict(sorted(fields.items(), key=lambda item: not item[0].startswith("distance")))
-            view = MeshView(title=path.stem, vertices=arrays["vertices"], faces=arrays["faces"], fields=ordered)
+            view = turning_mesh(
+                path.stem, Faces(vertices=arrays["vertices"], faces=arrays["faces"], fields=ordered, edges=True)
+            )
         found.append(views.figure(view))
     return found
 

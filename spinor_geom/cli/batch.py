@@ -17,25 +17,11 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
             left = (now.files_total - now.files) / rate if rate else None
             show(now.files, now.files_total, _said(now), left)
 
-        result = batch(
-            arguments.inputs,
-            arguments.output,
-            what=arguments.what,
-            format=arguments.format,
-            workers=arguments.workers,
-            scheduler=arguments.scheduler,
-            edge_length="auto" if arguments.edge_length is None else arguments.edge_length,
-            tolerance=arguments.tolerance,
-            continuity=arguments.continuity,
-            closing=arguments.closing,
-            compare=arguments.compare,
-            device=arguments.device,
-            resume=arguments.resume,
-            time_limit=arguments.time_limit,
-            memory_limit=arguments.memory_limit,
-            retries=arguments.retries,
-            on_progress=on_progress,
-        )
+        options = {
+            name: value for name, value in vars(arguments).items() if name not in ("command", "inputs", "output")
+        }
+        options["edge_length"] = "auto" if arguments.edge_length is None else arguments.edge_length
+        result = batch(arguments.inputs, arguments.output, **options, on_progress=on_progress)
     done = result.progress
     show_lines(f"{_said(done)}, {done.seconds:.1f} s; table: {result.table_csv}, page: {result.page}", piped=False)
     if not result.complete:

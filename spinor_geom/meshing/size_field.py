@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.spatial import cKDTree
 
-from spinor_geom.domain.delaunay import Rims
+from spinor_geom.domain.delaunay import Rims, plane_coordinates
 from spinor_geom.domain.triangulation import SizeFunction, size_bounds
 
 # change of the edge length per unit of distance from the boundary, upwards and downwards
@@ -57,16 +57,12 @@ def _interpolated_stretch(samples: Complex[np.ndarray, " n"], factor: Float[np.n
     finite = np.isfinite(factor)
     usual = np.median(factor[finite]) if finite.any() else 1.0
     log_factor = np.log(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY)))
-    tree = cKDTree(_plane(samples))
+    tree = cKDTree(plane_coordinates(samples))
     neighbours = min(NEIGHBOURS, len(samples))
 
     def stretch(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        distance, index = tree.query(_plane(z), k=neighbours)
+        distance, index = tree.query(plane_coordinates(z), k=neighbours)
         weight = 1 / np.maximum(distance, TINY**0.25) ** 2
         return np.asarray(np.exp((weight * log_factor[index]).sum(axis=1) / weight.sum(axis=1)))
 
     return stretch
-
-
-def _plane(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
-    return np.stack([z.real, z.imag], axis=1)

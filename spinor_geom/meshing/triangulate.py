@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float
 
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import TooManyPointsError
@@ -49,22 +49,31 @@ def triangulate_patch(
         DomainError: The boundary is not a simple polygon, with holes inside.
     """
     require_few_points(area, target)
-    boundary, sizes = np.concatenate(rims), tuple(map(len, rims))
     mesh = surface.domain.triangulation
-    stretch = np.asarray(surface.conformal_factor(mesh.points))
-    on_boundary, seeds = stretch[: mesh.boundary_size], None
+    factor = np.asarray(surface.conformal_factor(mesh.points))
+    on_boundary, seeds = factor[: mesh.boundary_size], None
     if is_unit_disk(surface.domain) and (np.isfinite(on_boundary) & (on_boundary > 0)).all():
         seeds = even_seeds(on_boundary, target, area)
+    return triangulate_domain(rims, mesh.points, factor, target, area, seeds=seeds)
+
+
+def triangulate_domain(
+    rims: Sequence[Complex[np.ndarray, " _"]],
+    samples: Complex[np.ndarray, " n"],
+    factor: Float[np.ndarray, " n"],
+    target: float,
+    area: float,
+    *,
+    seeds: Complex[np.ndarray, " k"] | None = None,
+) -> PlaneTriangulation:
+    """As `triangulate_patch`, from the factor λ at some points of Ω, and from points to start from, if there are."""
+    require_few_points(area, target)
+    boundary = np.concatenate(rims)
+    triangles = 4 * area / (np.sqrt(3) * target**2)
     return triangulate_polygon(
         rims[0],
-        size_field(mesh.points, stretch, boundary, target, rims=sizes),
+        size_field(samples, factor, boundary, target, rims=tuple(map(len, rims))),
         holes=rims[1:],
         seeds=seeds,
-        max_points=most_points(area, target, len(boundary)),
+        max_points=int(POINTS_PER_VERTEX * len(boundary) + POINTS_PER_TRIANGLE * triangles),
     )
-
-
-def most_points(area: float, target: float, boundary_size: int) -> int:
-    """How many points a triangulation may have for a patch of some area, edge length and boundary."""
-    triangles = 4 * area / (np.sqrt(3) * target**2)
-    return int(POINTS_PER_VERTEX * boundary_size + POINTS_PER_TRIANGLE * triangles)

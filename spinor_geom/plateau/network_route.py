@@ -23,7 +23,7 @@ from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, SplineBoundar
 from spinor_geom.errors import DomainError, OptionError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.corners import CornerPairs
@@ -32,6 +32,7 @@ from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual
+from spinor_geom.plateau.roughness import roughness
 from spinor_geom.plateau.solution import Iteration
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.surface.formulas import phi
@@ -184,12 +185,6 @@ class NetworkSolver:
                 points=len(self.loop),
                 offset=self.options.pole_offset,
             )
-
-
-def roughness(loop: BoundaryLoop) -> float:
-    """Turning angle that nine in ten of a loop's points do not exceed, corners aside."""
-    turning = turning_angles(loop.points)[~loop.corners]
-    return float(np.quantile(turning, 0.9)) if len(turning) else 0.0
 
 
 def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:

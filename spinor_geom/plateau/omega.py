@@ -32,6 +32,13 @@ _FACING, _FACING_SAMPLES, _MOST_IN_NARROW = 2.0, 4, 8.0
 _STEPS_ACROSS, _WAY_AROUND = 1.0, 3.0
 # Most steps of ∂Ω: Λ takes 16 bytes for each pair of them, and as much again several times while it is made.
 _MOST_STEPS = 4096
+# Steps of ∂Ω for each point that it is made from, and the width, in points, of the Gaussian that rounds it, because it
+# has to be analytic: the coarsest that is resolved. On the first narrow fingers close up.
+_SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
+# Width of a loop, as a density of nodes, from which its fingers want the finer ones.
+_NARROW = 1.7
+# Shares of a new flattening that are tried until Ω is simple.
+_SHARES_OF_FLATTENING = (1.0, 0.7, 0.4)
 # Rows of a table of distances made at once.
 _ROWS = 512
 
@@ -72,6 +79,11 @@ class NodeDensity:
         self._s = self._t + np.append(smooth, smooth[0]) - smooth[0]
         self._s_at_0 = smooth[0]
 
+    @property
+    def is_narrow(self) -> bool:
+        """Whether fingers of the loop want a fine ∂Ω."""
+        return self.narrowest > _NARROW
+
     def parameter(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
         """t(s), continued around the circle."""
         s = s - self._s_at_0
@@ -110,11 +122,13 @@ class Shape:
 
     Attributes:
         density: of its nodes.
+        count: number of its vertices.
         steps_per_point: steps for each of the points that it is made from.
         rounding: width, in points, of the Gaussian that rounds it.
     """
 
     density: NodeDensity
+    count: int
     steps_per_point: int
     rounding: float
 
@@ -137,6 +151,57 @@ class Shape:
         """Largest distance of neighbouring nodes over what the density asks for."""
         t = self.density.parameter(slide.cpu().numpy())
         return float(np.diff(np.append(t, t[0] + 1)).max()) * len(t)
+
+
+def resolved(
+    polygon: Complex[np.ndarray, " k"],
+    t: Float[np.ndarray, " k"],
+    density: NodeDensity,
+    is_fine: bool,
+    *,
+    count: int,
+    device: torch.device,
+) -> tuple[Shape, DirichletForm]:
+    """The smooth Ω next to a polygon, as coarse as it may be, and its Λ.
+
+    Args:
+        polygon: vertices, counter-clockwise.
+        t: their parameters, increasing.
+        density: of the nodes on ∂Ω.
+        is_fine: whether the polygon is to be followed closely, as at the vertices of rough loops; it is in fingers.
+        count: number of vertices of ∂Ω.
+        device: of Λ.
+
+    Raises:
+        DomainError: Ω is not simple, or too narrow.
+    """
+    for steps, rounding in _SHAPES[is_fine or density.is_narrow :]:
+        shape = Shape(density=density, count=count, steps_per_point=steps, rounding=rounding)
+        boundary = rounded_boundary(polygon, t, steps=shape.steps, width=shape.rounding_width, count=count)
+        try:
+            return shape, resolved_form(boundary, shape.steps, device)
+        except DomainError as error:
+            failure = error
+    raise failure
+
+
+def flattened_anew(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[DirichletForm, Float[Tensor, " n"]]:
+    """Ω from a harmonic disk, as much of it as stays simple, and the disk's slide along it."""
+    for share in _SHARES_OF_FLATTENING:
+        again = reflattened(
+            disk, form, shape.density, share=share, steps=shape.steps, width=shape.rounding_width, count=shape.count
+        )
+        if again is None:
+            break
+        boundary, t, s = again
+        try:
+            new = resolved_form(boundary, shape.steps, disk.slide.device)
+        except DomainError:
+            continue
+        even = np.arange(len(t)) / len(t)
+        slide = np.interp(even, np.concatenate([t - 1, t, t + 1]), np.concatenate([s - 1, s, s + 1]))
+        return new, torch.tensor(slide, device=disk.slide.device)
+    return form, disk.slide
 
 
 def rounded_boundary(

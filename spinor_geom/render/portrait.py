@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,16 +14,15 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.files import atomic_path
-from spinor_geom.optional import require
+from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR, RIM_COLOUR
 from spinor_geom.render.family import AssociateFamily, associate_family
-from spinor_geom.render.png import TIME_LIMIT, draw_apart
+from spinor_geom.render.layers import Camera, Faces, Lines, View
+from spinor_geom.render.png import drawn
 from spinor_geom.surface import SpinorSurface
 
 # from the surface to the eye: in front of it and above, the third axis upwards
 EYE = (1.0, -2.0, 1.3)
 SIZE = (900, 720)
-# seconds that each frame may take besides
-_TIME_OF_FRAME = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,7 +114,6 @@ class Portrait:
             MissingPackageError: pyvista is not installed.
             RenderError: the drawing failed.
         """
-        require("pyvista", extra="render")
         conjugate = self.vertices if self.conjugate is None else self.conjugate
         middle = self.vertices.mean(axis=0)
         own, other = self.vertices - middle, conjugate - middle
@@ -125,32 +122,22 @@ class Portrait:
         seen = np.concatenate([points @ frame.T for points in turned])
         low, high = seen.min(axis=0), seen.max(axis=0)
         focus = middle + (low + high) / 2 @ frame
-        width, height = size
-        with tempfile.TemporaryDirectory() as folder:
-            arrays = Path(folder) / "scene.npz"
-            np.savez(
-                arrays,
-                vertices=self.vertices,
-                conjugate=conjugate,
-                middle=middle,
-                faces=self.faces,
-                rims=self.rims,
-                lines=self.lines,
-                values=np.zeros(0) if self.values is None else self.values,
-                camera=np.concatenate([focus[None], frame]),
-                radius=np.array(np.linalg.norm(seen - (low + high) / 2, axis=1).max()),
-                half_height=np.array(max(high[1] - low[1], (high[0] - low[0]) * height / width) / 2),
-                angles=np.asarray(angles, dtype=np.float64),
-            )
-            draw_apart(
-                "spinor_geom.render.draw_surface",
-                str(arrays),
-                folder,
-                str(width),
-                str(height),
-                time_limit=TIME_LIMIT + _TIME_OF_FRAME * len(angles),
-            )
-            yield [Path(folder) / f"{number:04d}.png" for number in range(len(angles))]
+        radius = max(high[1] - low[1], (high[0] - low[0]) * size[1] / size[0]) / 2
+        surface = Faces(
+            vertices=self.vertices,
+            conjugate=conjugate,
+            faces=self.faces,
+            colour=FRONT_COLOUR,
+            inside=BACK_COLOUR,
+            fields={} if self.values is None else {"": self.values},
+        )
+        curves = [
+            Lines(vertices=self.vertices, conjugate=conjugate, edges=edges, colour=colour, width=width)
+            for edges, colour, width in ((self.rims, RIM_COLOUR, 2.5), (self.lines, GRID_COLOUR, 0.75))
+        ]
+        camera = Camera(focus=focus, direction=frame[2], up=frame[1], radius=float(radius))
+        with drawn([View(layers=[surface, *curves], camera=camera)], size=size, angles=angles) as pictures:
+            yield pictures
 
 
 def _frame(eye: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:

@@ -22,7 +22,6 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from spinor_geom.errors import DtypeError, OptionError
-from spinor_geom.surface import formulas
 
 # how far R·Rᵀ may be from the identity: matrices typed with 9 digits pass
 _ORTHOGONAL = 1e-8
@@ -147,19 +146,8 @@ def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Fl
     return torch.where(overlap.real < 0, -1.0, 1.0).to(p.real.dtype)
 
 
-def rotation_from_su2(unitary: Complex[Tensor, "2 2"]) -> Float[Tensor, "3 3"]:
-    """Rotation R(U) of space that (p, q) → U(p, q) causes: φ(U(p, q)) = R(U) φ(p, q).
-
-    Args:
-        unitary: U in SU(2); R(U) = R(−U).
-    """
-    turned = formulas.phi(unitary[0, 0], unitary[1, 0])  # p = 1, q = 0 has φ = e₁ − i e₂
-    first, second = turned.real, -turned.imag
-    return torch.stack([first, second, torch.linalg.cross(first, second)], dim=-1)
-
-
 def su2_from_rotation(rotation: Float[Tensor, "3 3"]) -> Complex[Tensor, "2 2"]:
-    """One of the two U in SU(2) with R(U) equal to the rotation.
+    """One of the two U in SU(2) for which φ(U(p, q)) is φ(p, q) turned by the rotation.
 
     Raises:
         OptionError: the matrix is not a rotation: not orthogonal to 1e-8, or with determinant −1.

@@ -11,7 +11,7 @@ def circle(n):
 
 def patch_size_field(surface, boundary, target):
     samples = surface.domain.triangulation.points
-    return size_field(samples, np.asarray(surface.conformal_factor(samples)), boundary, target)
+    return size_field(samples, surface.conformal_factor(samples), boundary, target)
 
 
 def test_size_is_target_over_stretch_inside():

@@ -8,7 +8,8 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.plateau import network_route, solve_plateau
 from spinor_geom.plateau.network_route import _clear_of_poles
-from spinor_geom.plateau.task import Options, Task
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.task import Task
 
 ANGLES = 2 * np.pi * np.arange(24) / 24
 
