@@ -187,7 +187,7 @@ def _of_words(rows: list[list[bytes]], element: PlyElement) -> tuple[Scalars, Li
     )
     scalars, lists, _ = read_binary(words.tobytes(), 0, as_binary, None)
     width = len(scalars) + sum(1 + lengths for _, lengths in lists.values())
-    if (width != np.array(list(map(len, rows)))).any():
+    if not np.array_equal(np.broadcast_to(width, len(rows)), list(map(len, rows))):
         raise ValueError("too many or too few words")
     dtypes = {item.name: item.dtype for item in element.properties}
     return (

@@ -69,7 +69,7 @@ class TrimeshAdapter:
 
 def _carried(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
     """The real-valued attributes at the vertices under the names they have in a `TriangleMesh`."""
-    carried = dict(_visual_attributes(mesh))
+    carried: dict[str, Any] = dict(_visual_attributes(mesh))
     # the only place where trimesh keeps normals that were given; asking for mesh.vertex_normals would compute them
     if "vertex_normals" in mesh._cache:
         carried["normal"] = np.asarray(mesh._cache["vertex_normals"])

@@ -14,9 +14,8 @@ from matplotlib.image import imread
 
 from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.measure import DISTANCE
-from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.render.layers import Scale
-from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.portrait import plain_portrait
 
 REMOVED = "removed"
 _GAP = 1.15  # from piece to piece, per width
@@ -93,14 +92,7 @@ def pictures(folders: Sequence[Path]) -> Figure:
 def _draw(pieces: Sequence[Piece], path: Path) -> None:
     scale = scale_of(pieces)
     portraits = [
-        Portrait(
-            vertices=piece.vertices,
-            faces=piece.faces,
-            rims=boundary_edges(piece.faces),
-            lines=np.zeros((0, 2), dtype=np.int64),
-            values=np.clip(piece.values, scale.low, scale.high),
-        )
-        for piece in pieces
+        plain_portrait(piece.vertices, piece.faces, np.clip(piece.values, scale.low, scale.high)) for piece in pieces
     ]
     portraits[0].beside(*portraits[1:]).write(path, eye=_EYE, size=(_SIDE * len(pieces), _SIDE))
 

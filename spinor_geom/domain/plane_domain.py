@@ -81,20 +81,6 @@ class SplineBoundary:
         boundary.vertices = z
         return boundary
 
-    def halved(self, pieces: Bool[np.ndarray, " m"]) -> SplineBoundary:
-        """The same curve with one more vertex, at the middle of the parameter, on each of the given pieces."""
-        number = np.repeat(np.arange(len(pieces)), 1 + pieces)
-        is_second = np.append(False, number[1:] == number[:-1])
-        shift = np.where(is_second, np.diff(self.parameters)[number] / 2, 0.0)
-        coefficients = self.coefficients[:, number].copy()
-        # repeated synthetic division: the polynomials about their pieces' new starts
-        for last in range(len(coefficients), 1, -1):
-            for k in range(1, last):
-                coefficients[k] += coefficients[k - 1] * shift
-        return SplineBoundary(
-            np.append(self.parameters[number] + shift, 1.0), coefficients, self.corners[number] & ~is_second
-        )
-
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(t); t is taken modulo 1."""
         return np.asarray(self._pieces(np.mod(t, 1.0)))

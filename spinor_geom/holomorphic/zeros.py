@@ -152,7 +152,7 @@ def _approximate_zeros(
     # a zero of its own beside a pole of its own is none of f
     roots = roots[np.abs(_evaluate(function, roots)) < _SMALL * np.median(np.abs(values))]
     if not len(roots):
-        return roots
+        return np.asarray(roots)
     near = np.argwhere(np.abs(roots[:, None] - roots) <= size)
     graph = coo_array((np.ones(len(near)), near.T), shape=(len(roots), len(roots)))
     groups, label = connected_components(graph, directed=False)

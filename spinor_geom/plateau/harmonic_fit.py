@@ -49,8 +49,7 @@ class Fit:
         steps_left: gives the limit on Newton steps.
         on_step: is called with the gradient at each step.
         clock: of the stages.
-        renewed: gives Ω and the slide anew where a disk has lost a part of the loop; none where Ω stays as it is.
-        best: the nearest surface so far, the harmonic disk that it was lifted from, and the form of its Ω.
+        best: the nearest surface so far, and the harmonic disk that it was lifted from.
         limit: why it is over, as the end of a sentence; "" while it is not.
     """
 
@@ -68,8 +67,7 @@ class Fit:
     steps_left: Callable[[], int]
     on_step: Callable[[float], None]
     clock: Clock
-    renewed: Callable[[HarmonicDisk, DirichletForm], tuple[DirichletForm, Float[Tensor, " n"]] | None] | None = None
-    best: tuple[Lift, HarmonicDisk, DirichletForm] | None = None
+    best: tuple[Lift, HarmonicDisk] | None = None
     limit: str = ""
     attempt: int = 0
     last_gain: int = 0
@@ -83,7 +81,7 @@ class Fit:
         if lift is not None and (self.best is None or lift.misfit.rms < self.best[0].misfit.rms):
             if self.best is None or lift.misfit.rms < self.best[0].misfit.rms / 2:
                 self.last_gain = self.attempt
-            self.best = lift, disk, self.form
+            self.best = lift, disk
         # without a lift more nodes may tell the sheets apart
         short = 1.0 if lift is None else self._excess(lift, self.allowed)
         more = float(np.clip(short, _MORE_NODES, _MOST_MORE if self.is_rough else _MORE_NODES))
@@ -97,9 +95,6 @@ class Fit:
         else:
             self.attempt += 1
             self.nodes = even(min(self.most_nodes, int(more * self.nodes)))
-            renewed = None if self.renewed is None else self.renewed(disk, self.form)
-            if renewed is not None:
-                self.form, self.slide = renewed
 
     @property
     def is_near(self) -> bool:

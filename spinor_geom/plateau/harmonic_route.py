@@ -24,11 +24,11 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy, resampled, slide_downhill
+from spinor_geom.plateau.douglas import minimise_dirichlet_energy, resampled, slide_downhill
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_fit import Fit, even, fit_together
 from spinor_geom.plateau.lift import surface_of
-from spinor_geom.plateau.omega import NodeDensity, Shape, flattened_anew, resolved
+from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.roughness import is_rough
 from spinor_geom.plateau.solution import Iteration, RouteName
@@ -41,20 +41,15 @@ _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
 # Points that Ω is made from: the cost of Λ on it is their number cubed.
 _FEWEST_POINTS, _POINTS = 32, 128
 # Most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing.
-_MOST_PER_EDGE, _MOST_NODES = 64, 1 << 17
+_MOST_PER_EDGE = 64
 # Nodes of the shortest loops on the disk, for each edge and in all, and most nodes of fits that are made together.
 _FEWEST_PER_EDGE, _FEWEST_NODES, _BATCHED_NODES = 16, 256, 2048
-# Nodes farther apart than so many times what was asked for show that Ω has lost a part of the loop.
-_UNEVEN = 3.0
-# Quadrature nodes on each piece of a path in Ω.
-_PATH_ORDER = 16
 # Nodes at which the directions of an unstable slide are found: the cost is their number cubed.
 _MOST_FOR_MODES = 512
-# Newton steps of one solve.
-_MOST_STEPS = 60
-# Gradient at which a coarse solve stops; the last one goes on to a share of the distance allowed in edges: to a small
-# one on smooth loops, where each step doubles the digits. And where nothing but rounding errors is left.
-_COARSE, _FINEST, _ROUNDING = 1e-3, 1e-11, 1e-13
+# Gradient of the energy, relative to its factors, at which a coarse solve stops, and that is rounding error. Between
+# them a solve goes on to a share of the distance allowed in edges: a small one on smooth loops, where each step doubles
+# the digits.
+_COARSE, _ROUNDING = 1e-3, 1e-13
 _FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
 # RMS distance from Γ, in diagonals, that is rounding error.
 _ROUNDED = 1e-14
@@ -177,7 +172,7 @@ class HarmonicSolver:
         if self.to_rounding:
             return _ROUNDING
         share = _FINE_ROUGH if self._is_rough else _FINE_SMOOTH
-        return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _FINEST, _COARSE))
+        return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _ROUNDING, _COARSE))
 
     @property
     def _enough(self) -> float:
@@ -210,15 +205,15 @@ class HarmonicSolver:
                 form,
                 slide,
                 tolerance=_COARSE,
-                max_steps=min(_MOST_STEPS, self.steps.left),
+                max_steps=self.steps.left,
                 negligible=self._negligible_energy,
                 on_step=self._take,
             )
         if disk.crowded:
             raise DomainError("the nodes crowd on the domain's boundary", vertices=len(self.loop))
         with self.clock.stage("flattening"):
-            form, slide = flattened_anew(disk, form, shape)
-        return self._fitted(self._fit(form, slide, shape), route)
+            form, slide = reflattened(disk, form, shape)
+        return self._fitted(self._fit(form, slide), route)
 
     def _begin(self) -> Fit:
         """The fit on the unit disk from equal steps, of short loops a power of two: many have as many nodes."""
@@ -226,20 +221,15 @@ class HarmonicSolver:
         n = even(max(min(1 << (_FEWEST_PER_EDGE * m - 1).bit_length(), _FEWEST_NODES), m))
         return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.device) / n)
 
-    def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"], shape: Shape | None = None) -> Fit:
-        """The fit on an Ω from a slide; one that is no disk has a shape, and is made anew where it loses a part."""
+    def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
+        """The fit on an Ω from a slide."""
         m = len(self.loop)
-
-        def renewed(disk: HarmonicDisk, form: DirichletForm) -> tuple[DirichletForm, Float[Tensor, " n"]] | None:
-            is_lost = shape is not None and shape.unevenness(disk.slide) > _UNEVEN
-            return flattened_anew(disk, form, shape) if is_lost else None
-
         return Fit(
             curve=self._exact,
             form=form,
             slide=slide,
             nodes=even(max(len(slide), m * self._first_per_edge)),
-            most_nodes=even(min(max(4 * _FEWEST_NODES, _MOST_PER_EDGE * m), _MOST_NODES)),
+            most_nodes=even(max(4 * _FEWEST_NODES, _MOST_PER_EDGE * m)),
             is_rough=self._is_rough,
             allowed=self.allowed,
             enough=self._enough,
@@ -249,7 +239,6 @@ class HarmonicSolver:
             steps_left=lambda: self.steps.left,
             on_step=self._take,
             clock=self.clock,
-            renewed=renewed,
         )
 
     def _fitted(self, fit: Fit, route: RouteName) -> Found:
@@ -261,9 +250,9 @@ class HarmonicSolver:
         fit_together([fit])
         if fit.best is None:
             raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.loop))
-        lift, disk, form = fit.best
+        lift, disk = fit.best
         with self.clock.stage("surface"):
-            surface = surface_of(lift, form.boundary, order=_PATH_ORDER)
+            surface = surface_of(lift, fit.form.boundary)
         n = len(disk.slide)
         return Found(
             curve=self.curve,

@@ -304,14 +304,14 @@ class _SampledBoundary:
         )
 
 
-def surface_of(lift: Lift, boundary: FourierBoundary, *, order: int) -> SpinorSurface:
+def surface_of(lift: Lift, boundary: FourierBoundary) -> SpinorSurface:
     """The surface of a lift; its constant is the boundary's, continued to the root by Cauchy's formula.
 
     Raises:
         DomainError: the polygon of the boundary's vertices is not simple.
     """
     domain = PlaneDomain.inside(_with_vertices(boundary, len(lift.null_curve)))
-    surface = SpinorSurface(lift.model, domain, order=order).to(lift.null_curve.device)
+    surface = SpinorSurface(lift.model, domain).to(lift.null_curve.device)
     z, dz, _ = (torch.tensor(row, device=lift.null_curve.device) for row in boundary.grid(len(lift.null_curve)))
     unit = dz / (z - surface.root)
     with torch.no_grad():

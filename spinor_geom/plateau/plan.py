@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -214,46 +214,37 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     """
     if routes == (ByNetwork(),) and task.loop.corners.all():
         return _on_sides(task)
-    solution = task.solution(nearest_disk(routes, task))
+    solution = _solution(routes, task)
     if not task.options.leaves_unstable:
         return solution
     if task.options.is_series:
-        solution = leave_unstable(
-            solution, partial(_lower_on_disk, task), "in power series: model='auto' looks among others"
-        )
+        lower = partial(_lower_on_disk, task)
+        solution = leave_unstable(solution, lower, "in power series: model='auto' looks among others")
     elif solution.route in _LEFT and solution.boundary_residual.rms_per_edge <= _POOR:
-        routes_from = _down_from if task.options.is_free else _nearest_to
-        beside = Beside(rim=task.rim, solve=partial(_from_disk, task, routes_from), steps=task.steps)
+        beside = Beside(rim=task.rim, solve=lambda disk: _solution(_routes_down(task, disk), task), steps=task.steps)
         with task.clock.stage("leaving"):
             solution = leave_unstable(solution, beside.lower, "along its eigenvectors")
-    else:
-        return solution
     return replace(solution, history=tuple(task.steps.history), solve_timings=dict(task.clock.seconds))
 
 
 def all_disks(task: Task) -> tuple[PlateauSolution, ...]:
     """All disks that are found, saddles of the area included; see `find_disks`."""
-    routes = plan(task)
-    if isinstance(routes[0], InPlane):
+    if plan(task)[0] == InPlane():
         try:
-            return (task.solution(routes[0].disk(task)),)
+            return (_solution((InPlane(),), task),)
         except DomainError:  # the loop is plane, but Γ crosses itself
             pass
-    return find_disks(task.rim, lambda disk: _from_disk(task.anew(), _nearest_to, disk))
+    return find_disks(task.rim, lambda disk: _solution((ByNetwork(disk),), task.anew()))
 
 
-def _from_disk(task: Task, routes_from: Callable[[Task, Disk], tuple[Route, ...]], disk: Disk) -> PlateauSolution:
-    return task.solution(nearest_disk(routes_from(task, disk), task))
+def _solution(routes: tuple[Route, ...], task: Task) -> PlateauSolution:
+    return task.solution(nearest_disk(routes, task))
 
 
-def _nearest_to(_: Task, disk: Disk) -> tuple[Route, ...]:
-    """The route to the minimal disk nearest to a discrete one, saddles included."""
-    return (ByNetwork(disk),)
-
-
-def _down_from(task: Task, disk: Disk) -> tuple[Route, ...]:
+def _routes_down(task: Task, disk: Disk) -> tuple[Route, ...]:
     """The routes to the minimal disk to which the area falls from a discrete one."""
-    return _nearest_to(task, disk) if task.loop.corners.any() else (OnFlattening(disk), ByNetwork(disk))
+    is_harmonic = task.options.is_free and not task.loop.corners.any()
+    return (OnFlattening(disk), ByNetwork(disk)) if is_harmonic else (ByNetwork(disk),)
 
 
 def _lower_on_disk(task: Task, solution: PlateauSolution) -> PlateauSolution | None:

@@ -29,8 +29,8 @@ from spinor_geom.plateau.steps import Steps
 
 # Growth of the triangles inwards: finer than a first fill, whose area may have no descent where the surface's has.
 _GROWTH = 0.1
+# Relative change of the area at which its descent ends: what a disk and its neighbour differ by is far more.
 _CHANGE = 1e-8
-_MOST_STEPS = 200
 # Displacements along an eigenvector, in diagonals, among which the least area is sought. Where that leads nowhere some
 # large ones are tried: from beyond a new disk Newton's method goes to it, from short of it back to the old one.
 _AMPLITUDES = 0.5 ** np.arange(1, 7, 0.5)
@@ -308,14 +308,14 @@ class _Search:
     def mirrored(self) -> Disk:
         """The first disk mirrored in the harmonic one, its area descended: a way into another valley."""
         first = self.rim.round_positions(self.entries[0].solution)
-        return self._descended(2 * self.rim.round_disk().vertices - first, _MOST_STEPS)
+        return self._descended(2 * self.rim.round_disk().vertices - first)
 
     def ridge(self, first: _Entry, second: _Entry) -> Disk:
         """The average of two disks, nearly minimal."""
         positions = [self.rim.round_positions(entry.solution) for entry in (first, second)]
         return self._descended((positions[0] + positions[1]) / 2, _RIDGE_STEPS)
 
-    def _descended(self, vertices: Float[np.ndarray, "n 3"], steps: int) -> Disk:
+    def _descended(self, vertices: Float[np.ndarray, "n 3"], steps: int = 100) -> Disk:
         mesh = self.rim.round_mesh
         descent = descend_area(vertices, mesh.faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=steps)
         return Disk(vertices=descent.vertices, faces=mesh.faces, areas=descent.areas, converged=descent.converged)
@@ -372,9 +372,7 @@ def _beside(
     if areas.min() < face_areas(x, faces).sum():
         start = x + _AMPLITUDES[areas.argmin()] * displacement
         try:
-            descent = descend_area(
-                start, faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=_MOST_STEPS
-            )
+            descent = descend_area(start, faces, mesh.boundary_size, relative_change=_CHANGE)
         except SingularMatrixError:  # triangles collapsed on the way
             pass
         else:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.render.layers import Camera, Faces, Lines, View
+from spinor_geom.render.layers import Camera, Faces, Lines, View, turned
 
 COLOURS, LABEL_SIZE, TUBE_SIDES, MARGIN = "viridis", 14, 10, 1.06
 _THICKNESS = 1 / 250  # radius of a line of one pixel, per half the height of what is shown
@@ -48,15 +48,19 @@ def draw(
         plotter.subplot(0, column)
         plotter.set_background("white")
         height = view.camera.radius if view.camera else float(np.ptp(view.layers[0].vertices, axis=0).max()) / 2
+        values = [own for layer in view.layers if isinstance(layer, Faces) for own in layer.fields.values()]
+        known = np.concatenate([np.zeros(0), *values])
+        known = known[np.isfinite(known)]
+        scale = {"clim": [known.min(), known.max()]} if len(known) else {}
         for layer in view.layers:
             if isinstance(layer, Faces) and len(layer.faces):
-                moved = _add_faces(plotter, layer, title)
+                moved = _add_faces(plotter, layer, title, scale)
             elif isinstance(layer, Lines) and len(layer.edges):
                 moved = _add_lines(plotter, layer, _THICKNESS * layer.width * height)
             else:
                 continue
             if layer.conjugate is not None:
-                turning.append((layer.vertices, layer.conjugate, moved))
+                turning.append((layer, moved))
         plotter.add_text(view.title, font_size=LABEL_SIZE, color="black")
         if view.labels:
             points, texts = zip(*view.labels, strict=True)
@@ -74,9 +78,8 @@ def draw(
     plotter.enable_anti_aliasing("ssaa", all_renderers=True)
     for number, angle in enumerate(angles):
         if number or angle:
-            for own, conjugate, moved in turning:
-                middle = own.mean(axis=0)
-                moved(middle + np.cos(angle) * (own - middle) + np.sin(angle) * (conjugate - middle))
+            for layer, moved in turning:
+                moved(turned(layer, angle))
         for renderer in plotter.renderers:
             renderer.ResetCameraClippingRange()
         plotter.render()
@@ -84,7 +87,7 @@ def draw(
     plotter.close()
 
 
-def _add_faces(plotter: Any, layer: Faces, told: str) -> Callable[[Any], None]:
+def _add_faces(plotter: Any, layer: Faces, told: str, scale: dict[str, Any]) -> Callable[[Any], None]:
     """Adds a surface; what is returned moves its vertices, with normals that stay, as those of a family do."""
     import pyvista
 
@@ -96,7 +99,7 @@ def _add_faces(plotter: Any, layer: Faces, told: str) -> Callable[[Any], None]:
     look: dict[str, Any] = {**LOOK, "smooth_shading": not layer.edges, "split_sharp_edges": False}
     if layer.fields:
         (mesh.point_data[told or "values"],) = layer.fields.values()
-        plotter.add_mesh(mesh, scalars=told or "values", cmap=COLOURS, show_scalar_bar=bool(told), **look)
+        plotter.add_mesh(mesh, scalars=told or "values", cmap=COLOURS, show_scalar_bar=bool(told), **scale, **look)
     else:
         inside = {"color": layer.inside or layer.colour, **LOOK}
         look |= {"show_edges": bool(layer.edges), "edge_opacity": 0.4}

@@ -130,3 +130,11 @@ class View:
     camera: Camera | None = None
     title: str = ""
     labels: Sequence[tuple[Float[np.ndarray, "3"], str]] = ()
+
+
+def turned(layer: Layer, angle: float) -> Float[np.ndarray, "n 3"]:
+    """The vertices of a layer after a turn of its family by an angle, in radians."""
+    if layer.conjugate is None or angle == 0:
+        return layer.vertices
+    middle = layer.vertices.mean(axis=0)
+    return np.asarray(middle + np.cos(angle) * (layer.vertices - middle) + np.sin(angle) * (layer.conjugate - middle))

@@ -67,7 +67,7 @@ def test_p_and_q_of_a_known_surface_come_back_up_to_their_sign(form, coefficient
     sign = np.sign((found * np.conj(expected)).sum().real)
     assert np.abs(sign * found - expected).max() < 1e-10
     assert abs(lift.area / known.area() - 1) < 1e-10
-    surface = surface_of(lift, form.boundary, order=16)
+    surface = surface_of(lift, form.boundary)
     assert np.abs(surface.position(z) - known.position(z)).max() < 1e-9
 
 
@@ -77,7 +77,7 @@ def test_null_curve_is_the_surface_at_the_nodes_and_between_them(form):
     lift = lifted(disk, form, curve, allowed=1e-8)
     assert lift.null_curve.shape == (512, 3)
     assert lift.slide.shape == (512,)
-    surface = surface_of(lift, form.boundary, order=16)
+    surface = surface_of(lift, form.boundary)
     z, dz, _ = form.boundary.grid(512)
     assert np.abs(surface.position(z) - lift.null_curve.real.numpy()).max() < 1e-10
     gap = lift.null_curve.real - curve.point_and_derivative(lift.slide)[0]
@@ -136,7 +136,7 @@ def test_distance_from_the_curve_is_measured_on_the_surface_itself(n):
     form = form_of(ellipse(2.0), 128)
     curve, disk = rough_disk(form, n)
     lift = lifted(disk, form, curve, allowed=0.0)
-    surface = surface_of(lift, form.boundary, order=16)
+    surface = surface_of(lift, form.boundary)
     exact = BoundaryCurve(
         breaks=curve.breaks.numpy(), coefficients=curve.coefficients.numpy(), corners=np.zeros(80, dtype=bool)
     )
