@@ -25,7 +25,7 @@ from spinor_geom.batching.records import worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.many_loops import fill_loops
-from spinor_geom.fill.one_loop import FillOptions, refusal
+from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges, joined, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -146,13 +146,12 @@ def _mesh_and_holes(text: ObjText) -> tuple[MeshFile, list[NamedLoop], str]:
 
 def _refusal(hole: NamedLoop, taken: RimEdges) -> SpinorGeomError | None:
     assert hole.loop is not None
-    error = refusal(hole.loop, taken)
-    if error is None:
-        try:
-            refuse_what_bounds_no_disk(hole.loop)
-        except SpinorGeomError as found:
-            return found
-    return error
+    try:
+        refuse_what_is_no_hole(hole.loop, taken)
+        refuse_what_bounds_no_disk(hole.loop)
+    except SpinorGeomError as error:
+        return error
+    return None
 
 
 def wanted(opened: OpenedFile) -> list[NamedLoop]:
