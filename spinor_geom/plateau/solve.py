@@ -24,7 +24,7 @@ from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.trained_route import Optimizer
 
-# Loops whose slides are found together.
+# Loops that are taken at a time.
 _TOGETHER = 64
 
 Planned: TypeAlias = tuple[Task, tuple[Route, ...]]
@@ -214,7 +214,8 @@ def solve_plateau_batch(
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     """`solve_plateau` for many loops, which are not held in memory together.
 
-    The slides of short smooth loops, which take the unit disk, are found side by side as one batch.
+    Loops that take the unit disk are solved side by side, those with as many nodes as one batch. On the CPU each
+    solution is the same to the last bit in bundles of any size.
 
     Args:
         loops: any number of them.
