@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,6 +10,7 @@ from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.peers import PEERS, Filled, Peer
 from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.result import LoopOutcome
 
 OURS, SMOOTH = "spinor-fill", "spinor-fill-c1"
 OUR_FILLERS = (OURS, SMOOTH)
@@ -48,7 +49,25 @@ def _finish(state: Any, answer: Any) -> Filled:
         succeeded=all(outcome.converged for outcome in requested) and report.intersection_free,
         # a surface between two rims counts once, at the rim that its faces are counted at
         area=sum(o.area for o in requested if o.area is not None and o.faces_added),
+        figures=_own_figures(requested),
     )
+
+
+def _own_figures(requested: Sequence[LoopOutcome]) -> dict[str, Any]:
+    """What only ours tells: kinds of the patches, and root mean square residuals per mean edge of the exact ones."""
+    kinds = [outcome.kind for outcome in requested if outcome.filled]
+    residuals = [
+        outcome.solution.boundary_residual.rms_per_edge
+        for outcome in requested
+        if outcome.filled and outcome.solution is not None
+    ]
+    return {
+        **{kind: kinds.count(kind) for kind in ("minimal", "discrete", "smooth")},
+        "unexplained": sum(not outcome.filled and not outcome.reason for outcome in requested),
+        "within_1e-2": sum(residual <= 1e-2 for residual in residuals),
+        "within_1e-3": sum(residual <= 1e-3 for residual in residuals),
+        "residual_per_edge": max(residuals, default=None),
+    }
 
 
 _WAYS: tuple[tuple[str, Continuity, str], ...] = (

@@ -22,12 +22,14 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.operators import face_areas, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
+from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 
 # of the exact |H|: second derivatives cost some milliseconds a point
 _CURVATURE_POINTS = 100
 # at least so many points of the mesh and of the surface
 _DISTANCE_SAMPLES = 5_000
+_SURFACE_TRIANGLES = 2_000
 # crossings of more faces than this are not counted: the exact predicates take minutes
 _MOST_CROSSING_FACES = 300_000
 # vertices nearer than this share of the diagonal are the same: room for tools that keep single precision
@@ -61,6 +63,8 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Fig
         figures["solve_seconds"] = sum(solution.solve_timings.values())
         figures["residual_per_edge"] = solution.boundary_residual.rms_per_edge
         figures |= _exact_curvature(solution, diameter)
+        if case is not None:
+            figures |= _surface_distance(solution, case.chart, diameter)
     return figures
 
 
@@ -81,6 +85,7 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
         "triangles": len(patch),
         "told": filled.told,
         "succeeded": filled.succeeded,
+        **filled.figures,
     }
     if not len(patch):
         return figures
@@ -90,10 +95,10 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     chart = None if case is None else case.chart
     figures |= patch_figures(vertices, faces.reshape(-1, 3), diameter, chart)
     figures["area"] = figures["mesh_area"] if filled.area is None else filled.area
-    if case is not None and case.area is not None:
-        figures["area_error"] = abs(figures["area"] / case.area - 1)
-        figures["mesh_area_error"] = abs(figures["mesh_area"] / case.area - 1)
-        figures["area_excess"] = figures["mesh_area"] / case.area - 1
+    if hole.area is not None:
+        figures["area_error"] = abs(figures["area"] / hole.area - 1)
+        figures["mesh_area_error"] = abs(figures["mesh_area"] / hole.area - 1)
+        figures["area_excess"] = figures["mesh_area"] / hole.area - 1
     figures["patches"] = 1 + int(face_components(patch).max())
     if len(filled.faces) <= _MOST_CROSSING_FACES:
         figures["mesh_crossings"] = len(
@@ -207,6 +212,16 @@ def _exact_curvature(solution: PlateauSolution, diameter: float) -> Figures:
     values = np.abs(np.asarray(solution.surface.mean_curvature(inner))) * diameter
     values = values[np.isfinite(values)]
     return {"exact_curvature_median": float(np.median(values)), "exact_curvature_max": float(values.max(initial=0))}
+
+
+def _surface_distance(solution: PlateauSolution, chart: Chart, diameter: float) -> Figures:
+    """Distances of our surface, at points spread over it, from the exact one."""
+    fine = mesh_patch(solution, (4 * solution.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
+    # its vertices are the surface's own points; those on the rim are given
+    distance = chart.distances(fine.vertices[fine.boundary_size :]) / diameter
+    if not len(distance):
+        return {}
+    return {"surface_distance_max": float(distance.max()), "surface_distance_mean": float(distance.mean())}
 
 
 def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " n"], Int[np.ndarray, "p 3"]]:

@@ -83,10 +83,8 @@ def _spinor(model: Model, tolerance: float) -> Callable[[Problem], Spanned]:
 def _formula(problem: Problem) -> Spanned:
     """The curve itself instead of its samples; the mesh has the edges of the samples."""
     case = problem.case
-    if case is None or not isinstance(case.known, KnownCurve) or case.variation.noise:
+    if case is None or not isinstance(case.known, KnownCurve):
         raise OptionError("only a curve in formulas has no need of samples")
-    if case.variation.turn is not None or case.variation.scale != 1:
-        raise OptionError("the formula's own position and size are taken, not varied ones")
     return _meshed(solve_plateau(case.known, tolerance=1e-10), problem.edge or problem.loop.mean_edge_length)
 
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from spinor_geom.bench.cut_out_pictures import pieces_of, scale_of
-from spinor_geom.bench.cut_out_tables import cut_out_tables
 from spinor_geom.bench.isolate import Record
 from spinor_geom.bench.machine import told
 from spinor_geom.bench.measure import DISTANCE
-from spinor_geom.bench.runner import VIEWS, Run
+from spinor_geom.bench.pieces import pieces_of, scale_of
+from spinor_geom.bench.runner import Run
 from spinor_geom.bench.scaling import fits
+from spinor_geom.bench.suites import VIEWS
 from spinor_geom.bench.tables import Table, option_table, tables
 from spinor_geom.files import atomic_path, write_json
 from spinor_geom.render import page
@@ -26,6 +26,8 @@ from spinor_geom.render.plots import log_log
 from spinor_geom.render.viewer import STYLE, Faces, MeshView, Scene, Views
 
 PAGE, TABLES, CSV, JSON, PLOTS = "report.html", "tables.md", "records.csv", "records.json", "plots"
+# fields that say how it was measured here: nothing for others
+LOCAL = ("key", "package", "data", "view", "repeat", "said", "seconds_all")
 _RESOLUTION = 110
 # errors of zero have no place on a logarithmic axis
 _ROUNDING = 1e-17
@@ -34,13 +36,13 @@ _MOST_VIEWS = 12
 
 def write(run: Run) -> None:
     """Writes all files of a run beside its records, each whole or not at all."""
-    made = [*tables(run.records), *cut_out_tables(run.records)]
+    made = tables(run.records)
     pictures = plots(run.records)
     _text(run.folder / TABLES, markdown(run, made))
     _text(run.folder / CSV, table_of(run.records))
     write_json(run.folder / JSON, {**run.description, "records": list(run.records)})
     (run.folder / PLOTS).mkdir(exist_ok=True)
-    images = {name: _drawn(figure, run.folder / PLOTS / name) for name, figure in pictures.items()}
+    images = {name: _drawn(figure, run.folder / PLOTS / f"{name}.png") for name, figure in pictures.items()}
     _text(run.folder / PAGE, report(run, made, images))
 
 
@@ -51,7 +53,7 @@ def markdown(run: Run, made: Sequence[Table]) -> str:
 
 def table_of(records: Sequence[Record]) -> str:
     """The records as CSV: a line a record, a column a field."""
-    flat = [{k: v for k, v in r.items() if k not in ("key", "variation")} for r in records]
+    flat = [{k: v for k, v in r.items() if k not in LOCAL} for r in records]
     columns = list(dict.fromkeys(name for record in flat for name in record))
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, columns, lineterminator="\n")
@@ -61,33 +63,26 @@ def table_of(records: Sequence[Record]) -> str:
 
 
 def plots(records: Sequence[Record]) -> dict[str, Figure]:
-    """Error against time and against edge length for each known case, and how the time grows."""
+    """Error against time for each known case, and how the time grows."""
     made: dict[str, Figure] = {}
-    lines: dict[str, tuple[Sequence[float], Sequence[float]]]
-    loops = [
-        r
-        for r in records
-        if r["suite"] == "loop" and r["status"] == "done" and not r.get("scaling") and r.get("area_error") is not None
-    ]
-    for case in dict.fromkeys(r["case"] for r in loops):
-        here = [r for r in loops if r["case"] == case]
-        for x, label, name in (("seconds", "seconds", "time"), ("edge", "mean edge of the loop", "edge")):
-            lines = {}
-            for method in dict.fromkeys(r["method"] for r in here):
-                points = sorted((r[x], max(r["area_error"], _ROUNDING)) for r in here if r["method"] == method)
-                lines[method] = ([p[0] for p in points], [p[1] for p in points])
-            figure = log_log(lines, x=label, y="relative error of the area")
-            figure.suptitle(case, fontsize="medium")
-            made[f"{case}-error-{name}"] = figure
-    found = fits(records)
+    disks = [r for r in records if r["suite"] == "disks" and r["status"] == "done"]
+    for case in dict.fromkeys(r["case"] for r in disks):
+        here = [r for r in disks if r["case"] == case]
+        lines: dict[str, tuple[Sequence[float], Sequence[float]]] = {}
+        for method in dict.fromkeys(r["method"] for r in here):
+            points = sorted((r["seconds"], max(r["area_error"], _ROUNDING)) for r in here if r["method"] == method)
+            lines[method] = ([p[0] for p in points], [p[1] for p in points])
+        figure = log_log(lines, x="seconds", y="relative error of the area")
+        figure.suptitle(case, fontsize="medium")
+        made[f"{case}-error-time"] = figure
+    found = [fit for fit in fits([r for r in records if r["suite"] == "growth"]) if fit.sizes]
     for size in dict.fromkeys(fit.size for fit in found):
-        lines = {
+        grown = {
             fit.method + ("" if fit.exponent is None else f", exponent {fit.exponent:.2f}"): (fit.sizes, fit.seconds)
             for fit in found
-            if fit.size == size and fit.sizes
+            if fit.size == size
         }
-        if lines:
-            made[f"scaling-{size}"] = log_log(lines, x=size, y="seconds")
+        made[f"growth-{size}"] = log_log(grown, x=size, y="seconds")
     return made
 
 
@@ -154,11 +149,10 @@ def _rows(made: Sequence[Table]) -> list[str]:
 
 
 def _drawn(figure: Figure, path: Path) -> bytes:
-    """Saves a plot as PNG and PDF; returns the PNG."""
-    for suffix in (".png", ".pdf"):
-        with atomic_path(path.with_name(path.name + suffix)) as temporary:
-            figure.savefig(temporary, dpi=_RESOLUTION)
-    return path.with_name(path.name + ".png").read_bytes()
+    """Saves a plot; returns its PNG."""
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=_RESOLUTION)
+    return path.read_bytes()
 
 
 def _text(path: Path, text: str) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -29,6 +29,7 @@ class Filled:
         succeeded: whether the tool says that it filled; None where it says nothing, which users take for a yes.
         area: of the surface that the patches are meshes of, where there is one.
         in_order: whether the mesh's vertices are known to come first as before, wherever they are now.
+        figures: what only ours tells besides.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -37,6 +38,7 @@ class Filled:
     succeeded: bool | None = None
     area: float | None = None
     in_order: bool = False
+    figures: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

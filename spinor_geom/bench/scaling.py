@@ -34,9 +34,9 @@ class Fit:
 def fits(records: Sequence[Record]) -> list[Fit]:
     """The fits of all methods whose growth was measured."""
     found = []
-    keys = dict.fromkeys((r["scaling"], r["method"]) for r in records if r.get("scaling"))
+    keys = dict.fromkeys((r["grows"], r["method"]) for r in records)
     for size, method in keys:
-        chosen = [r for r in records if r.get("scaling") == size and r["method"] == method and r["status"] == "done"]
+        chosen = [r for r in records if r["grows"] == size and r["method"] == method and r["status"] == "done"]
         # patches are told by the triangles they have, not by those that were asked for
         pairs = sorted((float(r["n"] if size == "points" else r["triangles"]), r["seconds"]) for r in chosen)
         found.append(fitted(method, size, [p[0] for p in pairs], [p[1] for p in pairs]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import importlib
 import importlib.util
 import statistics
 import time
@@ -33,31 +34,56 @@ def run(task: Task) -> Record:
     if importlib.util.find_spec(package) is None:
         return {"status": "missing", "reason": f"{package} is not installed"}
     try:
-        return {"status": "done", **_suite(task["suite"])(task)}
+        importlib.import_module(package)
+        return {"status": "done", **_work(task)}
+    except ImportError as error:  # what is broken is the installation, and not the tool
+        return {"status": "missing", "reason": f"{package} cannot be imported here: {_sentence(error)}"}
     except SpinorGeomError as error:
         return {"status": "refused", "reason": _sentence(error)}
     except Exception as error:  # another project's exception: its row says so
         return {"status": "failed", "reason": f"{type(error).__name__}: {_sentence(error)}"}
 
 
-def _suite(name: str) -> Callable[[Task], Record]:
-    return {"loop": _span, "hole": _fill, "odd": _fill, "file": _fill, "file loop": _span, "cut-out": _fill}[name]
+def _work(task: Task) -> Record:
+    from spinor_geom.bench.methods import LOOP_METHODS
+    from spinor_geom.bench.solves import SUITES
+
+    if task["suite"] == "batch":
+        from spinor_geom.bench.batches import batch_figures
+
+        return batch_figures(task["case"], task["share"])
+    if task["suite"] in SUITES:
+        return _solve(task)
+    return _span(task) if task["method"] in LOOP_METHODS else _fill(task)
+
+
+def _solve(task: Task) -> Record:
+    from spinor_geom.bench.solves import solve_figures, solves
+    from spinor_geom.plateau.solve import solve_plateau
+
+    case = solves()[task["case"]]
+    subject: Any = case.subject()
+    timed, answer = _timed(lambda: None, lambda _: solve_plateau(subject, **case.options), task["repeat"])
+    return {**timed, **solve_figures(case, answer)}
 
 
 def _span(task: Task) -> Record:
+    from spinor_geom.bench.limit import points_limit
     from spinor_geom.bench.measure import disk_figures, vertex_fields
     from spinor_geom.bench.methods import LOOP_METHODS, Problem
 
-    case, loop = None, None
-    if task["suite"] == "file loop":
+    case = None
+    if task["suite"] == "meshes":
         loop = _file(task["case"]).loops[task["place"]]
     else:
-        case = _case(task)
+        case = _case(task["case"])
         loop = case.loop(task["n"])
     problem = Problem(loop=loop, edge=task.get("edge"), case=case)
     method = LOOP_METHODS[task["method"]]
     timed, spanned = _timed(lambda: None, lambda _: method.span(problem), task["repeat"])
     figures = disk_figures(spanned, loop, case)
+    if task["suite"] == "disks" and task["method"] == "spinor" and case is not None and case.kind == "smooth":
+        figures["limit_error"] = points_limit(case, task["n"])
     if task.get("view") and case is not None:
         fields = vertex_fields(spanned.vertices, spanned.faces, case.diameter, case.chart)
         _keep(task["view"], spanned.vertices, spanned.faces, fields)
@@ -65,21 +91,22 @@ def _span(task: Task) -> Record:
 
 
 def _fill(task: Task) -> Record:
+    from spinor_geom.bench.everyday import everyday_hole
     from spinor_geom.bench.fillers import FILLERS
     from spinor_geom.bench.holes import hole_over, odd_hole
     from spinor_geom.bench.measure import cut_out_figures, cut_out_views, hole_figures
+    from spinor_geom.mesh.boundary_loop import turning_angles
 
-    case, cut_out = None, None
-    if task["suite"] == "cut-out":
-        cut_out = _cut_out(task["case"], task["data"])
+    name, case, cut_out = task["case"], None, None
+    if task["suite"] == "cut-outs":
+        cut_out = _cut_out(name, task["data"])
         hole = cut_out.hole
-    elif task["suite"] == "hole":
-        case = _case(task)
-        hole = hole_over(case.name, case.loop(task["n"]))
-    elif task["suite"] == "odd":
-        hole = odd_hole(task["case"])
+    elif task["suite"] == "fills":
+        case = _case(name)
+        hole = hole_over(name, case.loop(task["n"]), case.area)
     else:
-        hole = _file(task["case"])
+        makers: dict[str, Callable[[str], Any]] = {"odd": odd_hole, "everyday": everyday_hole, "meshes": _file}
+        hole = makers[task["suite"]](name)
     tool = FILLERS[task["method"]]
     state: Any = None
 
@@ -93,10 +120,12 @@ def _fill(task: Task) -> Record:
     if cut_out is not None:
         figures = cut_out_figures(filled, cut_out)
         if task["view"]:
-            for name, piece in cut_out_views(filled, cut_out).items():
-                _keep(str(Path(task["view"]) / f"{name or task['method']}.npz"), *piece)
+            for piece, view in cut_out_views(filled, cut_out).items():
+                _keep(str(Path(task["view"]) / f"{piece or task['method']}.npz"), *view)
     else:
         figures = hole_figures(filled, hole, case)
+    if task["suite"] == "everyday":
+        figures["sharpness"] = float(np.degrees(np.quantile(turning_angles(hole.loops[0].points), 0.9)))
     return {**timed, **figures, "expected": hole.expected, "rims": len(hole.places)}
 
 
@@ -126,15 +155,11 @@ def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) 
     }, answer
 
 
-def _case(task: Task) -> Any:
-    return _made_case(task["case"], tuple(sorted(task["variation"].items())))
-
-
 @lru_cache(maxsize=4)
-def _made_case(name: str, variation: tuple[tuple[str, Any], ...]) -> Any:
-    from spinor_geom.bench.cases import Variation, known_case
+def _case(name: str) -> Any:
+    from spinor_geom.bench.cases import known_case
 
-    return known_case(name, Variation(**dict(variation)))
+    return known_case(name)
 
 
 @lru_cache(maxsize=2)

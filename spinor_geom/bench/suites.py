@@ -1,0 +1,263 @@
+"""What there is to measure: suites of tasks, each a method on a case, and which of them a run takes."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from spinor_geom.bench.batches import BATCHES
+from spinor_geom.bench.cases import KNOWN, SAMPLED, known_case
+from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
+from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
+from spinor_geom.bench.everyday import EVERYDAY, NOISY
+from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTHEST
+from spinor_geom.bench.holes import ODD, file_hole, mesh_files
+from spinor_geom.bench.isolate import Task
+from spinor_geom.bench.methods import LOOP_METHODS
+from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
+from spinor_geom.bench.solves import solves
+from spinor_geom.errors import OptionError
+
+VIEWS = "views"
+# points of the loops whose disks the page shows
+VIEW_POINTS = 128
+VIEW_METHODS = ("spinor", "libigl-uniform")
+# cut-outs of which the page shows what was removed and what each filler put there
+PICTURED = ("icosphere-4-0.3", "torus-outside-0.4", "bunny_scan-02", "demosthenes_low_res-03")
+QUICK_CUT_OUTS = ("icosphere-3-0.7", "torus-outside-0.4")
+QUICK_CASES = (
+    *("enneper-0.8", "tennis-seam", "random-1", "random-1@even", "random-1@uneven", "plane-l", "schwarz-d-quad"),
+)
+QUICK_SHARE = 0.03  # of a batch's files
+# only curves in formulas have more than their samples
+FORMULAS = ("twisted-circle", "tennis-seam", "plane-ellipse")
+# what a short run measures on its first two cases only, and what is there to be compared once, not swept
+SLOW = ("spinor-cauchy", "spinor-mlp", "pymeshlab")
+ONE_SIZE = ("spinor-cauchy", "spinor-series", "spinor-mlp", "spinor-formula")
+# cases whose time is fitted, and the one whose patches grow
+GROWING_LOOP, GROWING_PATCH = "tennis-seam", "enneper-0.8"
+# edges inside our meshes of loops of any number of points
+GROWING_EDGE = 0.1
+COMPARED = ("spinor", "libigl", "libigl-uniform")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What a run measures.
+
+    Attributes:
+        suites: names of suites; empty for all.
+        cases: names of their cases, or patterns as of files; empty for all.
+        methods: names of loop methods and fillers; empty for all.
+        points: of the loops of known cases.
+        hole_points: of the rims of known cases, for the fillers: all where they are compared with a reference, two of
+            other smooth rims, the first of rims with corners.
+        repeat: counted calls of each task of the suites that are repeated.
+        time_limit: of each task, in seconds.
+        data: folder of mesh files; none without.
+        growing_points: of the loops that the time is fitted over.
+        growing_triangles: of the patches that the time is fitted over.
+        quick: whether it is the short run, which takes a few cases of each suite where none are named.
+    """
+
+    suites: tuple[str, ...] = ()
+    cases: tuple[str, ...] = ()
+    methods: tuple[str, ...] = ()
+    points: tuple[int, ...] = (32, 64, 128, 256)
+    hole_points: tuple[int, ...] = (64, 256, 1000)
+    repeat: int = 3
+    time_limit: float = 180.0
+    data: Path | None = None
+    growing_points: tuple[int, ...] = (50, 100, 200, 500, 1000, 2000, 5000)
+    growing_triangles: tuple[int, ...] = (1_000, 10_000, 100_000, 1_000_000)
+    quick: bool = False
+
+    @classmethod
+    def short(cls, **changed: Any) -> Settings:
+        """The run that takes less than three minutes: the promises' own cases, every tool once."""
+        values: dict[str, Any] = {
+            "points": (32, 64),
+            "hole_points": (64,),
+            "repeat": 1,
+            "time_limit": 60.0,
+            "growing_points": (50, 150, 500),
+            "growing_triangles": (1_000, 10_000),
+            "quick": True,
+        }
+        return cls(**{**values, **changed})
+
+    @property
+    def few(self) -> bool:
+        """Whether each suite chooses some of its cases."""
+        return self.quick and not self.cases
+
+    def wants(self, task: Task) -> bool:
+        """Whether a task is to be measured."""
+        name = case_name(task)
+        here = not self.cases or any(fnmatchcase(name, pattern) for pattern in self.cases)
+        return here and (not self.methods or task["method"] in self.methods)
+
+    def description(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {**asdict(self), "data": None if self.data is None else str(self.data)}
+
+
+def case_name(task: Task) -> str:
+    """The name of a task's case: of a mesh file without its folder."""
+    return Path(task["case"]).name if task["suite"] == "meshes" else str(task["case"])
+
+
+def chosen_tasks(settings: Settings, folder: Path) -> list[Task]:
+    """All tasks of a run into a folder, those of one method after each other.
+
+    Raises:
+        OptionError: a suite, a case, a method or the folder of mesh files does not exist, or nothing is left.
+    """
+    if settings.data is not None and not settings.data.is_dir():
+        raise OptionError(f"{settings.data}: is not a folder; name one that holds mesh files")
+    for kind, names, there in (
+        ("suite", settings.suites, SUITES),
+        ("method", settings.methods, (*LOOP_METHODS, *FILLERS)),
+    ):
+        for name in names:
+            if name not in there:
+                raise OptionError(f"there is no {kind} {name!r}; choose from: {', '.join(there)}")
+    found = [task for suite in settings.suites or SUITES for task in SUITES[suite](settings, folder)]
+    here = list(dict.fromkeys(case_name(task) for task in found))
+    for pattern in settings.cases:
+        if not any(fnmatchcase(name, pattern) for name in here):
+            near = ", ".join(difflib.get_close_matches(pattern, here, 5, 0.4)) or ", ".join(here[:5])
+            raise OptionError(
+                f"there is no case {pattern!r} in the suites {', '.join(settings.suites or SUITES)}, of the mesh files "
+                f"in {settings.data or 'no folder'}; there are {near}, … (docs/benchmark.md has the names)"
+            )
+    wanted = [task for task in found if settings.wants(task)]
+    if not wanted:
+        raise OptionError("the chosen methods do not work on the chosen cases; nothing is left to measure")
+    places = {name: place for place, name in enumerate((*LOOP_METHODS, *FILLERS))}
+    return sorted(wanted, key=lambda task: places[task["method"]])
+
+
+def _disks(settings: Settings, folder: Path) -> Iterator[Task]:
+    """Known loops spanned by ours and by discrete surfaces."""
+    more = [name for name in settings.cases if name.removeprefix("random-").partition("@")[0].isdigit()]
+    cases = QUICK_CASES if settings.few else dict.fromkeys((*KNOWN, *SAMPLED, *more))
+    for name, method in LOOP_METHODS.items():
+        points = [n for n in settings.points if n <= method.most_points]
+        if name in ONE_SIZE or (settings.quick and name in SLOW):
+            points = [n for n in points if n == VIEW_POINTS] or points[-1:]
+        for place, case in enumerate(cases):
+            if (
+                (settings.few and name in SLOW and place > 1)
+                or (name == "spinor-formula" and case not in FORMULAS)
+                or ("@" in case and not settings.cases and name not in COMPARED)
+                or (name in ("spinor-series", "spinor-mlp") and known_kind(case) != "smooth")
+            ):
+                continue
+            for n in points:
+                seen = n == min(VIEW_POINTS, max(settings.points)) and name in VIEW_METHODS
+                view = str(folder / VIEWS / f"{case}-{name}.npz") if seen else None
+                yield _task("disks", name, case, settings.repeat, n=n, view=view)
+
+
+def known_kind(case: str) -> str:
+    """Whether a known case is smooth, has corners or is plane."""
+    return KNOWN[case][0] if case in KNOWN else "smooth"
+
+
+def _fills(settings: Settings, _: Path) -> Iterator[Task]:
+    """Known rims in a collar, filled by ours and by peers."""
+    for name in FILLERS:
+        for case in QUICK_CASES[:1] if settings.few else KNOWN:
+            count = 3 if case == REFERENCE_CASE else 2 if known_kind(case) == "smooth" else 1
+            for n in settings.hole_points[:count]:
+                yield _task("fills", name, case, settings.repeat, n=n)
+
+
+def _each(suite: str, cases: Iterable[str], methods: Iterable[str], repeat: int = 0, **more: Any) -> Iterator[Task]:
+    for name in methods:
+        for case in cases:
+            yield _task(suite, name, case, repeat, **more)
+
+
+def _cut_outs(settings: Settings, folder: Path) -> Iterator[Task]:
+    """Pieces cut out of known surfaces and scans, filled by what continues a mesh smoothly."""
+    cases = QUICK_CUT_OUTS if settings.few else (*CAPS, *WINDOWS, *scan_names(settings.data))
+    data = None if settings.data is None else str(settings.data)
+    for task in _each("cut-outs", cases, dict.fromkeys((*SMOOTHEST, *_fillers(settings))), 1, data=data):
+        yield {**task, "view": str(folder / VIEWS / task["case"]) if task["case"] in PICTURED else None}
+
+
+def _fillers(settings: Settings) -> list[str]:
+    return [name for name in settings.methods if name in FILLERS]
+
+
+def _meshes(settings: Settings, _: Path) -> Iterator[Task]:
+    """Mesh files: every hole by every filler, and every loop as a bare curve."""
+    if settings.data is None or settings.few:
+        return
+    paths = mesh_files(settings.data, settings.cases)
+    yield from _each("meshes", map(str, paths), FILLERS)
+    counts = {str(path): len(file_hole(path).loops) for path in paths}
+    for name in ("spinor", "libigl"):
+        for path, count in counts.items():
+            for place in range(count):
+                yield _task("meshes", name, path, 0, place=place)
+
+
+def _everyday(settings: Settings, _: Path) -> Iterator[Task]:
+    """Rims as people have them, by ours and by the reference."""
+    cases = (*EVERYDAY[:4], next(iter(NOISY))) if settings.few else EVERYDAY
+    yield from _each("everyday", cases, (OURS, REFERENCE), 1)
+
+
+def _solves(suite: str) -> Callable[[Settings, Path], Iterator[Task]]:
+    def tasks(settings: Settings, _: Path) -> Iterator[Task]:
+        for name, case in solves().items():
+            if case.suite == suite and (name in QUICK_SOLVES or not settings.few):
+                yield _task(suite, "spinor", name, 0 if suite == "curves" else settings.repeat)
+
+    return tasks
+
+
+def _batch(settings: Settings, _: Path) -> Iterator[Task]:
+    """Many files, and many loops."""
+    yield from _each("batch", BATCHES, ("spinor",), share=QUICK_SHARE if settings.quick else 1.0)
+
+
+def _growth(settings: Settings, _: Path) -> Iterator[Task]:
+    """How the time grows with points and triangles."""
+    for name in COMPARED:
+        for n in settings.growing_points if name != "libigl-uniform" else ():
+            # the baseline's triangles grow inwards by themselves
+            edge = GROWING_EDGE if name == "spinor" else None
+            yield _task("growth", name, GROWING_LOOP, 1, n=n, edge=edge, grows="points")
+        for count in settings.growing_triangles if name != "libigl" else ():
+            edge = (4 * known_case(GROWING_PATCH).area / 3**0.5 / count) ** 0.5
+            yield _task("growth", name, GROWING_PATCH, 1, n=64, edge=edge, wanted=count, grows="triangles")
+
+
+SUITES: Mapping[str, Callable[[Settings, Path], Iterator[Task]]] = {
+    "disks": _disks,
+    "fills": _fills,
+    "odd": lambda settings, _: _each("odd", ODD, FILLERS),
+    "cut-outs": _cut_outs,
+    "meshes": _meshes,
+    "everyday": _everyday,
+    "curves": _solves("curves"),
+    "rims": _solves("rims"),
+    "speed": _solves("speed"),
+    "paper": _solves("paper"),
+    "batch": _batch,
+    "growth": _growth,
+}
+"""All suites by name, in the order of the tables."""
+
+
+def _task(suite: str, method: str, case: str, repeat: int, **more: Any) -> Task:
+    package = "spinor_geom" if method in LOOP_METHODS else FILLERS[method].package
+    return {"suite": suite, "method": method, "package": package, "case": case, "repeat": repeat, **more}
