@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,10 +19,11 @@ from spinor_geom.bench.claims import claims
 from spinor_geom.bench.figures import Figure
 from spinor_geom.bench.isolate import Record
 from spinor_geom.bench.machine import is_older
-from spinor_geom.bench.page import JSON, table_of
+from spinor_geom.bench.page import table_of
 from spinor_geom.bench.pieces import pieces_of, scale_of
-from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS
-from spinor_geom.bench.tables import Table, filler_table, kind_table, method_name
+from spinor_geom.bench.runner import read_records
+from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS, known_kind
+from spinor_geom.bench.tables import OLDER, Table, filler_table, kind_table, method_name
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.render.portrait import Portrait
@@ -34,9 +34,9 @@ BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end
 COLOURS, SIDE, EYE = 128, 220, (0.0, -2.0, 1.3)
 POINTS = (64, 128, 256)
 # what makes two records one measurement
-SAME = ("suite", "case", "method", "n", "grows", "place", "wanted")
+SAME = ("suite", "case", "method", "n")
 # what a run tells of its machine, and what is too long for a table
-LEFT_OUT = ("told", "memory_mib", "cold_seconds", "expected")
+LEFT_OUT = ("told", "expected")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="folder of a run")
     run = parser.parse_args(arguments).run
     if run is not None:
-        publish(json.loads((run / JSON).read_text(encoding="utf-8"))["records"])
+        publish(read_records(run))
         if folders := [run / VIEWS / case for case in PICTURED if (run / VIEWS / case).is_dir()]:
             draw(folders)
     before, rest = README.read_text(encoding="utf-8").split(BEGIN)
@@ -141,22 +141,28 @@ def suite_row(suite: str, records: Sequence[Record], found: Sequence[Figure]) ->
 
 
 def disk_table(disks: Sequence[Record]) -> Table:
-    """Ours beside uniform discrete surfaces: surface and meshes, at comparable numbers of triangles."""
-    of = {(r["case"], r.get("n"), r["method"]): r for r in disks}
+    """Ours on smooth cases beside uniform discrete surfaces: the surface in three samplings, and meshes of like sizes."""
+    of = {(r["case"], r["n"], r["method"]): r for r in disks}
     rows = []
     for (case, n, method), mine in of.items():
         other = of.get((case, n, "libigl-uniform"))
-        if method == "spinor" and n in POINTS and other is not None:
-            pairs = ("triangles", "mesh_area_error", "distance_max", "curvature_rms", "seconds")
-            cells = (" / ".join(number(r.get(name)) for r in (mine, other)) for name in pairs)
-            surface = (number(mine.get(name)) for name in ("area_error", "limit_error", "surface_distance_max"))
-            rows.append((f"{case}{' †' if is_older(mine) else ''}", str(n), *surface, *cells))
-    meshes = ("triangles", "mesh area error", "mesh distance max", "mesh |H| rms", "s")
+        if method != "spinor" or n not in POINTS or other is None or "@" in case or known_kind(case) != "smooth":
+            continue
+        samplings = [of.get((f"{case}{sampling}", n, "spinor"), {}) for sampling in ("", "@even", "@uneven")]
+        surface = (
+            " / ".join(number(r.get(name)) for r in samplings)
+            for name in ("area_error", "limit_error", "surface_distance_max")
+        )
+        names = ("triangles", "mesh_area_error", "distance_max", "curvature_rms", "seconds")
+        meshes = (" / ".join(number(r.get(name)) for r in (mine, other)) for name in names)
+        rows.append((f"{case}{f' {OLDER}' if is_older(mine) else ''}", str(n), *surface, *meshes))
+    meshed = ("triangles", "mesh area error", "mesh distance max", "mesh |H| rms", "s")
     return Table(
-        title="Disks: ours / libigl-uniform",
-        columns=("case", "points", "surface area error", "points' limit", "surface distance max", *meshes),
+        title="Disks over smooth curves",
+        columns=("case", "points", "surface area error", "points' limit", "surface distance max", *meshed),
         rows=tuple(rows),
-        note="The surface is ours alone; meshes are compared with meshes.",
+        note="Of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
+        "Of meshes, at the formula's steps: ours / libigl-uniform's. Where nothing stands it is not measured yet.",
     )
 
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from spinor_geom.mesh.triangle_mesh import TriangleMesh as TriangleMesh
     from spinor_geom.meshing.embed import Patch as Patch
     from spinor_geom.meshing.embed import mesh_patch as mesh_patch
-    from spinor_geom.plateau.solution import NoAnnulus as NoAnnulus
+    from spinor_geom.plateau.solution import NoConnectedSurface as NoConnectedSurface
     from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution
     from spinor_geom.plateau.solve import solve_plateau as solve_plateau
     from spinor_geom.plateau.solve import solve_plateau_batch as solve_plateau_batch
@@ -57,7 +57,7 @@ _MODULES = {
     "LaurentSeries": "spinor_geom.holomorphic.laurent",
     "LoopOutcome": "spinor_geom.fill.result",
     "MeshFile": "spinor_geom.adapters",
-    "NoAnnulus": "spinor_geom.plateau.solution",
+    "NoConnectedSurface": "spinor_geom.plateau.solution",
     "Patch": "spinor_geom.meshing.embed",
     "PlaneDomain": "spinor_geom.domain.plane_domain",
     "PlateauSolution": "spinor_geom.plateau.solution",

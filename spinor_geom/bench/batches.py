@@ -1,11 +1,10 @@
-"""Batches of many files: loops a second, memory of the driver, equal bytes, and loops solved side by side."""
+"""Batches of many files: loops a second, memory of the driver, and equal bytes."""
 
 from __future__ import annotations
 
 import hashlib
 import tempfile
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -15,13 +14,9 @@ import numpy as np
 from spinor_geom.batching.engine import batch
 from spinor_geom.gallery import noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.meshing.embed import mesh_patch
-from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
 POINTS, NOISE = 100, 0.05
 FILES, FEW_INPUTS = 300, 300  # of each batch, and refused ones for the memory of the driver
-SIDE_BY_SIDE = 48  # loops
 
 
 def smooth_loop(seed: int, points: int = POINTS) -> BoundaryLoop:
@@ -101,28 +96,6 @@ def _checksums(output: Path) -> dict[str, str]:
     }
 
 
-def side_by_side(points: int, count: int) -> dict[str, Any]:
-    """Seconds of a loop alone and side by side, and of its mesh, one after the other in one process."""
-    loops = [smooth_loop(seed, points) for seed in range(count)]
-    list(solve_plateau_batch(loops[:4]))
-    start = perf_counter()
-    alone = [solve_plateau(loop) for loop in loops]
-    middle = perf_counter()
-    together = list(solve_plateau_batch(loops))
-    end = perf_counter()
-    for solution in alone:
-        mesh_patch(solution)
-    meshed = perf_counter() - end
-    areas = [other.area if isinstance(other, PlateauSolution) else None for other in together]
-    return {
-        "files": count,
-        "alone_seconds": (middle - start) / count,
-        "seconds": (end - middle) / count,
-        "meshing_seconds": meshed / count,
-        "equal": all(one.area == area for one, area in zip(alone, areas, strict=True)),
-    }
-
-
 BATCHES: Mapping[str, Callable[[Path, float], dict[str, Any]]] = {
     "smooth loops": lambda work, share: _rate(work, smooth_loop, round(FILES * share)),
     "smooth loops, one worker": lambda work, share: _rate(work, smooth_loop, round(FILES * share), workers=1),
@@ -130,12 +103,6 @@ BATCHES: Mapping[str, Callable[[Path, float], dict[str, Any]]] = {
     "cluster of 4 processes": lambda work, share: _cluster(work, round(FILES * share)),
     "few inputs": lambda work, share: _memory(work, round(FEW_INPUTS * share)),
     "ten times as many inputs": lambda work, share: _memory(work, round(10 * FEW_INPUTS * share)),
-    **{
-        f"side by side, {points} points": partial(
-            lambda points, _, share: side_by_side(points, max(round(SIDE_BY_SIDE * share), 2)), points
-        )
-        for points in (12, 24, 48, 100)
-    },
 }
 """What is measured, given a folder to work in and the share of the files that are taken."""
 

@@ -68,13 +68,7 @@ class Case:
     @cached_property
     def diameter(self) -> float:
         """Largest distance of two points of the loop."""
-        return diameter_of(self.loop(_DIAMETER_POINTS))
-
-
-def diameter_of(loop: BoundaryLoop) -> float:
-    """Largest distance of two points of a loop, of 512 of them where it has more."""
-    points = loop.points[:: -(-len(loop) // _DIAMETER_POINTS)]
-    return float(pdist(points).max())
+        return float(pdist(self.loop(_DIAMETER_POINTS).points).max())
 
 
 def _solved(curve: KnownCurve) -> Chart:

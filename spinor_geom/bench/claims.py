@@ -8,16 +8,15 @@ from statistics import median
 
 from spinor_geom.bench.cases import KNOWN
 from spinor_geom.bench.cut_outs import HEIGHTS
-from spinor_geom.bench.everyday import NOISY
 from spinor_geom.bench.figures import Figure, Kind, Limit, most
 from spinor_geom.bench.fillers import OUR_FILLERS, OURS, SMOOTH
+from spinor_geom.bench.holes import NOISY
 from spinor_geom.bench.isolate import Record
 from spinor_geom.bench.solves import SUITES as SOLVED
 from spinor_geom.bench.solves import solves
 
 CLOSER, SLOWER = 1e3, 3.0  # than the libigl baseline, in area and in seconds
-OUR_DIGITS, THEIR_DIGITS = 1e-6, 1e-4
-UNEVEN_DIGITS = 1e-5  # points at edges of random lengths say less of their curve
+OUR_DIGITS, UNEVEN_DIGITS = 1e-6, 1e-5  # points at edges of random lengths say less of their curve
 PLANE_AREA = 1e-10
 CURVATURE = 1e-9  # per diameter
 NEARER = 1e4  # area errors of hole fillers, per ours
@@ -31,11 +30,10 @@ CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))
 CAP_SHARE, WINDOW_SHARE, SCAN_SHARE, NEAREST, BEND, FLAT = 1 / 4, 1 / 3, 0.6, 0.85, 1.3, 1e-12
 LEAST_POINTS = 64  # of a loop that stands for a smooth curve
 BASELINES = ("libigl", "libigl-uniform")
-DISCRETE = (*BASELINES, "pymeshlab")
 # errors below this are rounding
 ROUNDING = 1e-15
-# of everyday rims: residual per mean edge; nine points in ten turn by less, in degrees, on the milder ones; shares of
-# both that are within; seconds
+# of films over rims as people have them: residual per mean edge; nine points in ten turn by less, in degrees, on the
+# milder ones; shares of both that are within; seconds
 WITHIN, SHARP, MILD_SHARE, SHARP_SHARE, FILL_SECONDS, SLOWEST_FILL = 1e-3, 130.0, 0.95, 0.6, 0.15, 1.0
 NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}
 MESH_SHARE, MESH_SECONDS = 0.9, {"bunny_scan.ply": 5.0, "rangemap_lato000.ply": 15.0, "spot_cut.obj": 4.0}
@@ -55,7 +53,8 @@ def claims(records: Sequence[Record]) -> list[Figure]:
         found += _fillers(case, group)
     found += _stitched(here.get("odd", []))
     found += _continued(here.get("cut-outs", []))
-    found += _everyday(here.get("everyday", []))
+    found += _films(here.get("cut-outs", []))
+    found += _noisy(here.get("noisy", []))
     found += _meshes(here.get("meshes", []))
     for record in records:
         # what ours refuses is a promise missed
@@ -79,7 +78,7 @@ def _disks(case: str, here: list[Record]) -> list[Figure]:
     kind = KNOWN[case][0] if case in KNOWN else "smooth"
     if kind == "smooth":
         found += _beside_baselines(case, ours, here)
-        found += _digits(case, ours, here)
+        found.append(_digits(case, ours))
     if kind == "plane":
         found += _at_most("disks", case, "error of the area", [r["area_error"] for r in ours], PLANE_AREA)
     values = [r["exact_curvature_median"] for r in ours if r.get("exact_curvature_median") is not None]
@@ -99,24 +98,16 @@ def _beside_baselines(case: str, ours: list[Record], here: list[Record]) -> Iter
         ]
         if pairs:
             closer, n = min((o["area_error"] / max(m["area_error"], ROUNDING), m["n"]) for m, o in pairs)
-            yield Figure(
-                suite="disks",
-                case=case,
-                text=f"area at least {CLOSER:g} times closer than {baseline}",
-                measured=f"{closer:.1e} times at {n} points, the least",
-                met=bool(closer >= CLOSER),
+            text, measured = (
+                f"area at least {CLOSER:g} times closer than {baseline}",
+                f"{closer:.1e} times at {n} points",
             )
+            yield _judged("disks", case, text, measured, closer >= CLOSER)
         ratios = [(m["seconds"] / o["seconds"], m["n"]) for m, o in pairs if _comparable(m, o)]
         if ratios:
             slower, n = max(ratios)
-            yield Figure(
-                suite="disks",
-                case=case,
-                text=f"at most {SLOWER:g} times the seconds of {baseline}",
-                measured=f"{slower:.2f} times at {n} points, the most",
-                met=bool(slower <= SLOWER),
-                kind="time",
-            )
+            text, measured = f"at most {SLOWER:g} times the seconds of {baseline}", f"{slower:.2f} times at {n} points"
+            yield _judged("disks", case, text, measured, slower <= SLOWER, "time")
 
 
 def _comparable(one: Record, other: Record) -> bool:
@@ -125,32 +116,10 @@ def _comparable(one: Record, other: Record) -> bool:
     return len(loads) < 2 or abs(loads[0] - loads[1]) <= SAME_LOAD
 
 
-def _digits(case: str, ours: list[Record], here: list[Record]) -> Iterator[Figure]:
+def _digits(case: str, ours: list[Record]) -> Figure:
     digits = UNEVEN_DIGITS if case.endswith("@uneven") else OUR_DIGITS
-    mine = time_to_reach(ours, digits)
-    yield Figure(
-        suite="disks",
-        case=case,
-        text=f"area right to {digits:g} at some number of points",
-        measured=f"{min(r['area_error'] for r in ours):.1e} at best",
-        met=mine is not None,
-    )
-    theirs = time_to_reach([r for r in here if r["method"] in DISCRETE], THEIR_DIGITS)
-    if theirs is not None:  # else there is nothing to be quicker than
-        yield Figure(
-            suite="disks",
-            case=case,
-            text=f"{digits:g} in less time than the discrete methods take for {THEIR_DIGITS:g}",
-            measured=f"{'not reached' if mine is None else f'{mine:.3g} s'} against {theirs:.3g} s",
-            met=mine is not None and mine < theirs,
-            kind="time",
-        )
-
-
-def time_to_reach(records: Sequence[Record], error: float) -> float | None:
-    """Least seconds of the records whose area error is at most so large; None where none is."""
-    reached = [r for r in records if r.get("area_error") is not None and r["area_error"] <= error]
-    return min((r["seconds"] for r in reached), default=None)
+    best = min(r["area_error"] for r in ours)
+    return _judged("disks", case, f"area right to {digits:g} at some number of points", f"{best:.1e}", best <= digits)
 
 
 def _all(suite: str, case: str, text: str, records: Sequence[Record], holds: Callable[[Record], bool]) -> Figure:
@@ -178,9 +147,7 @@ def _fillers(case: str, here: list[Record]) -> list[Figure]:
         if other is not None and mine["n"] in REFERENCE_SHARE and _comparable(mine, other):
             share, limit = mine["seconds"] / other["seconds"], REFERENCE_SHARE[mine["n"]]
             text = f"whole fill of {mine['n']} points in at most {limit:g} times the seconds of {REFERENCE}"
-            measured = f"{share:.2f} times"
-            met = bool(share <= limit)
-            found.append(Figure(suite="fills", case=case, text=text, measured=measured, met=met, kind="time"))
+            found.append(_judged("fills", case, text, f"{share:.2f} times", share <= limit, "time"))
     if case not in KNOWN or KNOWN[case][0] != "plane":
         found += _nearer("fills", case, ours, here)
     return found
@@ -199,13 +166,8 @@ def _nearer(suite: str, case: str, ours: Sequence[Record], here: Sequence[Record
     ]
     if ratios:
         least, method = min(ratios)
-        yield Figure(
-            suite=suite,
-            case=case,
-            text=f"filled area at least {NEARER:g} times closer than every other filler's",
-            measured=f"{least:.1e} times {method}'s, the least",
-            met=bool(least >= NEARER),
-        )
+        text = f"filled area at least {NEARER:g} times closer than every other filler's"
+        yield _judged(suite, case, text, f"{least:.1e} times {method}'s, the least", least >= NEARER)
 
 
 def _stitched(odd: list[Record]) -> Iterator[Figure]:
@@ -271,27 +233,29 @@ def _on_scans(done: list[Record], least: Mapping[str, float]) -> list[Figure]:
     ]
 
 
-def _everyday(done: list[Record]) -> list[Figure]:
-    """Ours on rims as people have them."""
-    ours = [r for r in done if r["method"] == OURS]
+def _noisy(done: list[Record]) -> list[Figure]:
     found = []
-    for record in (r for r in ours if r["case"] in NOISY):
+    for record in (r for r in done if r["method"] == OURS and r["case"] in NOISY):
         noise, points = NOISY[record["case"]]
         within = WITHIN if noise < 0.2 else 1e-2
         found.append(most("residual_per_edge", "RMS residual, in mean edges,", within).of(record))
         found.append(most("seconds", "seconds", NOISY_SECONDS[points], "time").of(record))
-    rims = [r for r in ours if r["case"].startswith("rim-")]
+    return found
+
+
+def _films(cut_outs: list[Record]) -> list[Figure]:
+    """The films of ours on cut-outs, whose rims are as people have them."""
+    rims = [r for r in cut_outs if r["method"] == OURS and "sharpness" in r]
     if not rims:
-        return found
-    found.append(_all("everyday", "rims", "every rim is closed", rims, lambda r: r["open_rim_edges"] == 0))
-    found.append(_all("everyday", "rims", "no patch crosses anything", rims, _clean))
+        return []
+    found = [_all("cut-outs", "films", "no film crosses anything", rims, _clean)]
     for name, sharp, share in (("milder rims", False, MILD_SHARE), ("sharper rims", True, SHARP_SHARE)):
         met = [_residual(r) <= WITHIN for r in rims if (r["sharpness"] >= SHARP) == sharp]
         if met:
-            found.append(_share("everyday", name, f"within {WITHIN:g} of an edge", met, share))
+            found.append(_share("cut-outs", name, f"films within {WITHIN:g} of an edge", met, share))
     seconds = [r["seconds"] for r in rims]
-    found += _at_most("everyday", "rims", "seconds, median,", [median(seconds)], FILL_SECONDS, "time")
-    return [*found, *_at_most("everyday", "rims", "seconds", seconds, SLOWEST_FILL, "time")]
+    found += _at_most("cut-outs", "films", "seconds, median,", [median(seconds)], FILL_SECONDS, "time")
+    return [*found, *_at_most("cut-outs", "films", "seconds", seconds, SLOWEST_FILL, "time")]
 
 
 def _residual(record: Record) -> float:
@@ -309,14 +273,9 @@ def _meshes(done: list[Record]) -> list[Figure]:
     if not ours:
         return []
     loops, near = (sum(r[name] for r in ours) for name in ("rims", "within_1e-2"))
+    text = f"at least {MESH_SHARE:.0%} of the loops within 1e-2 of an edge"
     found = [
-        Figure(
-            suite="meshes",
-            case="all meshes",
-            text=f"at least {MESH_SHARE:.0%} of the loops within 1e-2 of an edge",
-            measured=f"{near} of {loops}",
-            met=near >= MESH_SHARE * loops,
-        ),
+        _judged("meshes", "all meshes", text, f"{near} of {loops}", near >= MESH_SHARE * loops),
         _all("meshes", "all meshes", "loops that are left open say why", ours, lambda r: not r.get("unexplained")),
     ]
     for r in ours:
@@ -351,27 +310,23 @@ def _batch(done: list[Record]) -> list[Figure]:
     whole, alone = here.get("smooth loops"), here.get("smooth loops, one worker")
     few, many = here.get("few inputs"), here.get("ten times as many inputs")
     if whole:
-        least = Limit(field="rate", name="loops a second", value=RATE, least=True, kind="time")
-        found.append(least.of(whole))
+        rate = whole["rate"]
+        text, met = f"loops a second at least {RATE:g}", rate >= RATE
+        found.append(_judged("batch", whole["case"], text, f"{rate:.3g}", met, "time"))
     if whole and alone and _comparable(whole, alone):
-        ratio = {**whole, "ratio": whole["rate"] / alone["rate"]}
-        limit = Limit(field="ratio", name="times the rate of one worker", value=SPEED_UP, least=True, kind="time")
-        found.append(limit.of(ratio))
+        ratio = whole["rate"] / alone["rate"]
+        text, met = f"times the rate of one worker at least {SPEED_UP:g}", ratio >= SPEED_UP
+        found.append(_judged("batch", whole["case"], text, f"{ratio:.3g}", met, "time"))
     if few and many:
-        ratio = {**many, "ratio": many["driver_mib"] / few["driver_mib"]}
-        found.append(most("ratio", "times the driver's memory", GROWTH).of(ratio))
+        ratio = many["driver_mib"] / few["driver_mib"]
+        found += _at_most("batch", many["case"], "times the driver's memory", [ratio], GROWTH)
     same = Limit(field="equal", name="equal to the last bit", value=True)
     return found + [same.of(r) for r in done if r.get("equal") is not None]
 
 
 def _share(suite: str, case: str, text: str, met: Sequence[bool], share: float) -> Figure:
-    return Figure(
-        suite=suite,
-        case=case,
-        text=f"{text}, at least {share:.0%}",
-        measured=f"{sum(met) / len(met):.0%} of {len(met)}",
-        met=bool(sum(met) >= share * len(met)),
-    )
+    measured = f"{sum(met) / len(met):.0%} of {len(met)}"
+    return _judged(suite, case, f"{text}, at least {share:.0%}", measured, sum(met) >= share * len(met))
 
 
 def _at_most(
@@ -381,5 +336,8 @@ def _at_most(
     if not values:
         return []
     measured = f"{max(values):.3g}" + (f" at most, {median(values):.3g} in the median" if len(values) > 1 else "")
-    text, met = f"{text} at most {limit:.3g}", bool(max(values) <= limit)
-    return [Figure(suite=suite, case=case, text=text, measured=measured, met=met, kind=kind)]
+    return [_judged(suite, case, f"{text} at most {limit:.3g}", measured, max(values) <= limit, kind)]
+
+
+def _judged(suite: str, case: str, text: str, measured: str, met: bool, kind: Kind = "accuracy") -> Figure:
+    return Figure(suite=suite, case=case, text=text, measured=measured, met=bool(met), kind=kind)

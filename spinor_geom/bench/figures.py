@@ -37,15 +37,13 @@ class Limit:
     Attributes:
         field: its name.
         name: of the field, for readers.
-        value: a number, or what it has to be equal to.
-        least: whether the number is the least that it may be, and not the most.
+        value: the most that it may be, or what it has to be equal to.
         kind: as of a `Figure`.
     """
 
     field: str
     name: str
     value: float | str | bool
-    least: bool = False
     kind: Kind = "accuracy"
 
     @property
@@ -53,7 +51,7 @@ class Limit:
         """The promise."""
         if isinstance(self.value, str | bool):
             return self.name if self.value is True else f"{self.name}: {self.value}"
-        return f"{self.name} {'at least' if self.least else 'at most'} {self.value:g}"
+        return f"{self.name} at most {self.value:g}"
 
     def of(self, record: Mapping[str, Any]) -> Figure:
         """The figure of a record; what was not measured, or is not a number, misses it."""
@@ -61,7 +59,7 @@ class Limit:
         if isinstance(self.value, str | bool) or found is None or isinstance(found, str):
             met, measured = found == self.value, {True: "yes", False: "no", None: "not measured"}.get(found, str(found))
         else:
-            met = bool(found >= self.value if self.least else found <= self.value)
+            met = bool(found <= self.value)
             measured = f"{found:.3g}"
         return Figure(
             suite=record["suite"], case=record["case"], text=self.text, measured=measured, met=met, kind=self.kind

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from spinor_geom.bench.holes import Hole
-from spinor_geom.bench.peers import PEERS, Filled, Peer
+from spinor_geom.bench.peers import PEERS, Filled, Peer, ways_of
 from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.result import LoopOutcome
@@ -17,13 +17,8 @@ OUR_FILLERS = (OURS, SMOOTH)
 # those that are asked to continue the mesh smoothly, each in the ways that do it best, beside ours
 SMOOTHEST = (
     *OUR_FILLERS,
-    "meshlib-nicely",
-    "meshlib-nicely-fine",
-    "meshlib-nicely-natural",
-    "cgal-fair",
-    "cgal-fair-2",
-    "meshlab-close-smoothed",
-    "pymeshfix-refined",
+    *("meshlib-nicely", "meshlib-nicely-fine", "meshlib-nicely-natural", "cgal-fair", "cgal-fair-2"),
+    *("meshlab-close-smoothed", "pymeshfix-refined"),
 )
 
 
@@ -70,30 +65,19 @@ def _own_figures(requested: Sequence[LoopOutcome]) -> dict[str, Any]:
     }
 
 
-_WAYS: tuple[tuple[str, Continuity, str], ...] = (
-    (
-        OURS,
-        "C0",
-        "fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, meshing, "
-        "stitching",
-    ),
-    (SMOOTH, "C1", 'the same with continuity="C1"'),
-)
-
 FILLERS: Mapping[str, Peer] = {
     peer.name: peer
     for peer in (
-        *(
-            Peer(
-                name=name,
-                package="spinor_geom",
-                distribution="spinor-geom",
-                options=options,
-                prepare=_prepare,
-                fill=partial(_fill, continuity=continuity),
-                finish=_finish,
-            )
-            for name, continuity, options in _WAYS
+        *ways_of(
+            *("spinor_geom", "spinor-geom", _prepare, _finish),
+            {
+                OURS: (
+                    "fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, "
+                    "meshing, stitching",
+                    partial(_fill, continuity="C0"),
+                ),
+                SMOOTH: ('the same with continuity="C1"', partial(_fill, continuity="C1")),
+            },
         ),
         *PEERS,
     )

@@ -16,23 +16,14 @@ from typing import Any
 from spinor_geom.version import program_version
 
 PACKAGES = (
-    "numpy",
-    "scipy",
-    "torch",
-    "libigl",
-    "pythoncdt",
-    "trimesh",
-    "pymeshlab",
-    "meshlib",
-    "pymeshfix",
-    "cgal",
-    "vtk",
+    *("numpy", "scipy", "torch", "libigl", "pythoncdt", "trimesh", "pymeshlab", "meshlib", "pymeshfix", "cgal", "vtk"),
     "open3d-cpu",
 )
 
 # what decides the figures of our methods; not how they are measured, asked for or shown
 MEASURED = (
     *("batching", "discrete", "domain", "fill", "holomorphic", "measures", "mesh", "meshing", "plateau", "surface"),
+    "training",
 )
 _ROOT = Path(__file__).parents[2]
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.bench.cases import Case, diameter_of
+from spinor_geom.bench.cases import Case
 from spinor_geom.bench.cut_outs import CutOut
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.methods import Spanned
@@ -41,18 +41,16 @@ Figures = dict[str, Any]
 View: TypeAlias = tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]
 
 
-def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Figures:
-    """The figures of a disk over a bare loop."""
-    diameter = diameter_of(loop) if case is None else case.diameter
-    vertices, faces = spanned.vertices, spanned.faces
-    figures = patch_figures(vertices, faces, diameter, None if case is None else case.chart)
-    exact = None if case is None else case.area
+def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
+    """The figures of a disk over a known loop."""
+    vertices, faces, diameter = spanned.vertices, spanned.faces, case.diameter
+    figures = patch_figures(vertices, faces, diameter, case.chart)
     edges = {tuple(edge) for edge in boundary_edges(faces).tolist()}
     n = len(loop)
     figures |= {
         "area": spanned.area,
-        "area_error": None if exact is None else abs(spanned.area / exact - 1),
-        "mesh_area_error": None if exact is None else abs(figures["mesh_area"] / exact - 1),
+        "area_error": abs(spanned.area / case.area - 1),
+        "mesh_area_error": abs(figures["mesh_area"] / case.area - 1),
         "rim_kept": bool((vertices[:n] == loop.points).all()),
         "open_edges": len(edges ^ {(k, (k + 1) % n) for k in range(n)}),
         "converged": spanned.converged,
@@ -63,8 +61,7 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Fig
         figures["solve_seconds"] = sum(solution.solve_timings.values())
         figures["residual_per_edge"] = solution.boundary_residual.rms_per_edge
         figures |= _exact_curvature(solution, diameter)
-        if case is not None:
-            figures |= _surface_distance(solution, case.chart, diameter)
+        figures |= _surface_distance(solution, case.chart, diameter)
     return figures
 
 
@@ -188,19 +185,6 @@ def patch_figures(
         figures["distance_max"] = distance.max / diameter
         figures["distance_mean"] = distance.mean / diameter
     return figures
-
-
-def vertex_fields(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], diameter: float, chart: Chart | None
-) -> dict[str, Float[np.ndarray, " n"]]:
-    """What the views colour a mesh by: distance from the exact surface per diameter, and |H| times the diameter."""
-    curvature = discrete_mean_curvature(vertices, faces)
-    bend = np.full(len(vertices), np.nan)
-    bend[curvature.vertices] = curvature.values * diameter
-    fields = {"mean curvature · diameter": bend}
-    if chart is not None:
-        fields[DISTANCE] = chart.distances(vertices) / diameter
-    return fields
 
 
 def _exact_curvature(solution: PlateauSolution, diameter: float) -> Figures:

@@ -1,4 +1,4 @@
-"""What a run leaves: CSV, JSON, plots, markdown, and one page with everything in it."""
+"""What a run leaves: CSV, plots, markdown, and one page with everything in it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from spinor_geom.bench.isolate import Record
@@ -17,21 +16,19 @@ from spinor_geom.bench.machine import told
 from spinor_geom.bench.measure import DISTANCE
 from spinor_geom.bench.pieces import pieces_of, scale_of
 from spinor_geom.bench.runner import Run
-from spinor_geom.bench.scaling import fits
 from spinor_geom.bench.suites import VIEWS
 from spinor_geom.bench.tables import Table, option_table, tables
-from spinor_geom.files import atomic_path, write_json
+from spinor_geom.files import atomic_path
 from spinor_geom.render import page
 from spinor_geom.render.plots import log_log
-from spinor_geom.render.viewer import STYLE, Faces, MeshView, Scene, Views
+from spinor_geom.render.viewer import STYLE, Faces, Scene, Views
 
-PAGE, TABLES, CSV, JSON, PLOTS = "report.html", "tables.md", "records.csv", "records.json", "plots"
+PAGE, TABLES, CSV, PLOTS = "report.html", "tables.md", "records.csv", "plots"
 # fields that say how it was measured here: nothing for others
 LOCAL = ("key", "package", "data", "view", "repeat", "said", "seconds_all")
 _RESOLUTION = 110
 # errors of zero have no place on a logarithmic axis
 _ROUNDING = 1e-17
-_MOST_VIEWS = 12
 
 
 def write(run: Run) -> None:
@@ -40,7 +37,6 @@ def write(run: Run) -> None:
     pictures = plots(run.records)
     _text(run.folder / TABLES, markdown(run, made))
     _text(run.folder / CSV, table_of(run.records))
-    write_json(run.folder / JSON, {**run.description, "records": list(run.records)})
     (run.folder / PLOTS).mkdir(exist_ok=True)
     images = {name: _drawn(figure, run.folder / PLOTS / f"{name}.png") for name, figure in pictures.items()}
     _text(run.folder / PAGE, report(run, made, images))
@@ -63,7 +59,7 @@ def table_of(records: Sequence[Record]) -> str:
 
 
 def plots(records: Sequence[Record]) -> dict[str, Figure]:
-    """Error against time for each known case, and how the time grows."""
+    """Error against time for each known case."""
     made: dict[str, Figure] = {}
     disks = [r for r in records if r["suite"] == "disks" and r["status"] == "done"]
     for case in dict.fromkeys(r["case"] for r in disks):
@@ -75,14 +71,6 @@ def plots(records: Sequence[Record]) -> dict[str, Figure]:
         figure = log_log(lines, x="seconds", y="relative error of the area")
         figure.suptitle(case, fontsize="medium")
         made[f"{case}-error-time"] = figure
-    found = [fit for fit in fits([r for r in records if r["suite"] == "growth"]) if fit.sizes]
-    for size in dict.fromkeys(fit.size for fit in found):
-        grown = {
-            fit.method + ("" if fit.exponent is None else f", exponent {fit.exponent:.2f}"): (fit.sizes, fit.seconds)
-            for fit in found
-            if fit.size == size
-        }
-        made[f"growth-{size}"] = log_log(grown, x=size, y="seconds")
     return made
 
 
@@ -96,9 +84,7 @@ def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
         f"{html.escape(told(run.description['machine']))}</p>",
         "<p>Areas and distances are measured against exact formulas; the definition of every column is in "
         "<code>docs/benchmark.md</code>. A row in red misses a promise, or leaves edges open without saying so.</p>",
-        *_rows(made[:2]),
-        "<h2>Disks to turn</h2><p>Drag to turn, wheel to zoom, double click to set it spinning again.</p>",
-        *_figures(run, views),
+        *_rows(made[:1]),
         *_cut_outs(run, views),
         "<h2>Error against cost</h2>",
         *(
@@ -106,22 +92,10 @@ def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
             for name, data in images.items()
         ),
         "<h2>Figures</h2>",
-        *_rows(made[2:]),
+        *_rows(made[1:]),
         *_rows([option_table()]),
     ]
     return page.document("spinor-geom bench", [*body, views.script()], style=STYLE)
-
-
-def _figures(run: Run, views: Views) -> list[str]:
-    found = []
-    for path in sorted((run.folder / VIEWS).glob("*.npz"))[:_MOST_VIEWS]:
-        with np.load(path) as arrays:
-            fields = {name[len("field/") :]: arrays[name] for name in arrays if name.startswith("field/")}
-            # the distance first
-            ordered = dict(sorted(fields.items(), key=lambda item: not item[0].startswith("distance")))
-            view = MeshView(title=path.stem, vertices=arrays["vertices"], faces=arrays["faces"], fields=ordered)
-        found.append(views.figure(view))
-    return found
 
 
 def _cut_outs(run: Run, views: Views) -> list[str]:
@@ -133,7 +107,7 @@ def _cut_outs(run: Run, views: Views) -> list[str]:
         view = Scene(title="", layers=layers, scales={DISTANCE: scale_of(pieces)}, shape="wide")
         names = ", ".join(piece.name for piece in pieces)
         found.append(f"<h3>{folder.name}</h3><p>From left to right: {names}.</p>{views.figure(view)}")
-    return ["<h2>Cut-outs</h2>", *found] if found else []
+    return ["<h2>Cut-outs</h2><p>Drag to turn, wheel to zoom.</p>", *found] if found else []
 
 
 def _rows(made: Sequence[Table]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -312,109 +312,77 @@ def _trimesh_stitched(mesh: Any, answer: Any) -> Filled:
     )
 
 
-def _rows(
+# of one tool by name: options that are not its defaults, and the call that fills
+Ways: TypeAlias = Mapping[str, tuple[str, Callable[[Any], Any]]]
+
+
+def ways_of(
     package: str,
     distribution: str,
     prepare: Callable[[Hole], Any],
     finish: Callable[[Any, Any], Filled],
-    *ways: tuple[str, str, Callable[[Any], Any]],
+    ways: Ways,
 ) -> tuple[Peer, ...]:
-    """The ways of one tool, each a name, the options that are not its defaults, and the call that fills."""
+    """The ways of one tool as fillers."""
     shared: dict[str, Any] = {"package": package, "distribution": distribution, "prepare": prepare, "finish": finish}
-    return tuple(Peer(name=name, options=options, fill=fill, **shared) for name, options, fill in ways)
+    return tuple(Peer(name=name, options=options, fill=fill, **shared) for name, (options, fill) in ways.items())
 
 
+_MESHLAB: Ways = {
+    "meshlab-close": ("maxholesize above the rim's edges", partial(_meshlab_fill, refine=False)),
+    "meshlab-close-refined": ("and refinehole=True with the rim's mean edge", partial(_meshlab_fill, refine=True)),
+    "meshlab-close-smoothed": (
+        "and apply_coord_laplacian_smoothing of the new faces with its defaults",
+        partial(_meshlab_fill, refine=True, smooth=True),
+    ),
+}
+_MESHLIB: Ways = {
+    "meshlib-universal": ("fillHole, universal metric", partial(_meshlib_plain, metric="getUniversalMetric")),
+    "meshlib-min-area": ("fillHole, minimum-area metric", partial(_meshlib_plain, metric="getMinAreaMetric")),
+    "meshlib-nicely": ("fillHoleNicely with its defaults, stitchHolesNicely between facing rims", _meshlib_nicely),
+    "meshlib-nicely-fine": (
+        "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",
+        partial(_meshlib_nicely, fine=True),
+    ),
+    "meshlib-nicely-natural": (
+        "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too",
+        partial(_meshlib_nicely, natural=True),
+    ),
+}
 _FAIR = "triangulate_refine_and_fair_hole"
+_CGAL: Ways = {
+    "cgal": ("triangulate_hole", partial(_cgal_fill, function="triangulate_hole", outputs=1)),
+    "cgal-refine": (
+        "triangulate_and_refine_hole",
+        partial(_cgal_fill, function="triangulate_and_refine_hole"),
+    ),
+    "cgal-fair": (f"{_FAIR}, which fairs with continuity 1", partial(_cgal_fill, function=_FAIR)),
+    "cgal-fair-2": ("with fairing continuity 2", partial(_cgal_fill, function=_FAIR, options=(_CGAL_DENSITY, 2))),
+}
+_VTK = "vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too"
+_MESHFIX: Ways = {
+    "pymeshfix": (
+        "fill_small_boundaries up to the rim's edges, refine=False",
+        lambda state: state[0].fill_small_boundaries(state[1], False),
+    ),
+    "pymeshfix-refined": ("the same, refine=True", lambda state: state[0].fill_small_boundaries(state[1], True)),
+}
+_STITCH = "repair.stitch, which closes every boundary, the outer ones too"
+
 PEERS = (
-    *_rows(
-        *("pymeshlab", "pymeshlab", _meshlab_prepare, _meshlab_finish),
-        ("meshlab-close", "maxholesize above the rim's edges", partial(_meshlab_fill, refine=False)),
-        (
-            "meshlab-close-refined",
-            "the same, refinehole=True with the rim's mean edge",
-            partial(_meshlab_fill, refine=True),
-        ),
-        (
-            "meshlab-close-smoothed",
-            "the same, and apply_coord_laplacian_smoothing of the new faces with its defaults",
-            partial(_meshlab_fill, refine=True, smooth=True),
-        ),
-    ),
-    *_rows(
-        *("meshlib", "meshlib", _meshlib_prepare, _meshlib_finish),
-        (
-            "meshlib-universal",
-            "fillHole with the universal metric",
-            partial(_meshlib_plain, metric="getUniversalMetric"),
-        ),
-        (
-            "meshlib-min-area",
-            "fillHole with the minimum-area metric",
-            partial(_meshlib_plain, metric="getMinAreaMetric"),
-        ),
-        (
-            "meshlib-nicely",
-            "fillHoleNicely with its defaults, stitchHolesNicely between facing rims",
-            _meshlib_nicely,
-        ),
-        (
-            "meshlib-nicely-fine",
-            "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",
-            partial(_meshlib_nicely, fine=True),
-        ),
-        (
-            "meshlib-nicely-natural",
-            "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too",
-            partial(_meshlib_nicely, natural=True),
-        ),
-    ),
-    *_rows(
-        *("CGAL", "cgal", _cgal_prepare, _cgal_finish),
-        ("cgal", "triangulate_hole", partial(_cgal_fill, function="triangulate_hole", outputs=1)),
-        ("cgal-refine", "triangulate_and_refine_hole", partial(_cgal_fill, function="triangulate_and_refine_hole")),
-        ("cgal-fair", f"{_FAIR}, which fairs with continuity 1", partial(_cgal_fill, function=_FAIR)),
-        (
-            "cgal-fair-2",
-            "the same with fairing continuity 2",
-            partial(_cgal_fill, function=_FAIR, options=(_CGAL_DENSITY, 2)),
-        ),
-    ),
-    *_rows(
-        *("pyvista", "vtk", _vtk_prepare, _vtk_finish),
-        (
-            "vtk",
-            "vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too",
-            lambda mesh: mesh.fill_holes(_EVERY_SIZE),
-        ),
-    ),
-    *_rows(
+    *ways_of("pymeshlab", "pymeshlab", _meshlab_prepare, _meshlab_finish, _MESHLAB),
+    *ways_of("meshlib", "meshlib", _meshlib_prepare, _meshlib_finish, _MESHLIB),
+    *ways_of("CGAL", "cgal", _cgal_prepare, _cgal_finish, _CGAL),
+    *ways_of("pyvista", "vtk", _vtk_prepare, _vtk_finish, {"vtk": (_VTK, lambda mesh: mesh.fill_holes(_EVERY_SIZE))}),
+    *ways_of(
         *("open3d", "open3d-cpu", _open3d_prepare, _open3d_finish),
-        (
-            "open3d",
-            "t.geometry fill_holes, any size, as for VTK, which it calls",
-            lambda mesh: mesh.fill_holes(hole_size=_EVERY_SIZE),
-        ),
+        {"open3d": ("t.geometry fill_holes, any size", lambda mesh: mesh.fill_holes(hole_size=_EVERY_SIZE))},
     ),
-    *_rows(
-        *("pymeshfix", "pymeshfix", _meshfix_prepare, _meshfix_finish),
-        (
-            "pymeshfix",
-            "fill_small_boundaries up to the rim's edges, refine=False",
-            lambda state: state[0].fill_small_boundaries(state[1], False),
-        ),
-        (
-            "pymeshfix-refined",
-            "the same, refine=True",
-            lambda state: state[0].fill_small_boundaries(state[1], True),
-        ),
-    ),
-    *_rows(
+    *ways_of("pymeshfix", "pymeshfix", _meshfix_prepare, _meshfix_finish, _MESHFIX),
+    *ways_of(
         *("trimesh", "trimesh", _trimesh_prepare, _trimesh_finish),
-        ("trimesh", "fill_holes", lambda mesh: mesh.fill_holes()),
+        {"trimesh": ("fill_holes", lambda mesh: mesh.fill_holes())},
     ),
-    *_rows(
-        *("trimesh", "trimesh", _trimesh_prepare, _trimesh_stitched),
-        ("trimesh-stitch", "repair.stitch, which closes every boundary, the outer ones too", _trimesh_stitch),
-    ),
+    *ways_of("trimesh", "trimesh", _trimesh_prepare, _trimesh_stitched, {"trimesh-stitch": (_STITCH, _trimesh_stitch)}),
 )
 """All of them."""

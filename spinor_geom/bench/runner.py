@@ -78,7 +78,7 @@ def measure(
         if on_record is not None:
             on_record(record, count, len(tasks))
 
-    # a process for each method tells its cold start; one for all saves the imports
+    # a process for each method has only that one's libraries; one for all saves the imports
     for _, group in itertools.groupby(todo, key=lambda task: None if settings.quick else task["method"]):
         run_isolated(group, module=WORKER, time_limit=settings.time_limit, on_record=keep)
     return Run(folder=place, description=description, records=[done[key(task)] for task in tasks])

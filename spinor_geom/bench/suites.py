@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from spinor_geom.bench.batches import BATCHES
-from spinor_geom.bench.cases import KNOWN, SAMPLED, known_case
+from spinor_geom.bench.cases import KNOWN, SAMPLED
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
-from spinor_geom.bench.everyday import EVERYDAY, NOISY
 from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTHEST
-from spinor_geom.bench.holes import ODD, file_hole, mesh_files
+from spinor_geom.bench.holes import NOISY, ODD, mesh_files
 from spinor_geom.bench.isolate import Task
 from spinor_geom.bench.methods import LOOP_METHODS
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
@@ -23,9 +22,6 @@ from spinor_geom.bench.solves import solves
 from spinor_geom.errors import OptionError
 
 VIEWS = "views"
-# points of the loops whose disks the page shows
-VIEW_POINTS = 128
-VIEW_METHODS = ("spinor", "libigl-uniform")
 # cut-outs of which the page shows what was removed and what each filler put there
 PICTURED = ("icosphere-4-0.3", "torus-outside-0.4", "bunny_scan-02", "demosthenes_low_res-03")
 QUICK_CUT_OUTS = ("icosphere-3-0.7", "torus-outside-0.4")
@@ -33,15 +29,8 @@ QUICK_CASES = (
     *("enneper-0.8", "tennis-seam", "random-1", "random-1@even", "random-1@uneven", "plane-l", "schwarz-d-quad"),
 )
 QUICK_SHARE = 0.03  # of a batch's files
-# only curves in formulas have more than their samples
-FORMULAS = ("twisted-circle", "tennis-seam", "plane-ellipse")
-# what a short run measures on its first two cases only, and what is there to be compared once, not swept
-SLOW = ("spinor-cauchy", "spinor-mlp", "pymeshlab")
-ONE_SIZE = ("spinor-cauchy", "spinor-series", "spinor-mlp", "spinor-formula")
-# cases whose time is fitted, and the one whose patches grow
-GROWING_LOOP, GROWING_PATCH = "tennis-seam", "enneper-0.8"
-# edges inside our meshes of loops of any number of points
-GROWING_EDGE = 0.1
+# what a short run measures on its first two cases only
+SLOW = ("pymeshlab",)
 COMPARED = ("spinor", "libigl", "libigl-uniform")
 
 
@@ -59,8 +48,6 @@ class Settings:
         repeat: counted calls of each task of the suites that are repeated.
         time_limit: of each task, in seconds.
         data: folder of mesh files; none without.
-        growing_points: of the loops that the time is fitted over.
-        growing_triangles: of the patches that the time is fitted over.
         quick: whether it is the short run, which takes a few cases of each suite where none are named.
     """
 
@@ -72,8 +59,6 @@ class Settings:
     repeat: int = 3
     time_limit: float = 180.0
     data: Path | None = None
-    growing_points: tuple[int, ...] = (50, 100, 200, 500, 1000, 2000, 5000)
-    growing_triangles: tuple[int, ...] = (1_000, 10_000, 100_000, 1_000_000)
     quick: bool = False
 
     @classmethod
@@ -84,8 +69,6 @@ class Settings:
             "hole_points": (64,),
             "repeat": 1,
             "time_limit": 60.0,
-            "growing_points": (50, 150, 500),
-            "growing_triangles": (1_000, 10_000),
             "quick": True,
         }
         return cls(**{**values, **changed})
@@ -142,26 +125,19 @@ def chosen_tasks(settings: Settings, folder: Path) -> list[Task]:
     return sorted(wanted, key=lambda task: places[task["method"]])
 
 
-def _disks(settings: Settings, folder: Path) -> Iterator[Task]:
+def _disks(settings: Settings, _: Path) -> Iterator[Task]:
     """Known loops spanned by ours and by discrete surfaces."""
     more = [name for name in settings.cases if name.removeprefix("random-").partition("@")[0].isdigit()]
     cases = QUICK_CASES if settings.few else dict.fromkeys((*KNOWN, *SAMPLED, *more))
     for name, method in LOOP_METHODS.items():
-        points = [n for n in settings.points if n <= method.most_points]
-        if name in ONE_SIZE or (settings.quick and name in SLOW):
-            points = [n for n in points if n == VIEW_POINTS] or points[-1:]
         for place, case in enumerate(cases):
-            if (
-                (settings.few and name in SLOW and place > 1)
-                or (name == "spinor-formula" and case not in FORMULAS)
-                or ("@" in case and not settings.cases and name not in COMPARED)
-                or (name in ("spinor-series", "spinor-mlp") and known_kind(case) != "smooth")
-            ):
+            if settings.few and name in SLOW and place > 1:
                 continue
-            for n in points:
-                seen = n == min(VIEW_POINTS, max(settings.points)) and name in VIEW_METHODS
-                view = str(folder / VIEWS / f"{case}-{name}.npz") if seen else None
-                yield _task("disks", name, case, settings.repeat, n=n, view=view)
+            if "@" in case and not settings.cases and name not in COMPARED:
+                continue
+            for n in settings.points:
+                if n <= method.most_points:
+                    yield _task("disks", name, case, settings.repeat, n=n)
 
 
 def known_kind(case: str) -> str:
@@ -197,22 +173,14 @@ def _fillers(settings: Settings) -> list[str]:
 
 
 def _meshes(settings: Settings, _: Path) -> Iterator[Task]:
-    """Mesh files: every hole by every filler, and every loop as a bare curve."""
-    if settings.data is None or settings.few:
-        return
-    paths = mesh_files(settings.data, settings.cases)
-    yield from _each("meshes", map(str, paths), FILLERS)
-    counts = {str(path): len(file_hole(path).loops) for path in paths}
-    for name in ("spinor", "libigl"):
-        for path, count in counts.items():
-            for place in range(count):
-                yield _task("meshes", name, path, 0, place=place)
+    """Every hole of every mesh file, by every filler."""
+    if settings.data is not None and not settings.few:
+        yield from _each("meshes", map(str, mesh_files(settings.data, settings.cases)), FILLERS)
 
 
-def _everyday(settings: Settings, _: Path) -> Iterator[Task]:
-    """Rims as people have them, by ours and by the reference."""
-    cases = (*EVERYDAY[:4], next(iter(NOISY))) if settings.few else EVERYDAY
-    yield from _each("everyday", cases, (OURS, REFERENCE), 1)
+def _noisy(settings: Settings, _: Path) -> Iterator[Task]:
+    """Rims with noise, by ours and by the reference."""
+    yield from _each("noisy", list(NOISY)[: 1 if settings.few else None], (OURS, REFERENCE), 1)
 
 
 def _solves(suite: str) -> Callable[[Settings, Path], Iterator[Task]]:
@@ -229,31 +197,18 @@ def _batch(settings: Settings, _: Path) -> Iterator[Task]:
     yield from _each("batch", BATCHES, ("spinor",), share=QUICK_SHARE if settings.quick else 1.0)
 
 
-def _growth(settings: Settings, _: Path) -> Iterator[Task]:
-    """How the time grows with points and triangles."""
-    for name in COMPARED:
-        for n in settings.growing_points if name != "libigl-uniform" else ():
-            # the baseline's triangles grow inwards by themselves
-            edge = GROWING_EDGE if name == "spinor" else None
-            yield _task("growth", name, GROWING_LOOP, 1, n=n, edge=edge, grows="points")
-        for count in settings.growing_triangles if name != "libigl" else ():
-            edge = (4 * known_case(GROWING_PATCH).area / 3**0.5 / count) ** 0.5
-            yield _task("growth", name, GROWING_PATCH, 1, n=64, edge=edge, wanted=count, grows="triangles")
-
-
 SUITES: Mapping[str, Callable[[Settings, Path], Iterator[Task]]] = {
     "disks": _disks,
     "fills": _fills,
     "odd": lambda settings, _: _each("odd", ODD, FILLERS),
     "cut-outs": _cut_outs,
     "meshes": _meshes,
-    "everyday": _everyday,
+    "noisy": _noisy,
     "curves": _solves("curves"),
     "rims": _solves("rims"),
     "speed": _solves("speed"),
     "paper": _solves("paper"),
     "batch": _batch,
-    "growth": _growth,
 }
 """All suites by name, in the order of the tables."""
 

@@ -9,18 +9,15 @@ from pathlib import Path
 from statistics import median
 from typing import TypeAlias
 
-from spinor_geom.bench.claims import cap_distances, claims, is_whole, time_to_reach
-from spinor_geom.bench.cut_outs import HEIGHTS
+from spinor_geom.bench.claims import claims, is_whole
 from spinor_geom.bench.figures import Figure
 from spinor_geom.bench.fillers import FILLERS, SMOOTH
 from spinor_geom.bench.isolate import Record
 from spinor_geom.bench.machine import is_older
 from spinor_geom.bench.methods import LOOP_METHODS
-from spinor_geom.bench.scaling import fits
 from spinor_geom.bench.solves import SUITES as SOLVED
 
 Show: TypeAlias = Callable[[Record], str]
-DIGITS = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10)
 OLDER = "†"  # a row of ours whose code has changed since
 _SAID = 160
 
@@ -55,23 +52,17 @@ def tables(records: Sequence[Record]) -> list[Table]:
     """All tables of a run that have rows."""
     of = {suite: [r for r in records if r["suite"] == suite] for suite in dict.fromkeys(r["suite"] for r in records)}
     cut_outs = [r for r in of.get("cut-outs", []) if r["status"] != "missing"]
-    fills = [r for r in of.get("meshes", []) if r["method"] in FILLERS]
     made = [
         claim_table(claims(records)),
-        reach_table(of.get("disks", [])),
         _shown("Disks over known loops", DISKS, _done(of.get("disks", [])), _DISK_NOTE),
         _shown("Known rims, filled", {**WHERE, **FILLS, **KNOWN_FILLS}, _done(of.get("fills", []))),
         odd_table(of.get("odd", [])),
         filler_table(cut_outs),
         kind_table(cut_outs),
-        cap_table(cut_outs),
-        _shown("Mesh files, all holes", {**WHERE, **FILLS, **SAYS}, _done(fills)),
-        bare_loop_table([r for r in of.get("meshes", []) if r["method"] in LOOP_METHODS]),
-        _shown("Everyday rims", {**WHERE, **FILLS}, _done(of.get("everyday", []))),
+        _shown("Mesh files, all holes", {**WHERE, **FILLS, **SAYS}, _done(of.get("meshes", []))),
+        _shown("Noisy rims", {**WHERE, **FILLS}, _done(of.get("noisy", []))),
         *(_shown(f"Ours alone: {suite}", SOLVES, _done(of.get(suite, []))) for suite in SOLVED),
         _shown("Batches", BATCHED, _done(of.get("batch", []))),
-        growth_table(of.get("growth", [])),
-        _shown("Cold starts", COLD, [r for r in _done(records) if r.get("cold_seconds") is not None]),
         trouble_table(records),
     ]
     return [table for table in made if table.rows]
@@ -188,17 +179,9 @@ BATCHED: Mapping[str, Show] = {
     "files": _number("files", "d"),
     "s": _number("seconds", ".3g"),
     "loops/s": _number("rate", ".2f"),
-    "alone s": _number("alone_seconds", ".3f"),
-    "meshing s": _number("meshing_seconds", ".3f"),
     "files failed": _number("files_failed", "d"),
     "driver MiB": _number("driver_mib", ".0f"),
     "equal": _yes("equal"),
-}
-COLD: Mapping[str, Show] = {
-    "method": method_name,
-    "case": lambda r: Path(r["case"]).name,
-    "first call s": _number("cold_seconds", ".3g"),
-    "later calls s": _number("seconds", ".3g"),
 }
 
 
@@ -209,23 +192,6 @@ def claim_table(found: Sequence[Figure]) -> Table:
     note = f"{len(found) - len(missed)} of {len(found)} are met. Those of time are told, not checked." if found else ""
     columns = ("suite", "case", "promise", "measured", "kind", "verdict")
     return Table(title="Promises", columns=columns, rows=rows, note=note, marked=missed)
-
-
-def reach_table(disks: Sequence[Record]) -> Table:
-    """The cost of a digit: seconds of the quickest measured sampling whose area is right to so much."""
-    known = [r for r in _done(disks) if r.get("area_error") is not None]
-    rows = []
-    for case, method in dict.fromkeys((r["case"], r["method"]) for r in known):
-        here = [r for r in known if (r["case"], r["method"]) == (case, method)]
-        seconds = [time_to_reach(here, error) for error in DIGITS]
-        if len(here) > 1:
-            rows.append((case, method, *("–" if s is None else f"{s:.3g}" for s in seconds)))
-    return Table(
-        title="Seconds to reach a relative error of the area",
-        columns=("case", "method", *(f"{error:.0e}" for error in DIGITS)),
-        rows=tuple(rows),
-        note="Of the quickest measured number of points that does; – where none does.",
-    )
 
 
 def odd_table(records: Sequence[Record]) -> Table:
@@ -263,26 +229,6 @@ def _in_short(record: Record) -> str:
         *((f"{record['max_angle']:.0f}°", f"{record['seconds']:.2g} s") if patches else ()),
     ]
     return ", ".join(part for part in parts if part)
-
-
-def bare_loop_table(records: Sequence[Record]) -> Table:
-    """The loops of mesh files as bare curves: how many each method spans, and how much."""
-    rows = []
-    for case, method in dict.fromkeys((r["case"], r["method"]) for r in records):
-        here = [r for r in records if (r["case"], r["method"]) == (case, method)]
-        done = _done(here)
-        rows.append(
-            (
-                *(Path(case).name, method, str(len(here)), str(len(done)), str(sum(r["converged"] for r in done))),
-                f"{sum(r['seconds'] for r in done):.3g}",
-                _median([r["curvature_rms"] for r in done], ".1e"),
-                _median([r["residual_per_edge"] for r in done if r.get("residual_per_edge") is not None], ".1e"),
-            )
-        )
-    columns = ("mesh", "method", "loops", "spanned", "converged", "s", "median |H| rms · diameter")
-    return Table(
-        title="Mesh files, loops as bare curves", columns=(*columns, "median residual / edge"), rows=tuple(rows)
-    )
 
 
 def filler_table(records: Sequence[Record]) -> Table:
@@ -340,23 +286,6 @@ def kind_table(records: Sequence[Record]) -> Table:
     )
 
 
-def cap_table(records: Sequence[Record]) -> Table:
-    """Distances of the new vertices from unit spheres, a column a height."""
-    rows = []
-    for method in _methods(records):
-        cells = []
-        for height in HEIGHTS:
-            found = cap_distances([r for r in records if r["method"] == method], height)
-            cells.append(f"{median(found):.1e} to {max(found):.1e}" if found else "")
-        rows.append((method, *cells))
-    return Table(
-        title="Caps of unit spheres",
-        columns=("filler", *(f"z > {height:g}" for height in HEIGHTS)),
-        rows=tuple(row for row in rows if any(row[1:])),
-        note="Root mean square distance of the new vertices from the sphere: median and largest of four meshes.",
-    )
-
-
 def _nearest(records: Sequence[Record]) -> dict[str, Record]:
     """The record of the filler that comes nearest, of each case."""
     whole = [r for r in records if is_whole(r)]
@@ -387,21 +316,6 @@ def _bold(distances: Sequence[float], least: float) -> str:
 
 def _median(values: Sequence[float], form: str) -> str:
     return format(median(values), form) if values else ""
-
-
-def growth_table(records: Sequence[Record]) -> Table:
-    """Fitted exponents with what they were fitted over."""
-    rows = []
-    for fit in fits(records):
-        exponent = "" if fit.exponent is None else f"{fit.exponent:.2f} ± {fit.error:.2f}"
-        measured = ", ".join(f"{n:g}: {s:.3g} s" for n, s in zip(fit.sizes, fit.seconds, strict=True))
-        rows.append((fit.method, fit.size, exponent, measured))
-    return Table(
-        title="Growth of the time",
-        columns=("method", "with", "exponent", "measured"),
-        rows=tuple(rows),
-        note="Slope of log(seconds) by log(size) with its standard error.",
-    )
 
 
 def trouble_table(records: Sequence[Record]) -> Table:

@@ -20,8 +20,6 @@ from spinor_geom.isolate import serve
 # repeats end when they have taken this long together
 _ENOUGH_SECONDS = 5.0
 
-_calls = 0
-
 
 def run(task: Task) -> Record:
     """Runs a task and measures what it left; nothing that goes wrong in a tool ends the process by itself."""
@@ -69,31 +67,21 @@ def _solve(task: Task) -> Record:
 
 def _span(task: Task) -> Record:
     from spinor_geom.bench.limit import points_limit
-    from spinor_geom.bench.measure import disk_figures, vertex_fields
-    from spinor_geom.bench.methods import LOOP_METHODS, Problem
+    from spinor_geom.bench.measure import disk_figures
+    from spinor_geom.bench.methods import LOOP_METHODS
 
-    case = None
-    if task["suite"] == "meshes":
-        loop = _file(task["case"]).loops[task["place"]]
-    else:
-        case = _case(task["case"])
-        loop = case.loop(task["n"])
-    problem = Problem(loop=loop, edge=task.get("edge"), case=case)
-    method = LOOP_METHODS[task["method"]]
-    timed, spanned = _timed(lambda: None, lambda _: method.span(problem), task["repeat"])
+    case = _case(task["case"])
+    loop, method = case.loop(task["n"]), LOOP_METHODS[task["method"]]
+    timed, spanned = _timed(lambda: None, lambda _: method.span(loop), task["repeat"])
     figures = disk_figures(spanned, loop, case)
-    if task["suite"] == "disks" and task["method"] == "spinor" and case is not None and case.kind == "smooth":
+    if task["method"] == "spinor" and case.kind == "smooth":
         figures["limit_error"] = points_limit(case, task["n"])
-    if task.get("view") and case is not None:
-        fields = vertex_fields(spanned.vertices, spanned.faces, case.diameter, case.chart)
-        _keep(task["view"], spanned.vertices, spanned.faces, fields)
-    return {**timed, **figures, "edge": loop.mean_edge_length if task.get("edge") is None else task["edge"]}
+    return {**timed, **figures}
 
 
 def _fill(task: Task) -> Record:
-    from spinor_geom.bench.everyday import everyday_hole
     from spinor_geom.bench.fillers import FILLERS
-    from spinor_geom.bench.holes import hole_over, odd_hole
+    from spinor_geom.bench.holes import file_hole, hole_over, named_hole
     from spinor_geom.bench.measure import cut_out_figures, cut_out_views, hole_figures
     from spinor_geom.mesh.boundary_loop import turning_angles
 
@@ -105,8 +93,7 @@ def _fill(task: Task) -> Record:
         case = _case(name)
         hole = hole_over(name, case.loop(task["n"]), case.area)
     else:
-        makers: dict[str, Callable[[str], Any]] = {"odd": odd_hole, "everyday": everyday_hole, "meshes": _file}
-        hole = makers[task["suite"]](name)
+        hole = file_hole(Path(name)) if task["suite"] == "meshes" else named_hole(name)
     tool = FILLERS[task["method"]]
     state: Any = None
 
@@ -124,18 +111,13 @@ def _fill(task: Task) -> Record:
                 _keep(str(Path(task["view"]) / f"{piece or task['method']}.npz"), *view)
     else:
         figures = hole_figures(filled, hole, case)
-    if task["suite"] == "everyday":
-        figures["sharpness"] = float(np.degrees(np.quantile(turning_angles(hole.loops[0].points), 0.9)))
+    if cut_out is not None:
+        figures["sharpness"] = float(np.degrees(np.quantile(turning_angles(hole.loops[hole.places[0]].points), 0.9)))
     return {**timed, **figures, "expected": hole.expected, "rims": len(hole.places)}
 
 
 def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) -> tuple[Record, Any]:
-    """Seconds of a call: the first of the process with its imports ("cold"), and the median of those after one.
-
-    The first call of a task is not counted among the repeats, unless it takes so long that there are none.
-    """
-    global _calls
-    begin = time.perf_counter()
+    """The median seconds of the calls after one that is not counted, unless that takes so long that it is alone."""
     seconds: list[float] = []
     answer = None
     while len(seconds) < repeat + 1 and (len(seconds) < 1 or sum(seconds) < _ENOUGH_SECONDS):
@@ -143,14 +125,10 @@ def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) 
         start = time.perf_counter()
         answer = work(state)
         seconds.append(time.perf_counter() - start)
-        if len(seconds) == 1:
-            cold = time.perf_counter() - begin if _calls == 0 else None
-            _calls += 1
     counted = seconds[1:] or seconds
     return {
         "seconds": statistics.median(counted),
         "seconds_all": counted,
-        "cold_seconds": cold,
         "memory_mib": peak_memory(),
     }, answer
 
@@ -160,13 +138,6 @@ def _case(name: str) -> Any:
     from spinor_geom.bench.cases import known_case
 
     return known_case(name)
-
-
-@lru_cache(maxsize=2)
-def _file(path: str) -> Any:
-    from spinor_geom.bench.holes import file_hole
-
-    return file_hole(Path(path))
 
 
 # every scan's disks are asked for by one tool after the other

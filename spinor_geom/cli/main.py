@@ -213,8 +213,8 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         dest="suites",
         metavar="NAME[,NAME…]",
         type=_names,
-        help="disks, fills, odd, cut-outs, meshes, everyday: ours beside others; curves, rims, speed, paper, batch: "
-        "ours alone; growth (default: all)",
+        help="disks, fills, odd, cut-outs, meshes, noisy: ours beside others; curves, rims, speed, paper, batch: "
+        "ours alone (default: all)",
     )
     bench.add_argument(
         "--cases",

@@ -20,10 +20,10 @@ from spinor_geom.experiments.timing import boundary_distance
 from spinor_geom.gallery import KnownCurve
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
 from spinor_geom.render.plots import log_log
 from spinor_geom.surface import BranchPoint, SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
 
 SPINOR, ENNEPER = "RMSprop, spinor", "RMSprop, Weierstrass-Enneper"
 NETWORK, SERIES = "Levenberg-Marquardt, spinor", "Douglas-Newton"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
-from spinor_geom.plateau.training import RMSprop
+from spinor_geom.training import RMSprop
 
 Settings = TypeVar("Settings")
 
@@ -94,7 +94,7 @@ def kept_as(name: str, options: RMSprop) -> RMSprop:
     """Options of one of an experiment's trainings: its state in a file of this name in the folder they name, if any."""
     if options.checkpoint is None:
         return options
-    return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.safetensors")
+    return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.pt")
 
 
 def as_json(settings: Any) -> dict[str, Any]:

@@ -11,10 +11,10 @@ from jaxtyping import Complex
 from spinor_geom.domain.quadrature import RuleName
 from spinor_geom.experiments.experiment import Experiment, Outcome, fitted_slope
 from spinor_geom.experiments.paper_surfaces import reconstructed
-from spinor_geom.plateau.training import LevenbergMarquardt
 from spinor_geom.render.plots import log_log
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.radial import radial_mean_curvature
+from spinor_geom.training import LevenbergMarquardt
 
 ORDERS: dict[RuleName, tuple[int, float]] = {"trapezoid": (-2, 0.1), "simpson": (-4, 0.2)}
 # mean curvatures in 1/diagonal below which rounding shows: second derivatives lose half the digits of sums

@@ -13,9 +13,9 @@ from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.formulas import null_vector, phi
+from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 
 # order of the Taylor expansions and relative size of the perturbation of their coefficients
 _ORDER, _PERTURBATION = 10, 0.1

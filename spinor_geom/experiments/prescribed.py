@@ -16,8 +16,8 @@ from spinor_geom.experiments.moebius import MoebiusFit, fit_moebius
 from spinor_geom.experiments.paper_surfaces import boundary_of, perturbed_series, random_networks, solved_by_network
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
 
 # what counts as recovered: positions in diagonals, and p and q relative to their size
 _NEAR, _ALIKE = 1e-6, 1e-5

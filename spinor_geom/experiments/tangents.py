@@ -12,8 +12,8 @@ import numpy as np
 from spinor_geom.experiments.drawing import Drawn, surfaces
 from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.gallery import KnownCurve, twisted_circle
-from spinor_geom.plateau.training import RMSprop, Trained, train_by_rmsprop
 from spinor_geom.render.plots import log_log
+from spinor_geom.training import RMSprop, Trained, train_by_rmsprop
 
 # a learning rate that leaves every parameter as it is
 _NO_STEP = 1e-300
@@ -78,7 +78,7 @@ def at_epochs(curve: KnownCurve, options: RMSprop, epochs: tuple[int, ...]) -> l
     with tempfile.TemporaryDirectory() as folder:
         for epoch in epochs:
             if epoch:
-                going_on = replace(options, epochs=epoch, checkpoint=Path(folder) / "training.safetensors")
+                going_on = replace(options, epochs=epoch, checkpoint=Path(folder) / "training.pt")
                 states.append(train_by_rmsprop(curve, options=going_on))
             else:
                 still = replace(options, epochs=1, learning_rate=_NO_STEP, checkpoint=None)

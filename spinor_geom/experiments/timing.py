@@ -16,10 +16,10 @@ from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
-from spinor_geom.plateau.training.curve import CurveAsTensors
+from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.render.plots import log_log
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
 # points of ∂Ω whose distance from Γ is measured
 _POINTS = 1024
@@ -106,7 +106,7 @@ def boundary_distance(surface: SpinorSurface, curve: BoundaryCurve) -> float:
     """Largest distance of the boundary from the nearest points of Γ, and of what of Γ it passes over from it."""
     r = surface.position(surface.domain.boundary.point(np.arange(_POINTS) / _POINTS))
     slide = np.unwrap(curve.nearest(r), period=1.0)
-    return Misfit.of(torch.from_numpy(r), torch.from_numpy(slide), CurveAsTensors.of(curve)).max
+    return Misfit.of(torch.from_numpy(r), torch.from_numpy(slide), CurveTensors.of(curve, torch.device("cpu"))).max
 
 
 def _compared(name: str, lines: dict[str, tuple[list[float], list[float]]]) -> tuple[bool, str]:

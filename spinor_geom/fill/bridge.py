@@ -18,7 +18,7 @@ from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import face_components
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.plateau.solution import NoAnnulus, PlateauSolution
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
 
 # An island lies no farther over or under the plane of its hole than the hole itself, and this share of its width.
@@ -154,7 +154,7 @@ def surface_between(places: Sequence[int], loops: Sequence[BoundaryLoop], option
     """
     with time_limit(options.time_limit):
         answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance)
-    if isinstance(answer, NoAnnulus):
+    if isinstance(answer, NoConnectedSurface):
         raise SurfaceError(f"{answer.reason}; fill the {'two ' if len(loops) == 2 else ''}loops one by one instead")
     if answer.annulus is not None and answer.annulus.reversed:
         raise TwistedRimsError(loops=places)

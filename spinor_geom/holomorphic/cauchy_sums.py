@@ -16,6 +16,8 @@ _SOURCES_PER_LEAF = 8
 # side of a cell of targets, as a share of its centre's distance from the sources, and the fewest that are worth one
 _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
+# as many pairs of a source and a target take less time one by one
+_FEW_PAIRS = 1 << 20
 # pairs of clusters, or sources, at once: their series stay in the cache
 _PAIRS = 1 << 10
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
@@ -37,6 +39,9 @@ def cauchy_sums(
 
     Source: Greengard & Rokhlin, "A fast algorithm for particle simulations", J. Comput. Phys. 73 (1987).
     """
+    if len(sources) * len(targets) <= _FEW_PAIRS:
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            return np.asarray((1 / (sources - targets[:, None])) @ strengths)
     tree = _Sources.of(sources, strengths)
     cell, centre, radius = _cells(sources, targets)
     far, (near, _) = tree.pairs(centre, radius)

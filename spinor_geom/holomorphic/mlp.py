@@ -276,13 +276,11 @@ class Linearisation:
         )
         return cast(Tensor, sum(parts))
 
-    def pulled_back(self, v: Complex[Tensor, "n 2"]) -> list[tuple[Complex[Tensor, "2 _ _"], Complex[Tensor, "2 _"]]]:
-        """Jᴴ v: for each layer a change of its weight and of its bias."""
-        changes = []
-        for h, sensitivity in zip(self.inputs, self.sensitivities, strict=True):
-            weighted = sensitivity.conj() * v.mT[..., None]
-            changes.append((weighted.mT @ h.conj(), weighted.sum(1)))
-        return changes
+    def pulled_back(self, v: Complex[Tensor, "n 2"]) -> list[Tensor]:
+        """Jᴴ v: a change of every weight, then of every bias, in the order of `ComplexMLP.parameters`."""
+        weighted = [sensitivity.conj() * v.mT[..., None] for sensitivity in self.sensitivities]
+        weights = [part.mT @ h.conj() for part, h in zip(weighted, self.inputs, strict=True)]
+        return [*weights, *(part.sum(1) for part in weighted)]
 
 
 def _check(depth: int, width: int, activation: str, radius: float, gain: float, dtype: torch.dtype) -> None:

@@ -8,24 +8,12 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
-from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import Rims
-from spinor_geom.domain.quadrature import rule
-from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, OptionError
 from spinor_geom.meshing.triangulate import triangulate_patch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.shown import Shown
-from spinor_geom.surface.spinor_surface import SpinorSurface
-
-# Gauss–Legendre nodes on an edge of the patch: enough for this error, in edges, if a pole were on the boundary
-QUADRATURE_ERROR = 1e-8
-NODE_COUNTS = np.array([2, 3, 4, 6, 8])
-# bounds the memory of p and q at the nodes
-EDGES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,7 +67,7 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
     if isinstance(target, str) or not 0 < target < np.inf:
         raise OptionError(f"target_edge_length must be 'auto' or a positive number, not {target_edge_length!r}")
     plane = triangulate_patch(surface, [rim.points_in_domain() for rim in solution.rims], target, solution.area)
-    inner = inner_positions(surface, plane)
+    inner = surface.positions_inside(plane.points[plane.boundary_size :])
     if not np.isfinite(inner).all():
         raise DomainError("the surface is not finite inside its domain: p or q has a pole there")
     return Patch(
@@ -89,111 +77,3 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
         points=plane.points,
         hole_sizes=plane.hole_sizes,
     )
-
-
-def inner_positions(surface: SpinorSurface, plane: PlaneTriangulation) -> Float[np.ndarray, "k 3"]:
-    """Positions of a triangulation's inner points: in closed form, or by integration of φ along its own edges.
-
-    Where it takes quadrature: in each connected part of the inner edges the point farthest from the boundary is placed
-    by `SpinorSurface.position`; a breadth-first tree of inner edges leads from it to the others, with two to eight
-    Gauss–Legendre nodes an edge: p and q are holomorphic in Ω, so few are enough far from its boundary.
-
-    Returns:
-        (n − m, 3), in the surface's units of length.
-    """
-    m = plane.boundary_size
-    points, count = plane.points[m:], len(plane.points) - m
-    if surface.has_closed_positions or count == 0:
-        return np.asarray(surface.position(points)).reshape(-1, 3)
-    rim = cKDTree(_coordinates(plane.points[:m]))
-    depth, _ = rim.query(_coordinates(points))
-    roots, parent = _forest(plane.edges[plane.edges[:, 0] >= m] - m, np.asarray(depth))
-    displacement = _edge_displacements(surface, points[parent], points, rim)
-    displacement[roots] = np.asarray(surface.position(points[roots])).reshape(-1, 3)
-    # pointer jumping: each round adds the sum over twice as long a way to the root
-    while (parent != parent[parent]).any():
-        jump = parent != parent[parent]
-        displacement[jump] = (displacement + displacement[parent])[jump]
-        parent = parent[parent]
-    inner = parent != np.arange(count)
-    displacement[inner] += displacement[parent[inner]]
-    return displacement
-
-
-def _forest(
-    edges: Int[np.ndarray, "e 2"], depth: Float[np.ndarray, " k"]
-) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " k"]]:
-    """The deepest point of each connected part as its root, and each point's predecessor on its way from there.
-
-    A root is its own predecessor.
-    """
-    count = len(depth)
-    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
-    _, part = connected_components(graph, directed=False)
-    by_depth = np.lexsort((-depth, part))
-    roots = by_depth[np.unique(part[by_depth], return_index=True)[1]]
-    # one more vertex joined to all roots makes the forest one tree
-    source = np.full(len(roots), count)
-    joined = coo_array(
-        (
-            np.ones(len(edges) + len(roots)),
-            (np.append(edges[:, 0], source), np.append(edges[:, 1], roots)),
-        ),
-        shape=(count + 1, count + 1),
-    )
-    _, parent = breadth_first_order(joined.tocsr(), count, directed=False)
-    parent = parent[:count].astype(np.int64)
-    parent[roots] = roots
-    return roots, parent
-
-
-def _edge_displacements(
-    surface: SpinorSurface, start: Complex[np.ndarray, " k"], end: Complex[np.ndarray, " k"], rim: cKDTree
-) -> Float[np.ndarray, "k 3"]:
-    """Re ∫ φ dz along straight edges; `rim` holds the boundary vertices."""
-    level = np.searchsorted(NODE_COUNTS[:-1], _nodes_needed(start, end, rim))
-    parts = [
-        _integrals(surface, start[some], end[some], level[some])
-        for some in np.split(np.arange(len(start)), np.arange(EDGES_AT_ONCE, len(start), EDGES_AT_ONCE))
-    ]
-    return np.concatenate(parts)
-
-
-def _nodes_needed(
-    start: Complex[np.ndarray, " k"], end: Complex[np.ndarray, " k"], rim: cKDTree
-) -> Float[np.ndarray, " k"]:
-    """Gauss–Legendre nodes for QUADRATURE_ERROR: the error falls like ρ^(−2n).
-
-    ρ belongs to the largest ellipse about the edge's ends, as foci, that holds no pole.
-
-    Source: Trefethen, Approximation Theory and Approximation Practice (2013), theorem 19.3.
-    """
-    middle, half = 0.5 * (start + end), 0.5 * np.abs(end - start)
-    distance, _ = rim.query(_coordinates(middle))
-    # an edge as long as its distance from the boundary takes the most nodes there are; one of length 0 the fewest
-    ratio = np.maximum(distance / np.maximum(half, np.finfo(np.float64).tiny), 1.1)
-    return np.asarray(-np.log(QUADRATURE_ERROR) / (2 * np.arccosh(ratio)))
-
-
-def _coordinates(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
-    return np.stack([z.real, z.imag], axis=1)
-
-
-def _integrals(
-    surface: SpinorSurface,
-    start: Complex[np.ndarray, " k"],
-    end: Complex[np.ndarray, " k"],
-    level: Int[np.ndarray, " k"],
-) -> Float[np.ndarray, "k 3"]:
-    """Re ∫ φ dz along edges, each by the rule of its level; p and q are asked for at all nodes at once."""
-    rules = [rule("gauss", count) for count in NODE_COUNTS.tolist()]
-    nodes, weights = (np.concatenate(parts) for parts in zip(*rules, strict=True))
-    count, step = NODE_COUNTS[level], end - start
-    first = np.cumsum(count) - count
-    edge = np.repeat(np.arange(len(start)), count)
-    # the rules' nodes stand one rule after the other
-    node = np.arange(len(edge)) - first[edge] + (np.cumsum(NODE_COUNTS) - NODE_COUNTS)[level][edge]
-    p, q = np.moveaxis(np.asarray(surface.spinors(start[edge] + step[edge] * nodes[node])), -1, 0)
-    weighted = np.stack([p * p, q * q, p * q], axis=1) * weights[node][:, None]
-    pp, qq, pq = np.add.reduceat(weighted, first, axis=0).T * step
-    return np.stack([pp - qq, -1j * (pp + qq), 2 * pq], axis=1).real

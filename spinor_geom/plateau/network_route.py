@@ -33,7 +33,7 @@ from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual
 from spinor_geom.plateau.solution import Iteration
-from spinor_geom.plateau.start import lifted_spinors
+from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -169,7 +169,8 @@ class NetworkSolver:
                 tolerance=self.budget.allowed / self.loop.mean_edge_length,
             )
         with self.clock.stage("fit"):
-            spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, device)
+            images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
+            spinors = lifted_spinors(disk.vertices, disk.faces, images, len(rim), device)
             edge = np.searchsorted(domain.boundary.parameters, stage.panels.t, side="right") - 1
             readout = stage.readout_of(spinors[torch.as_tensor(edge, device=device)])
             knots = np.append(curve.breaks[rim], curve.breaks[rim[0]] + 1)

@@ -46,7 +46,7 @@ from spinor_geom.plateau.solution import (
     Annulus,
     BoundaryResidual,
     Iteration,
-    NoAnnulus,
+    NoConnectedSurface,
     PlateauSolution,
     RimDisks,
     RimMatch,
@@ -162,7 +162,7 @@ class RimsTask:
             history=[],
         )
 
-    def solved(self) -> PlateauSolution | NoAnnulus:
+    def solved(self) -> PlateauSolution | NoConnectedSurface:
         """The surface of least area that was found, or that there is none."""
         plane = self._in_plane()
         if plane is not None:
@@ -193,7 +193,7 @@ class RimsTask:
             if fitted is None:
                 raise
             return fitted
-        if isinstance(answer, NoAnnulus) or answer.converged:
+        if isinstance(answer, NoConnectedSurface) or answer.converged:
             return answer
         fitted = fitted or self._on_network()
         if fitted is None:
@@ -205,7 +205,7 @@ class RimsTask:
         leaves = self.options.leaves_unstable
         return annulus.converged and not (leaves and annulus.stability.verdict == "unstable")
 
-    def _on_circles(self) -> PlateauSolution | NoAnnulus:
+    def _on_circles(self) -> PlateauSolution | NoConnectedSurface:
         """Douglas's surface of least area over a circular domain, or that there is none."""
         best = self._descended()
         if best is None and len(self.loops) == 2:
@@ -405,12 +405,12 @@ class RimsTask:
     def _stable(self) -> list[Placement]:
         return [placed for placed in self._all_critical() if self._problem(placed).index(placed.surface) == 0]
 
-    def _none(self, reason: str | None = None) -> NoAnnulus:
+    def _none(self, reason: str | None = None) -> NoConnectedSurface:
         two = len(self.loops) == 2
         kind, left = ("annulus", "two disks") if two else ("surface of one piece", "surfaces of fewer rims each")
         if reason is None:
             reason = _RUNS_AWAY if two else _FALLS_APART
-        return NoAnnulus(
+        return NoConnectedSurface(
             loops=self.loops,
             rim_disks=self._disks,
             reason=f"no {kind}: {reason}; what is left are {left}",

@@ -384,7 +384,7 @@ class PlateauSolution(Shown):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NoAnnulus:
+class NoConnectedSurface:
     """The answer that no minimal surface of one piece spans several rims: it falls apart into surfaces of fewer each.
 
     Attributes:

@@ -17,7 +17,7 @@ from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Cauchy
 from spinor_geom.plateau.rims import RimsTask
-from spinor_geom.plateau.solution import Iteration, NoAnnulus, PlateauSolution
+from spinor_geom.plateau.solution import Iteration, NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solutions import find_disks
 from spinor_geom.plateau.task import Model, Options, Task
 from spinor_geom.plateau.threads import one_thread
@@ -73,7 +73,7 @@ def solve_plateau(
     all_solutions: Literal[False] = False,
     device: str | torch.device = "cpu",
     on_iteration: Callable[[Iteration], None] | None = None,
-) -> PlateauSolution | NoAnnulus: ...
+) -> PlateauSolution | NoConnectedSurface: ...
 
 
 def solve_plateau(
@@ -89,7 +89,7 @@ def solve_plateau(
     all_solutions: bool = False,
     device: str | torch.device = "cpu",
     on_iteration: Callable[[Iteration], None] | None = None,
-) -> PlateauSolution | NoAnnulus | tuple[PlateauSolution, ...]:
+) -> PlateauSolution | NoConnectedSurface | tuple[PlateauSolution, ...]:
     """A minimal disk over a closed curve, or a minimal surface of one piece between several.
 
     It is exactly minimal, its boundary on Γ as nearly as the model allows. Γ is the curve through all of the loop's
@@ -120,7 +120,7 @@ def solve_plateau(
             width; "mlp" for the paper's complex-valued network, trained.
         optimizer: of "mlp": "levenberg-marquardt", which it takes by default, or "rmsprop" for the paper's Algorithm 1
             with the paper's settings, both on networks of any size by `LevenbergMarquardt` and `RMSprop` of
-            `spinor_geom.plateau.training`. RMSprop starts from random parameters on the unit disk, or goes on from a
+            `spinor_geom.training`. RMSprop starts from random parameters on the unit disk, or goes on from a
             checkpoint among its options.
         warm_start: whether Levenberg-Marquardt hands the network the p and q of the solution that "auto" finds, with
             its Ω, before it polishes; else it starts from random parameters on the unit disk.
@@ -140,8 +140,8 @@ def solve_plateau(
         on_iteration: called after each step.
 
     Returns:
-        The solution, or `NoAnnulus` where none spans several curves; with `all_solutions` all that were found, sorted
-        by area, each with its Morse index.
+        The solution, or `NoConnectedSurface` where none spans several curves; with `all_solutions` all that were found,
+        sorted by area, each with its Morse index.
 
     Raises:
         OptionError: an unknown model or optimizer, a value out of range, options that exclude each other, or what is no

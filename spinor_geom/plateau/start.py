@@ -5,20 +5,71 @@ from __future__ import annotations
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from torch import Tensor
 
+from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.domain.delaunay import Rims, rim_successors
+from spinor_geom.mesh.operators import mollified_laplacian
 from spinor_geom.surface.frames import phi_from_frames, spinors_from_phi
+
+# Weight of a step between parallel frames: an edge of no weight would be none.
+_LEAST_TURN = 1e-9
+
+
+def images_in_plane(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary: Complex[np.ndarray, " m"]
+) -> Complex[np.ndarray, " n"]:
+    """Where the vertices of a discrete disk lie in Ω: its harmonic map with given images of the boundary."""
+    around = np.column_stack([boundary.real, boundary.imag])
+    points = harmonic_extension(mollified_laplacian(vertices, faces), around) @ np.array([1.0, 1.0j])
+    points[: len(boundary)] = boundary
+    return np.asarray(points)
 
 
 def lifted_spinors(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "f 3"],
-    boundary: Complex[np.ndarray, " m"],
+    points: Complex[np.ndarray, " n"],
+    boundary_size: int,
     device: torch.device,
 ) -> Complex[Tensor, "m 2"]:
-    """P and q on each boundary edge of a discrete disk; see `lifted_frames`."""
-    return torch.stack(spinors_from_phi(lifted_frames(vertices, faces, boundary, device)), dim=-1)
+    """P and q on each boundary edge of a discrete disk, with the signs that make them continuous on all of it.
+
+    From one edge of a ragged boundary to the next the frame may turn so far that the spinors beside each other do not
+    tell the sign. From face to face it turns less: the signs are handed on along the tree of faces whose steps have the
+    most nearly parallel spinors.
+
+    Args:
+        vertices: the first m are the boundary, in order.
+        faces: counter-clockwise.
+        points: the images of the vertices in Ω.
+        boundary_size: m.
+        device: of the result.
+    """
+    import igl
+
+    m = boundary_size
+    spinors = torch.stack(spinors_from_phi(lifted_frames(vertices, faces, points[:m], device)), dim=-1)
+    corner, image = vertices[faces], points[faces]
+    tangent, step = corner[:, 1] - corner[:, 0], image[:, 1] - image[:, 0]
+    normal = np.cross(tangent, corner[:, 2] - corner[:, 0])
+    frames = (torch.from_numpy(part) for part in (tangent, normal, step, np.ones(len(faces))))
+    inner = torch.stack(spinors_from_phi(phi_from_frames(*frames)), dim=-1).numpy()
+    face, side = np.nonzero((beside := np.asarray(igl.triangle_triangle_adjacency(faces)[0])) >= 0)
+    agreement = np.nan_to_num((inner[face].conj() * inner[beside[face, side]]).sum(axis=1).real / 2)
+    turned = 1 + _LEAST_TURN - np.abs(agreement)
+    graph = csr_array((turned, (face, beside[face, side])), shape=(len(faces), len(faces)))
+    _, before = breadth_first_order(minimum_spanning_tree(graph), 0, directed=False)
+    before[0] = 0
+    sign = np.where((inner.conj() * inner[before]).sum(axis=1).real < 0, -1.0, 1.0)
+    # pointer jumping: each round multiplies the signs over twice as long a way to the first face
+    while (before != before[before]).any():
+        sign, before = sign * sign[before], before[before]
+    sign *= sign[before]
+    first = torch.from_numpy(sign[:, None] * inner).to(device)[_faces_along(faces, rim_successors((m,)))]
+    return torch.where(((first.conj() * spinors).sum(-1, keepdim=True)).real < 0, -spinors, spinors)
 
 
 def lifted_frames(
@@ -40,12 +91,7 @@ def lifted_frames(
     """
     m = len(boundary)
     after = rim_successors(sizes or (m,))
-    start, end = faces, np.roll(faces, -1, axis=1)
-    on_boundary = (start < m) & (end == after[start % m])
-    face, side = np.nonzero(on_boundary)
-    owner = np.empty(m, dtype=np.int64)
-    owner[faces[face, side]] = face
-    corner = vertices[faces[owner]]
+    corner = vertices[faces[_faces_along(faces, after)]]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     tangent = vertices[after] - vertices[:m]
     # a face without area has no normal: any direction across the edge will do for a start
@@ -58,3 +104,12 @@ def lifted_frames(
         torch.tensor(edge, device=device),
         torch.tensor(np.linalg.norm(tangent, axis=1) / np.abs(edge), device=device),
     )
+
+
+def _faces_along(faces: Int[np.ndarray, "f 3"], after: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+    """The face at each boundary edge, from a vertex to the next one."""
+    start, end = faces, np.roll(faces, -1, axis=1)
+    face, side = np.nonzero((start < len(after)) & (end == after[start % len(after)]))
+    owner = np.empty(len(after), dtype=np.int64)
+    owner[faces[face, side]] = face
+    return owner

@@ -32,8 +32,7 @@ from spinor_geom.plateau.network_route import Budget, Cauchy, NetworkSolver, rim
 from spinor_geom.plateau.plane_route import plane_disk
 from spinor_geom.plateau.solution import BoundaryResidual, Iteration, PlateauSolution, RimMatch
 from spinor_geom.plateau.solutions import MOST_DEPARTURES, Rim, leave_unstable, with_departures
-from spinor_geom.plateau.trained_route import Optimizer, optimizer_options, trained_disk
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop
+from spinor_geom.plateau.trained_route import Optimizer, Trainer, optimizer_options
 from spinor_geom.plateau.vertex_route import VertexSolver
 
 
@@ -105,7 +104,7 @@ class Options:
     laurent: Laurent | None
     is_free: bool
     is_series: bool
-    optimizer: LevenbergMarquardt | RMSprop | None
+    optimizer: Trainer | None
     warm_start: bool
     is_free_between: bool
     tolerance: float
@@ -311,15 +310,14 @@ class Task:
             return replace(solution, reason=f"{reason}: model='auto' looks among others")
         return solution
 
-    def _trained(self, optimizer: LevenbergMarquardt | RMSprop) -> PlateauSolution:
+    def _trained(self, optimizer: Trainer) -> PlateauSolution:
         """The solution of a trained network."""
         start: PlateauSolution | None = None
-        if self.options.warm_start and isinstance(optimizer, LevenbergMarquardt):
+        if self.options.warm_start and optimizer.takes_start:
             start = replace(self, options=replace(self.options, optimizer=None, is_free=True)).solved()
         with self.network.clock.stage("training"):
-            found = trained_disk(
+            found = optimizer.disk(
                 self.network.curve,
-                optimizer,
                 start=start,
                 device=self.options.device,
                 on_iteration=self.network.budget.on_iteration,

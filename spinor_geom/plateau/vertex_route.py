@@ -16,12 +16,11 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.discrete.area_descent import harmonic_extension
-from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
@@ -33,13 +32,12 @@ from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import places_in_piece, through
-from spinor_geom.mesh.operators import mollified_laplacian
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.gauss_newton import gram
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.solution import Iteration
-from spinor_geom.plateau.start import lifted_spinors
+from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -105,8 +103,9 @@ class VertexSolver:
             disk = first_disk(points)
         with self.clock.stage("flattening"):
             flat = flatten(disk.vertices, disk.faces, len(points))
-            domain = _domain(disk, flat)
-        spinors = lifted_spinors(disk.vertices, disk.faces, flat.boundary, self.device)
+            images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
+            domain = _domain(disk.faces, images, flat)
+            spinors = lifted_spinors(disk.vertices, disk.faces, images, len(points), self.device)
         wanted = torch.tensor(points, device=self.device)
         steps, raw = list(history), None
         for nodes in _NODES:
@@ -220,16 +219,13 @@ class VertexSolver:
         )
 
 
-def _domain(disk: Disk, flat: Flattening) -> PlaneDomain:
+def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
     """Inside the flattened boundary, with the disk's own triangles where they have a place there."""
-    boundary, m = _polygon(flat.boundary), len(flat.boundary)
-    around = np.column_stack([flat.boundary.real, flat.boundary.imag])
-    points = harmonic_extension(mollified_laplacian(disk.vertices, disk.faces), around) @ np.array([1.0, 1.0j])
-    points[:m] = flat.boundary
-    a, b, c = points[disk.faces].T
+    boundary = _polygon(flat.boundary)
+    a, b, c = images[faces].T
     if not ((np.conj(b - a) * (c - a)).imag > 0).all():
         return PlaneDomain.inside(boundary, flat.log_scale)
-    mesh = PlaneTriangulation(points=points, faces=disk.faces, boundary_size=m)
+    mesh = PlaneTriangulation(points=images, faces=faces, boundary_size=len(flat.boundary))
     return PlaneDomain(boundary=boundary, triangulation=mesh, log_scale=flat.log_scale)
 
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from spinor_geom.bench import page, runner, suites, tables, worker
-from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, time_to_reach
+from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims
 from spinor_geom.bench.figures import most
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.runner import DESCRIPTION, RECORDS, Run, measure
-from spinor_geom.bench.scaling import fitted
 from spinor_geom.bench.suites import SUITES, Settings, case_name, chosen_tasks
 from spinor_geom.cli.main import main
 from spinor_geom.errors import OptionError
@@ -121,29 +120,6 @@ def test_a_whole_fill_has_its_share_of_the_reference_s_seconds(n, share):
     assert claim not in verdicts(*(hole_record(m, n=n, case="scherk") for m in ("spinor-fill", REFERENCE)))
 
 
-def test_nothing_is_promised_beside_a_digit_that_was_not_reached():
-    text = "1e-06 in less time than the discrete methods take for 0.0001"
-    assert text not in [c.text for c in claims([loop_record(), libigl_record()])]
-    (told,) = (c for c in claims([loop_record(area_error=1e-5), libigl_record(area_error=1e-5)]) if c.text == text)
-    assert (told.met, told.measured) == (False, "not reached against 0.1 s")
-    (told,) = (c for c in claims([loop_record(), libigl_record(area_error=1e-5, seconds=0.2)]) if c.text == text)
-    assert (told.met, told.measured) == (True, "0.1 s against 0.2 s")
-
-
-def test_the_cost_of_a_digit_is_that_of_the_quickest_sampling():
-    records = [loop_record(area_error=e, seconds=s) for e, s in ((1e-3, 0.1), (1e-5, 0.4), (1e-6, 0.3))]
-    assert time_to_reach(records, 1e-3) == 0.1
-    assert time_to_reach(records, 1e-4) == 0.3
-    assert time_to_reach(records, 1e-9) is None
-
-
-def test_exponents_are_those_of_the_times():
-    fit = fitted("m", "points", [10, 20, 40, 80], [3 * n**1.5 for n in (10, 20, 40, 80)])
-    assert fit.exponent == pytest.approx(1.5, abs=1e-12)
-    assert fit.error == pytest.approx(0, abs=1e-12)
-    assert fitted("m", "points", [10, 20], [1, 2]).exponent is None
-
-
 @pytest.mark.usefixtures("importable")
 def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     folder = tmp_path / "run"
@@ -185,9 +161,6 @@ def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     assert plot.stat().st_size > 1000
     rows = list(csv.DictReader((folder / page.CSV).read_text(encoding="utf-8").splitlines()))
     assert len(rows) == total
-    told = json.loads((folder / page.JSON).read_text(encoding="utf-8"))
-    assert told["machine"]["versions"]["libigl"]
-    assert len(told["records"]) == total
     # figures of other versions are not mixed in
     description = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
     description["machine"]["versions"]["libigl"] = "1"
@@ -221,14 +194,8 @@ def test_the_long_run_has_every_case_of_every_suite_once():
     assert len(set(keys)) == len(keys)
     assert set(suites.QUICK_SOLVES) <= {t["case"] for t in tasks}
     # what one suite calls a case no other does, so that a name chooses one thing
-    names = {(case_name(t), t["suite"]) for t in tasks if t["suite"] not in ("disks", "fills", "growth")}
+    names = {(case_name(t), t["suite"]) for t in tasks if t["suite"] not in ("disks", "fills")}
     assert len({name for name, _ in names}) == len(names)
-
-
-def test_a_run_has_every_loop_of_a_mesh_file():
-    tasks = chosen_tasks(Settings(cases=("spot_cut.obj",), data=DATA), Path("run"))
-    places = [t["place"] for t in tasks if "place" in t and t["method"] == "spinor"]
-    assert places == list(range(125))
 
 
 def test_seconds_under_unlike_loads_are_not_compared():
@@ -281,13 +248,14 @@ def test_a_run_with_a_missing_tool_says_so():
 
 def test_the_page_needs_nothing_from_elsewhere(tmp_path):
     settings = {"quick": True}
-    (tmp_path / "views").mkdir()
-    np.savez(
-        tmp_path / "views" / "a.npz",
-        vertices=np.eye(3, dtype=np.float32),
-        faces=np.array([[0, 1, 2]], dtype=np.int32),
-        **{"field/distance / diameter": np.array([0, 1, math.nan], dtype=np.float32)},
-    )
+    (tmp_path / "views" / "cap").mkdir(parents=True)
+    for name in ("removed", "spinor-fill"):
+        np.savez(
+            tmp_path / "views" / "cap" / f"{name}.npz",
+            vertices=np.eye(3, dtype=np.float32),
+            faces=np.array([[0, 1, 2]], dtype=np.int32),
+            **{"field/distance / diameter": np.array([0, 1, 2], dtype=np.float32)},
+        )
     records = [loop_record(), libigl_record(), loop_record(n=128, seconds=0.2)]
     run = Run(folder=tmp_path, description={"settings": settings, "machine": machine()}, records=records)
     page.write(run)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import proj3d
 from PIL import Image
 
 from spinor_geom import gallery
@@ -38,8 +39,8 @@ from spinor_geom.experiments.experiment import Outcome, as_json, experiment, fit
 from spinor_geom.experiments.report import Done, report, reproduce
 from spinor_geom.files import finite
 from spinor_geom.holomorphic import PowerSeries
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
 # steps too small to move anything, and steps that bring a small network near to its curve
@@ -253,13 +254,22 @@ def test_triangles_of_the_disk_cover_it_once_and_turn_one_way():
     assert abs(areas.sum() - 6 * np.sin(np.pi / 6)) < 1e-12
 
 
-def test_surfaces_lie_inside_their_pictures_and_crosses_on_them():
+def test_surfaces_lie_inside_their_pictures_with_crosses_and_a_scale_of_colours():
     surface = gallery.enneper(1.0).surface
     one = replace(drawing.Drawn.of(surface, (3, 24)), marks=surface.position(np.array([0j])))
     figure = drawing.surfaces({"a": one, "b": replace(one, value=np.arange(len(one.position), dtype=float))})
     assert len(figure.axes) == 3  # and a scale of colours
-    first, second = (cross.get_xdata()[0] for cross in figure.artists)
-    assert 0.1 < first < 0.5 < second < 0.9
+    figure.canvas.draw()
+    for axes in figure.axes[:2]:
+        rim, cross = axes.lines
+        assert cross.get_marker() == "x"
+        x, y, _ = proj3d.proj_transform(*rim.get_data_3d(), axes.get_proj())
+        on_screen = axes.transData.transform(np.stack([x, y], axis=-1))
+        box = axes.get_window_extent()
+        inside = (on_screen - box.min) / box.size
+        assert inside.min() > 0
+        assert inside.max() < 1
+        assert np.ptp(inside[:, 0]) > 0.7
 
 
 def test_a_different_surface_leaves_a_residual():

@@ -293,8 +293,7 @@ def test_linearisation_is_that_of_the_parameters():
 
     v = complex_normal(7, 2, seed=3)
     changes = linear.pulled_back(v)
-    tangent = {f"weights.{layer}": weight for layer, (weight, _) in enumerate(changes)}
-    tangent |= {f"biases.{layer}": bias for layer, (_, bias) in enumerate(changes)}
+    tangent = dict(zip(parameters, changes, strict=True))
     _, pushed = torch.func.jvp(value, (parameters,), (tangent,))
     expected = torch.stack([linear.kernel()[k] @ v[:, k] for k in range(2)], dim=-1)
     torch.testing.assert_close(pushed, expected, rtol=1e-10, atol=1e-10)

@@ -7,7 +7,6 @@ from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
 from spinor_geom.measures import self_intersections, triangle_quality
 from spinor_geom.meshing import mesh_patch
-from spinor_geom.meshing.embed import inner_positions
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
 
@@ -51,7 +50,7 @@ def test_positions_are_exact_where_the_patch_falls_into_parts():
     count = len(plane.points) - 60
     assert connected_components(coo_array((np.ones(len(inner)), inner.T), shape=(count, count)), directed=False)[0] == 2
     expected = surface.position(plane.points[60:])
-    assert inner_positions(surface, plane) == pytest.approx(expected, abs=1e-12)
+    assert surface.positions_inside(plane.points[60:]) == pytest.approx(expected, abs=1e-12)
 
 
 def test_patch_area_converges_to_the_exact_area_at_order_two():

@@ -7,7 +7,7 @@ import pytest
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau import NoAnnulus, rims
+from spinor_geom.plateau import NoConnectedSurface, rims
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.solve import solve_plateau
 from tests.plateau.rims import coaxial, ring, sampled, skew
@@ -59,7 +59,7 @@ def test_ends_of_a_long_tube_have_no_annulus():
     second = second - 0.4 * second[:, 1:2] * [0, 0, 1] + 0.02 * rng.normal(size=second.shape)
     loops = tuple(BoundaryLoop.from_points(points, corners=()) for points in (first, second))
     answer = solve_plateau(loops)
-    assert isinstance(answer, NoAnnulus)
+    assert isinstance(answer, NoConnectedSurface)
     assert "cone" in answer.reason
     assert answer.area == sum(disk.area for disk in answer.disks)
     assert all(disk.converged for disk in answer.disks)
@@ -75,7 +75,7 @@ def test_the_search_finds_none_where_the_cone_says_so(pair, monkeypatch):
     told = solve_plateau(pair)
     monkeypatch.setattr(rims, "parted_by_cone", lambda *_: False)
     searched = solve_plateau(pair)
-    assert isinstance(searched, NoAnnulus)
+    assert isinstance(searched, NoConnectedSurface)
     assert "modulus" in searched.reason
     assert "cone" in told.reason
     assert searched.area == told.area

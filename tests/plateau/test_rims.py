@@ -9,7 +9,7 @@ from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
 from spinor_geom.errors import LoopsMeetError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.plateau import Laurent, NoAnnulus
+from spinor_geom.plateau import Laurent, NoConnectedSurface
 from tests.plateau.rims import CUBE, KNOIDS, TETRAHEDRON, facing, knoid, ring
 
 
@@ -73,7 +73,7 @@ def test_plane_regions_with_holes(holes):
 
 def test_plane_rims_inside_each_other_have_no_surface():
     answer = solve_plateau([ring(radius, 0.0) for radius in (1.0, 0.6, 0.3)])
-    assert isinstance(answer, NoAnnulus)
+    assert isinstance(answer, NoConnectedSurface)
     assert "in one plane" in answer.reason
 
 
@@ -103,7 +103,7 @@ def _fluxes(solution):
 
 def test_rims_too_far_apart_have_no_surface():
     answer = solve_plateau(facing(TETRAHEDRON, away=1.5))
-    assert isinstance(answer, NoAnnulus)
+    assert isinstance(answer, NoConnectedSurface)
     assert "fall" in answer.reason
     assert len(answer.disks) == 4
     assert answer.area == pytest.approx(4 * np.pi / 4, rel=1e-12)

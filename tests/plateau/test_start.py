@@ -13,9 +13,12 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.start import lifted_spinors
+from spinor_geom.plateau.solve import solve_plateau
+from spinor_geom.plateau.start import images_in_plane, lifted_frames, lifted_spinors
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
+from tests.loops import noisy_ellipse
 
 CPU = torch.device("cpu")
 
@@ -24,7 +27,7 @@ def test_plane_disk_lifts_to_constant_spinors():
     polygon = np.exp(2j * np.pi * np.arange(40) / 40)
     mesh = triangulate_polygon(polygon, graded_size(polygon))
     vertices = np.column_stack([mesh.points.real, mesh.points.imag, 0 * mesh.points.real])
-    spinors = lifted_spinors(vertices, mesh.faces, polygon, CPU)
+    spinors = lifted_spinors(vertices, mesh.faces, mesh.points, 40, CPU)
     # n = e₃: p² = 1, q = 0
     np.testing.assert_allclose(spinors.abs(), np.tile([1.0, 0.0], (40, 1)), atol=1e-12)
     assert float((spinors[:, 0] - spinors[0, 0]).abs().max()) < 1e-12
@@ -35,7 +38,8 @@ def test_lifted_spinors_reproduce_the_edges_of_the_loop(curve):
     loop = curve.sample(100)
     disk = first_disk(loop.points)
     flat = flatten(disk.vertices, disk.faces, len(loop)).boundary
-    spinors = lifted_spinors(disk.vertices, disk.faces, flat, CPU)
+    images = images_in_plane(disk.vertices, disk.faces, flat)
+    spinors = lifted_spinors(disk.vertices, disk.faces, images, len(loop), CPU)
     edge = torch.from_numpy(np.roll(flat, -1) - flat)
     along = (phi(spinors[:, 0], spinors[:, 1]) * edge[:, None]).real.numpy()
     np.testing.assert_allclose(along, np.roll(loop.points, -1, axis=0) - loop.points, atol=1e-12 * loop.diagonal)
@@ -95,3 +99,15 @@ def test_a_stage_that_fails_is_timed():
     with pytest.raises(ValueError, match="in vain"), clock.stage("fit"):
         raise ValueError("in vain")
     assert clock.seconds["fit"] >= 0
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_signs_are_right_where_frames_turn_so_far_that_neighbours_on_the_boundary_do_not_tell_them(seed):
+    loop = noisy_ellipse(150, amount=0.35, seed=seed)
+    disk = first_disk(loop.points)
+    flat = flatten(disk.vertices, disk.faces, len(loop)).boundary
+    frames = spinors_from_phi(lifted_frames(disk.vertices, disk.faces, flat, CPU))
+    assert spin_invariant(*frames) == -1
+    solution = solve_plateau(loop, between="free")
+    assert solution.route == "vertices"
+    assert solution.converged

@@ -12,8 +12,8 @@ from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic import ComplexMLP
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
-from spinor_geom.plateau.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
 CURVE = gallery.twisted_circle()
 SMALL = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)
@@ -83,7 +83,7 @@ def test_rmsprop_is_the_paper_s_training_of_the_curve_at_the_size_of_the_unit_ci
 
 
 def test_rmsprop_goes_on_from_its_checkpoint(tmp_path):
-    kept = replace(SMALL, checkpoint=tmp_path / "training.safetensors")
+    kept = replace(SMALL, checkpoint=tmp_path / "training.pt")
     straight = solve_plateau(CURVE, model="mlp", optimizer=SMALL)
     solve_plateau(CURVE, model="mlp", optimizer=replace(kept, epochs=2))
     heard = []

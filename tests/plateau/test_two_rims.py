@@ -11,7 +11,7 @@ from spinor_geom.errors import LoopsMeetError, OptionError, PeriodError, Several
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.plateau import Laurent, NoAnnulus
+from spinor_geom.plateau import Laurent, NoConnectedSurface
 from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Rim, start_between
@@ -100,7 +100,7 @@ def test_ring_of_polygons():
 @pytest.mark.parametrize("h", [0.7, 1.0])
 def test_circles_too_far_apart_have_no_annulus(h):
     answer = solve_plateau(coaxial(h))
-    assert isinstance(answer, NoAnnulus)
+    assert isinstance(answer, NoConnectedSurface)
     assert "no annulus" in answer.reason
     assert abs(answer.area / (2 * np.pi) - 1) < 1e-12
     assert answer.to_dict()["disk_area"] == answer.area
@@ -149,7 +149,7 @@ def test_inertia_of_the_energy_is_the_index_of_the_area(h):
 def test_circles_beside_each_other_in_one_plane_have_no_annulus(distance):
     pair = (ring(1.0, 0.0), ring(1.0, 0.0, centre=(distance, 0.0)))
     answer = solve_plateau(pair)
-    assert isinstance(answer, NoAnnulus)
+    assert isinstance(answer, NoConnectedSurface)
     assert "beside each other in one plane" in answer.reason
     assert solve_plateau(pair, all_solutions=True) == ()
 
@@ -158,7 +158,7 @@ def test_circles_beside_each_other_in_one_plane_have_no_annulus(distance):
 def test_a_small_ring_over_a_disk_has_no_annulus(radius):
     # a catenoid from the unit circle to a radius r is no higher than r·log(2/r); no cone parts them
     answer = solve_plateau((ring(1.0, 0.0), ring(radius, 0.2)))
-    assert isinstance(answer, NoAnnulus)
+    assert isinstance(answer, NoConnectedSurface)
     assert "modulus" in answer.reason
     assert abs(answer.area / (np.pi * (1 + radius**2)) - 1) < 1e-12
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import torch
@@ -13,8 +12,9 @@ from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import projected
-from spinor_geom.plateau.training.curve import CurveAsTensors
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -22,16 +22,29 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 _PANEL_ORDER = 4
 # rounds in which the constant of r and the nearest points of Γ are found from each other
 _CONSTANT_STEPS = 5
-# points of ∂Ω that the constant of a surface is taken from
-_CONSTANT_POINTS = 16
+# points that the bounding box of a curve is taken from
+_POINTS = 1024
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+def as_boundary_curve(curve: BoundaryCurve | ClosedCurve) -> BoundaryCurve:
+    """A curve as polynomials, to rounding error where it is given by formulas.
+
+    Raises:
+        CurveError: the formulas are not those of a smooth closed curve.
+    """
+    return curve if isinstance(curve, BoundaryCurve) else BoundaryCurve.from_formula(curve)
+
+
+def diagonal_of(curve: BoundaryCurve) -> float:
+    """Diagonal of the curve's bounding box, in units of space."""
+    return float(np.linalg.norm(np.ptp(curve.point(np.arange(_POINTS) / _POINTS), axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
 class BoundaryNodes:
     """Nodes on ∂Ω.
 
     Attributes:
-        domain: Ω.
         t: their parameters, increasing.
         z: the nodes.
         dz: dz/dt.
@@ -39,7 +52,6 @@ class BoundaryNodes:
         integral: (n, n), values at the nodes to ∫ f dt, up to a constant.
     """
 
-    domain: PlaneDomain
     t: Float[Tensor, " n"]
     z: Complex[Tensor, " n"]
     dz: Complex[Tensor, " n"]
@@ -56,8 +68,7 @@ class BoundaryNodes:
             t, weights = np.arange(count) / count, np.full(count, 1 / count)
             frequency = np.fft.fftfreq(count, 1 / count)
             counted = (frequency != 0) & (np.abs(frequency) < count / 2)
-            inverse = np.zeros(count, dtype=np.complex128)
-            inverse[counted] = 1 / (2j * np.pi * frequency[counted])
+            inverse = np.divide(1, 2j * np.pi * frequency, where=counted, out=np.zeros(count, dtype=np.complex128))
             integral = circulant(np.fft.ifft(inverse).real)
         else:
             breaks = domain.panel_breaks
@@ -66,25 +77,13 @@ class BoundaryNodes:
             integral = np.kron(np.diag(np.diff(breaks)), panels.cumulative)
             panel = np.repeat(np.arange(len(breaks) - 1), panels.order)
             integral += (panel[:, None] > panel) * weights
-        return cls(
-            domain=domain,
-            t=torch.tensor(t, device=device),
-            z=torch.tensor(z, device=device),
-            dz=torch.tensor(dz, device=device),
-            weights=torch.tensor(weights, device=device),
-            integral=torch.tensor(integral, device=device),
-        )
+        return cls(*(torch.tensor(some, device=device) for some in (t, z, dz, weights, integral)))
 
     def positions(self, spinors: Complex[Tensor, "n 2"]) -> Float[Tensor, "n 3"]:
         """Positions of the nodes, up to a constant, from p and q there."""
         velocity = (phi(spinors[:, 0], spinors[:, 1]) * self.dz[:, None]).real
         # the real part of the integral of a real kernel is that of the real part
         return self.integral @ velocity
-
-    @cached_property
-    def step(self) -> float:
-        """Mean distance of the nodes in t."""
-        return 1 / len(self.t)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,17 +102,12 @@ class Placed:
     error: Float[Tensor, "n 3"]
     rms: float
 
-    @property
-    def max(self) -> float:
-        """Largest |error|."""
-        return float(self.error.norm(dim=1).max())
-
 
 def placed(
     nodes: BoundaryNodes,
     spinors: Complex[Tensor, "n 2"],
     slide: Float[Tensor, " n"],
-    curve: CurveAsTensors,
+    curve: CurveTensors,
     *,
     held: bool = False,
 ) -> Placed:
@@ -127,18 +121,17 @@ def placed(
         held: keep the slide as it is.
     """
     position = nodes.positions(spinors)
-    position = position - nodes.weights @ (position - curve.point(slide))
+    position = position - nodes.weights @ (position - curve.point_and_derivative(slide)[0])
     for _ in range(0 if held else _CONSTANT_STEPS):
-        slide = projected(position, slide, curve, limit=nodes.step)
-        position = position - nodes.weights @ (position - curve.point(slide))
-    error = position - curve.point(slide)
+        slide = projected(position, slide, curve, limit=1 / len(nodes.t))
+        position = position - nodes.weights @ (position - curve.point_and_derivative(slide)[0])
+    error = position - curve.point_and_derivative(slide)[0]
     rms = float((nodes.weights @ error.square().sum(1)).sqrt())
     return Placed(position=position, slide=slide, error=error, rms=rms)
 
 
-def with_constant(surface: SpinorSurface, nodes: BoundaryNodes, position: Float[Tensor, "n 3"]) -> None:
-    """Sets a surface's constant so that its boundary has given positions at the nodes."""
-    some = torch.arange(0, len(nodes.t), max(1, len(nodes.t) // _CONSTANT_POINTS), device=nodes.z.device)
-    found = surface.position(nodes.z[some].cpu().numpy())
+def move_to(surface: SpinorSurface, z: Complex[Tensor, " n"], position: Float[Tensor, "n 3"]) -> None:
+    """Sets a surface's constant so that it has given positions at some points, in the mean."""
+    found = surface.position(z.cpu().numpy())
     with torch.no_grad():
-        surface.constant.add_((position[some] - torch.as_tensor(found).to(position)).mean(0))
+        surface.constant.add_((position - torch.as_tensor(found).to(position)).mean(0))

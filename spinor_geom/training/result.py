@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.solution import Iteration
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
@@ -21,7 +25,7 @@ class TrainingStep:
 
     Attributes:
         index: from 1.
-        method: "rmsprop"; "distillation" of given p and q; "polishing" of the distance from Γ.
+        method: "RMSprop"; "distillation" of given p and q; "polishing" of the distance from Γ.
         loss: the mean of an epoch's losses; RMS error of p and q, or RMS distance from Γ, at the nodes after the step.
         boundary_error: largest distance of the boundary from Γ, measured on many more points than are trained on, in
             units of space; None where it was not measured.
@@ -29,7 +33,7 @@ class TrainingStep:
     """
 
     index: int
-    method: Literal["rmsprop", "distillation", "polishing"]
+    method: Literal["RMSprop", "distillation", "polishing"]
     loss: float
     boundary_error: float | None
     seconds: float
@@ -46,8 +50,8 @@ class Trained:
         misfit: distance between its boundary and Γ, on points that were not trained on.
         diagonal: of the bounding box of Γ.
         history: the steps.
-        status: "converged": the tolerance was met; "finished": all steps were done; "stopped": steps helped no more;
-            "diverged": losses became infinite, NaN or far larger than at the start.
+        status: "converged": the tolerance was met; "finished": all steps were done; "stopped": steps helped no more, or
+            the time was up; "diverged": losses became infinite, NaN or far larger than at the start.
         reason: the same in one sentence, with figures.
         seconds: of training in all.
     """
@@ -70,3 +74,31 @@ class Trained:
     def rms_per_diagonal(self) -> float:
         """RMS distance in diagonals of Γ."""
         return self.misfit.rms / self.diagonal
+
+    def as_disk(self, curve: BoundaryCurve, history: list[Iteration], *, scale: float = 1.0) -> Found:
+        """The disk over a curve at unit size; Γ was the curve divided by the scale."""
+        assert isinstance(self.surface, SpinorSurface)  # the other representation is refused with the options
+        surface = self.surface.transform(scale=scale)
+        return Found(
+            curve=curve,
+            surface=surface,
+            matching=self.matching,
+            misfit=self.misfit.enlarged(scale),
+            area=float(surface.area()),
+            route="trained",
+            history=tuple(history),
+            limit=self.reason,
+        )
+
+
+def continuing(
+    history: list[Iteration], on_iteration: Callable[[Iteration], None] | None
+) -> Callable[[TrainingStep], None]:
+    """What takes steps of training down as iterations after those in a history."""
+
+    def hear(step: TrainingStep) -> None:
+        history.append(Iteration(index=len(history) + 1, method=step.method, residual=step.loss))
+        if on_iteration is not None:
+            on_iteration(history[-1])
+
+    return hear

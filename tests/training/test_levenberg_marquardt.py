@@ -10,13 +10,13 @@ from spinor_geom.errors import OptionError
 from spinor_geom.gallery import curves
 from spinor_geom.holomorphic import ComplexMLP, PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.training import LevenbergMarquardt, train_by_levenberg_marquardt
-from spinor_geom.plateau.training.boundary import BoundaryNodes, placed
-from spinor_geom.plateau.training.curve import CurveAsTensors
-from spinor_geom.plateau.training.distillation import distil
-from spinor_geom.plateau.training.polishing import _NormalSystem, polish
+from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import LevenbergMarquardt, train_by_levenberg_marquardt
+from spinor_geom.training.boundary import BoundaryNodes, placed
+from spinor_geom.training.descent import Distillation, Polish, descend
 
 CPU = torch.device("cpu")
 CURVES = {"twisted circle": curves.twisted_circle(), "tennis seam": curves.tennis_seam(0.8)}
@@ -125,20 +125,21 @@ def test_the_paper_network_reaches_the_seam_from_random_parameters(solutions):
 def test_a_finger_of_the_curve_that_the_boundary_passes_over_counts():
     height, width = 0.2, 0.002
 
-    class Fingered:
-        """The unit circle with a finger too narrow for any node of the boundary."""
+    def fingered(order):
+        """A derivative of the unit circle with a finger too narrow for any node of the boundary."""
 
-        def point(self, s):
-            away = np.mod(s - 0.5021, 1.0)
-            finger = height * np.exp(-((np.minimum(away, 1 - away) / width) ** 2))
-            return np.stack([np.cos(2 * np.pi * s), np.sin(2 * np.pi * s), finger], axis=-1)
+        def at(s):
+            away = (np.mod(s - 0.5021 + 0.5, 1.0) - 0.5) / width
+            finger = (1, -2 * away / width, (4 * away**2 - 2) / width**2)[order] * height * np.exp(-(away**2))
+            circle = (2j * np.pi) ** order * np.exp(2j * np.pi * s)
+            return np.stack([circle.real, circle.imag, finger], axis=-1)
 
-        def derivative(self, s):
-            return (self.point(s + 1e-6) - self.point(s - 1e-6)) / 2e-6
+        return at
 
+    curve = ClosedCurve(point=fingered(0), derivative=fingered(1), second_derivative=fingered(2))
     disk = gallery.plane_disk().surface
     options = LevenbergMarquardt(nodes=16, polishing_steps=0, tolerance=1e-3)
-    result = train_by_levenberg_marquardt(Fingered(), start=disk, options=options)
+    result = train_by_levenberg_marquardt(curve, start=disk, options=options)
     assert result.status == "stopped"
     assert 0.8 * height < result.misfit.max < 1.01 * height
     plain = train_by_levenberg_marquardt(gallery.curves.ellipse(1.0), start=disk, options=options)
@@ -155,23 +156,26 @@ def test_networks_that_are_too_small_stop_with_the_reason(solutions):
 def test_polishing_brings_a_rough_fit_nearer(solutions):
     solution = solutions["twisted circle"]
     nodes = BoundaryNodes.on(solution.domain, 128, CPU)
-    curve = CurveAsTensors.of(solution.curve)
+    curve = CurveTensors.of(solution.curve, CPU)
     network = ComplexMLP(generator=torch.Generator().manual_seed(0))
     slide = torch.from_numpy(np.interp(nodes.t, *solution.matching.T, period=1))
     values = torch.from_numpy(solution.surface.spinors(nodes.z.numpy()))
-    distil(network, nodes.z, values, tolerance=1e-3, max_steps=40)
-    before = placed(nodes, network.value(nodes.z).detach(), slide, curve)
-    after = polish(network, nodes, slide, curve, tolerance=1e-9, max_steps=5)
+    far = Distillation(linear=network.linearised(nodes.z), values=values)
+    descend(network, nodes.z, far, damping=1e-6, tolerance=1e-3, max_steps=40)
+    before = Polish(linear=network.linearised(nodes.z), nodes=nodes, curve=curve, slide=slide, held=False)
+    assert before.rms == placed(nodes, network.value(nodes.z).detach(), slide, curve).rms
+    after = descend(network, nodes.z, before, damping=1e-6, tolerance=1e-9, max_steps=5)
     assert after.rms < before.rms / 20
 
 
 def test_polishing_takes_steps_back_that_overflow(monkeypatch):
     nodes = BoundaryNodes.on(PlaneDomain.disk(), 32, CPU)
-    curve = CurveAsTensors.of(CURVES["twisted circle"])
+    curve = CurveTensors.of(BoundaryCurve.from_formula(CURVES["twisted circle"]), CPU)
     network = ComplexMLP(generator=torch.Generator().manual_seed(0))
     before = network.value(nodes.z).detach()
-    monkeypatch.setattr(_NormalSystem, "step", lambda self, damping: torch.full((32, 2), 1e200, dtype=torch.complex128))
-    polish(network, nodes, nodes.t, curve, tolerance=1e-9, max_steps=3)
+    monkeypatch.setattr(Polish, "step", lambda self, damping: torch.full((32, 2), 1e200, dtype=torch.complex128))
+    fit = Polish(linear=network.linearised(nodes.z), nodes=nodes, curve=curve, slide=nodes.t, held=False)
+    descend(network, nodes.z, fit, damping=1e-6, tolerance=1e-9, max_steps=3)
     assert torch.equal(network.value(nodes.z), before)
 
 
@@ -180,7 +184,8 @@ def test_other_activations_are_distilled(activation):
     network = ComplexMLP(activation=activation, generator=torch.Generator().manual_seed(0))
     z = torch.from_numpy(np.exp(2j * np.pi * np.arange(64) / 64))
     values = torch.stack([1 / (z - 2), torch.exp(z)], dim=-1)
-    assert distil(network, z, values, tolerance=1e-6, max_steps=100) < 1e-6
+    fit = Distillation(linear=network.linearised(z), values=values)
+    assert descend(network, z, fit, damping=1e-6, tolerance=1e-6, max_steps=100).rms < 1e-6
     inside = 0.5 * z
     expected = torch.stack([1 / (inside - 2), torch.exp(inside)], dim=-1)
     # by the maximum principle, up to what happens between the points

@@ -1,19 +1,23 @@
 """The paper's Algorithm 1: it falls, goes on bit for bit from its checkpoints, and says when it diverges."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from spinor_geom import deadline
+from spinor_geom.domain.quadrature import rule
 from spinor_geom.errors import OptionError, StorageError
 from spinor_geom.gallery import curves
+from spinor_geom.holomorphic import ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.training import RMSprop, rmsprop, train_by_rmsprop
-from spinor_geom.plateau.training.rays import FORMS
-from spinor_geom.plateau.training.rmsprop import _Training
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
+from spinor_geom.training import RMSprop, rmsprop, train_by_rmsprop
+from spinor_geom.training.rays import FORMS, RayBoundary
+from spinor_geom.training.rmsprop import _Training
 
 CURVE = curves.twisted_circle()
 # a small network with large steps: the paper's takes an hour
@@ -57,12 +61,12 @@ def test_the_told_distance_is_that_of_the_surface(whole):
 
 
 def test_a_surface_that_has_collapsed_to_a_point_of_the_curve_is_far_from_it():
-    training = _Training.of(CURVE, SMALL, torch.device("cpu"))
+    training = _Training(BoundaryCurve.from_formula(CURVE), SMALL, torch.device("cpu"))
     with torch.no_grad():
         for parameter in training.boundary.network.parameters():
             parameter.zero_()
         training.boundary.constant.copy_(torch.tensor(CURVE.point(np.array(0.0))))
-    told = training._trained("finished", 0.0)
+    told = training._trained("finished", "all epochs were done", 0.0)
     gamma = CURVE.point(np.arange(4096) / 4096)
     away = np.linalg.norm(gamma - CURVE.point(np.array(0.0)), axis=1)
     speed = np.linalg.norm(CURVE.derivative(np.arange(4096) / 4096), axis=1)
@@ -96,7 +100,7 @@ def test_seconds_are_those_of_the_training_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(rmsprop.time, "perf_counter", lambda: clock[0])
     for name, seconds in (("_epoch", 1.0), ("_diverged", 100.0), ("save", 1000.0)):
         monkeypatch.setattr(rmsprop._Training, name, takes(seconds, getattr(rmsprop._Training, name)))
-    options = replace(SMALL, epochs=2, checkpoint=tmp_path / "state.safetensors", checkpoint_every=1)
+    options = replace(SMALL, epochs=2, checkpoint=tmp_path / "state.pt", checkpoint_every=1)
     first = train_by_rmsprop(CURVE, options=options)
     result = train_by_rmsprop(CURVE, options=replace(options, epochs=3))
     assert [step.seconds for step in result.history] == [1.0, 2.0, 3.0]
@@ -107,7 +111,7 @@ def test_seconds_are_those_of_the_training_alone(tmp_path, monkeypatch):
 def test_a_checkpoint_goes_on_bit_for_bit(tmp_path, precision):
     options = replace(SMALL, precision=precision, epochs=6)
     straight = train_by_rmsprop(CURVE, options=options)
-    path = tmp_path / "training.safetensors"
+    path = tmp_path / "training.pt"
     train_by_rmsprop(CURVE, options=replace(options, epochs=4, checkpoint=path, checkpoint_every=3))
     heard = []
     resumed = train_by_rmsprop(CURVE, options=replace(options, checkpoint=path), on_epoch=heard.append)
@@ -120,7 +124,7 @@ def test_a_checkpoint_goes_on_bit_for_bit(tmp_path, precision):
 
 
 def test_a_checkpoint_of_other_options_or_another_curve_is_refused(tmp_path):
-    path = tmp_path / "training.safetensors"
+    path = tmp_path / "training.pt"
     options = replace(SMALL, epochs=1, checkpoint=path)
     train_by_rmsprop(CURVE, options=options)
     with pytest.raises(StorageError, match=r"other options \(learning_rate, seed\)"):
@@ -129,19 +133,45 @@ def test_a_checkpoint_of_other_options_or_another_curve_is_refused(tmp_path):
         train_by_rmsprop(curves.twisted_circle(amplitude=0.201), options=options)
 
 
-@pytest.mark.parametrize("content", [b"", b"nonsense" * 9])
-def test_a_damaged_checkpoint_is_refused(tmp_path, content):
-    path = tmp_path / "training.safetensors"
+def test_a_damaged_checkpoint_is_refused(tmp_path):
+    path = tmp_path / "training.pt"
+    options = replace(SMALL, epochs=1, checkpoint=path)
+    train_by_rmsprop(CURVE, options=options)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3 : len(content) // 2] = b"?" * (len(content) // 2 - len(content) // 3)
     path.write_bytes(content)
     with pytest.raises(StorageError, match="cannot be read"):
-        train_by_rmsprop(CURVE, options=replace(SMALL, checkpoint=path))
+        train_by_rmsprop(CURVE, options=options)
 
 
 def test_a_file_of_something_else_is_refused(tmp_path, whole):
-    path = tmp_path / "surface.safetensors"
-    whole.surface.save(path)
-    with pytest.raises(StorageError, match="not a checkpoint"):
-        train_by_rmsprop(CURVE, options=replace(SMALL, checkpoint=path))
+    for name, write in {
+        "nothing": lambda path: path.write_bytes(b""),
+        "bytes": lambda path: path.write_bytes(b"nonsense" * 9),
+        "surface": whole.surface.save,
+        "module": lambda path: torch.save(whole.surface.state_dict(), path),
+    }.items():
+        write(tmp_path / name)
+        with pytest.raises(StorageError, match="not a checkpoint"):
+            train_by_rmsprop(CURVE, options=replace(SMALL, checkpoint=tmp_path / name))
+
+
+def test_a_checkpoint_runs_nothing(tmp_path):
+    class Runs:
+        def __reduce__(self):
+            return (Path.touch, (tmp_path / "ran",))
+
+    torch.save({"format": Runs()}, tmp_path / "training.pt")
+    with pytest.raises(StorageError, match="cannot be read"):
+        train_by_rmsprop(CURVE, options=replace(SMALL, checkpoint=tmp_path / "training.pt"))
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_time_that_was_up_is_said_to_be_the_reason():
+    with deadline.time_limit(1e-9):
+        result = train_by_rmsprop(CURVE, options=SMALL)
+    assert (result.status, result.history) == ("stopped", ())
+    assert "the time was up" in result.reason
 
 
 @pytest.mark.parametrize("learning_rate", [0.5, 1e3])
@@ -172,13 +202,17 @@ def test_weierstrass_enneper_is_trained_the_same_way():
 
 
 @pytest.mark.parametrize("name", FORMS)
-def test_forms_are_null_and_have_the_right_derivative(name):
-    form, step = FORMS[name], 1e-6
-    a, b, da, db = torch.randn(4, 9, dtype=torch.complex128, generator=torch.Generator().manual_seed(0))
-    null = form.phi(a, b)
-    assert float((null * null).sum(-1).abs().max()) < 1e-12 * float(null.abs().max()) ** 2
-    difference = (form.phi(a + step * da, b + step * db) - form.phi(a - step * da, b - step * db)) / (2 * step)
-    torch.testing.assert_close(form.derivative(a, b, da, db), difference, rtol=1e-7, atol=1e-7)
+def test_a_boundary_that_moves_has_the_derivatives_of_its_own_curve(name):
+    network = ComplexMLP(depth=2, width=5, generator=torch.Generator().manual_seed(0))
+    boundary = RayBoundary(network, np.zeros(3), name, rule("gauss", 40))
+    s, step = torch.linspace(0, 1, 9, dtype=torch.float64)[:-1].requires_grad_(), 1e-6
+    with torch.no_grad():
+        (r0, v0), (r1, v1) = (boundary.point_and_velocity(s + way * step) for way in (-1, 1))
+        for told, own in zip(boundary.moved_with(s), boundary.point_and_velocity(s), strict=True):
+            torch.testing.assert_close(told, own, rtol=0, atol=1e-14)
+    for told, other in zip(boundary.moved_with(s), ((r1 - r0) / (2 * step), (v1 - v0) / (2 * step)), strict=True):
+        (by_s,) = torch.autograd.grad(told[:, 0].sum(), s, retain_graph=True)
+        torch.testing.assert_close(by_s, other[:, 0], rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 import os
+import pickle
 import time
+import zipfile
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -21,26 +24,29 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.errors import OptionError, StorageError
+from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.training.checkpoint import read_checkpoint, write_checkpoint
-from spinor_geom.plateau.training.curve import ClosedCurve, CurveAsTensors
-from spinor_geom.plateau.training.homeomorphism import CircleHomeomorphism
-from spinor_geom.plateau.training.losses import boundary_loss
-from spinor_geom.plateau.training.rays import FORMS, RayBoundary
-from spinor_geom.plateau.training.result import Status, Trained, TrainingStep
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.solution import Iteration, PlateauSolution
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
+from spinor_geom.training.boundary import as_boundary_curve, diagonal_of, move_to
+from spinor_geom.training.homeomorphism import CircleHomeomorphism
+from spinor_geom.training.rays import FORMS, RayBoundary
+from spinor_geom.training.result import Status, Trained, TrainingStep, continuing
 
+# of files with the state of a training
+_FORMAT = "spinor_geom.training 2"
 # a loss so many times that of the first epoch is no training any more
 _GROWTH = 1e3
-# an epoch helps where its loss is below the best by this share
-_GAIN = 1e-3
 # points of ∂Ω and of Γ between which the boundary error is measured
 _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192
+# its rates suit curves of the paper's size: a solver's Γ gets the diagonal of the unit circle's bounding box
+_DIAGONAL = 2 * math.sqrt(2)
 _DTYPES = {"double": torch.complex128, "single": torch.complex64}
-# points of the curve that its centre is taken from
-_CENTER_POINTS = 1024
 # points by which a checkpoint knows its curve, and the largest distance, in diagonals, between those of the same one
 _COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
 # options that a checkpoint goes on from whatever they were
@@ -92,6 +98,7 @@ class RMSprop:
     seed: int = 0
     checkpoint: str | os.PathLike[str] | None = None
     checkpoint_every: int = 10
+    takes_start: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Raises OptionError for values out of range."""
@@ -115,9 +122,24 @@ class RMSprop:
             if value not in choices:
                 raise OptionError(f"unknown {name} {value!r}; choose one of: {', '.join(choices)}")
 
+    def disk(
+        self,
+        curve: BoundaryCurve,
+        *,
+        start: PlateauSolution | None,
+        device: torch.device,
+        on_iteration: Callable[[Iteration], None] | None,
+    ) -> Found:
+        """A minimal disk over a curve at unit size, from random parameters; see `plateau.trained_route.Trainer`."""
+        assert start is None
+        history: list[Iteration] = []
+        larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
+        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=continuing(history, on_iteration))
+        return trained.as_disk(curve, history, scale=1 / _DIAGONAL)
+
 
 def train_by_rmsprop(
-    curve: ClosedCurve,
+    curve: BoundaryCurve | ClosedCurve,
     *,
     options: RMSprop | None = None,
     device: str | torch.device = "cpu",
@@ -132,7 +154,7 @@ def train_by_rmsprop(
     or off the origin the other settings have to follow.
 
     Args:
-        curve: Γ; Γ′ is needed for tangents, Γ″ only where ρ parametrises Φ and tangents count.
+        curve: Γ.
         options: of the training.
         device: where it runs.
         on_epoch: called after each epoch.
@@ -142,63 +164,44 @@ def train_by_rmsprop(
         grow without end are a `status`, not an error.
 
     Raises:
+        CurveError: the formulas are not those of a smooth closed curve.
         StorageError: the checkpoint cannot be read, or is of a training with other options or on another curve.
 
     Source: Sun & Chern (2026), Algorithm 1.
     """
-    training = _Training.of(curve, options or RMSprop(), torch.device(device))
+    training = _Training(as_boundary_curve(curve), options or RMSprop(), torch.device(device))
     if training.path is not None and training.path.exists():
         training.restore(training.path)
     return training.run(on_epoch)
 
 
-@dataclass(kw_only=True, eq=False)
 class _Training:
     """The networks, their optimisers, the random numbers, and the epochs so far."""
 
-    curve: CurveAsTensors
-    options: RMSprop
-    device: torch.device
-    boundary: RayBoundary
-    homeomorphism: CircleHomeomorphism
-    optimizers: dict[str, torch.optim.RMSprop]
-    random: torch.Generator
-    history: list[TrainingStep] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, curve: ClosedCurve, options: RMSprop, device: torch.device) -> _Training:
-        random = torch.Generator().manual_seed(options.seed)
+    def __init__(self, curve: BoundaryCurve, options: RMSprop, device: torch.device) -> None:
+        self.options, self.device = options, device
+        self.random = torch.Generator().manual_seed(options.seed)
         network = ComplexMLP(
             depth=options.depth,
             width=options.width,
             activation=options.activation,
             gain=options.gain,
-            generator=random,
+            generator=self.random,
             dtype=_DTYPES[options.precision],
-            device=device,
         )
-        homeomorphism = CircleHomeomorphism(generator=random, device=device)
-        center = curve.point(np.arange(_CENTER_POINTS) / _CENTER_POINTS).mean(axis=0)
-        constant = torch.nn.Parameter(torch.tensor(center, dtype=torch.float64, device=device))
-        nodes, weights = (torch.tensor(a, device=device) for a in rule(options.quadrature, options.order))
-        return cls(
-            curve=CurveAsTensors.of(curve),
-            options=options,
-            device=device,
-            boundary=RayBoundary(
-                network=network,
-                constant=constant,
-                form=FORMS[options.representation],
-                nodes=nodes,
-                weights=weights,
-            ),
-            homeomorphism=homeomorphism,
-            optimizers={
-                "surface": torch.optim.RMSprop([*network.parameters(), constant], lr=options.learning_rate),
-                "homeomorphism": torch.optim.RMSprop(homeomorphism.parameters(), lr=options.learning_rate),
-            },
-            random=random,
-        )
+        self.homeomorphism = CircleHomeomorphism(generator=self.random).to(device)
+        self.gamma = curve.point(np.arange(_CURVE_POINTS) / _CURVE_POINTS)
+        self.boundary = RayBoundary(
+            network, self.gamma.mean(axis=0), options.representation, rule(options.quadrature, options.order)
+        ).to(device)
+        self.diagonal = diagonal_of(curve)
+        self.curve = CurveTensors.of(curve, device)
+        self.modules = torch.nn.ModuleDict({"surface": self.boundary, "homeomorphism": self.homeomorphism})
+        self.optimizers = {
+            name: torch.optim.RMSprop(module.parameters(), lr=options.learning_rate)
+            for name, module in self.modules.items()
+        }
+        self.history: list[TrainingStep] = []
 
     @property
     def path(self) -> Path | None:
@@ -208,37 +211,34 @@ class _Training:
     # --- Algorithm 1 --------------------------------------------------------------------------------------------------
 
     def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
-        """Epochs until the last one, no better loss, or a divergence."""
+        """Epochs until the last one, no better loss, no more time, or a divergence."""
+        options = self.options
         seconds = self.history[-1].seconds if self.history else 0.0
-        status: Status = "finished"
         for index in itertools.count(len(self.history) + 1):
-            if self._has_patience_run_out() or is_out_of_time():
-                status = "stopped"
-                break
-            if index > self.options.epochs:
-                break
+            if self._has_patience_run_out():
+                return self._trained("stopped", f"{options.patience} epochs brought no better loss", seconds)
+            if index > options.epochs:
+                return self._trained("finished", "all epochs were done", seconds)
+            if is_out_of_time():
+                return self._trained("stopped", "the time was up", seconds)
             begin = time.perf_counter()
-            state = self._parameters()
+            before = copy.deepcopy(self.modules.state_dict())
             loss = self._epoch()
             # what is only measured or saved is no part of the training
             seconds += time.perf_counter() - begin
             if self._diverged(loss):
-                self._set_parameters(state)
-                status = "diverged"
-                break
+                self.modules.load_state_dict(before)
+                told = "the loss became infinite, NaN or far larger than at first; the surface is that of the epoch "
+                return self._trained("diverged", f"{told}before, take a smaller learning rate", seconds)
             step = TrainingStep(
-                index=index,
-                method="rmsprop",
-                loss=loss,
-                boundary_error=self._misfit().max,
-                seconds=seconds,
+                index=index, method="RMSprop", loss=loss, boundary_error=self._misfit().max, seconds=seconds
             )
             self.history.append(step)
-            if self.path is not None and (index % self.options.checkpoint_every == 0 or index == self.options.epochs):
+            if self.path is not None and (index % options.checkpoint_every == 0 or index == options.epochs):
                 self.save(self.path)
             if on_epoch is not None:
                 on_epoch(step)
-        return self._trained(status, seconds)
+        raise AssertionError  # counting never ends
 
     def _epoch(self) -> float:
         """One pass over newly drawn samples; the mean of the surface's losses."""
@@ -251,11 +251,10 @@ class _Training:
             self._update("homeomorphism", self._homeomorphism_loss(circle_points))
         return float(torch.stack(losses).mean())
 
-    def _update(self, which: Literal["surface", "homeomorphism"], loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
-        optimizer = self.optimizers[which]
-        optimizer.zero_grad(set_to_none=True)
+    def _update(self, name: str, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
+        self.optimizers[name].zero_grad()
         loss.backward()  # type: ignore[no-untyped-call] # torch leaves it untyped
-        optimizer.step()
+        self.optimizers[name].step()
         return loss.detach()
 
     def _slide(self, t: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
@@ -265,34 +264,26 @@ class _Training:
 
     def _surface_loss(self, t: Float[Tensor, " n"]) -> Float[Tensor, ""]:
         with torch.no_grad():
-            point, tangent = self.curve.point_and_derivative(self._slide(t))
-        position, velocity = self.boundary.point_and_velocity(t)
-        return boundary_loss(position, velocity, point, tangent, tangent_weight=self.options.tangent_weight)
+            onto = self.curve.point_and_derivative(self._slide(t))
+        return boundary_loss(self.boundary.point_and_velocity(t), onto, tangent_weight=self.options.tangent_weight)
 
     def _homeomorphism_loss(self, t: Float[Tensor, " n"]) -> Float[Tensor, ""]:
         if self.options.homeomorphism == "inverse":
-            with torch.no_grad():
-                point, tangent = self.curve.point_and_derivative(t)
-            position, velocity = self.boundary.moved_with(self.homeomorphism(t))
+            of, onto = self.boundary.moved_with(self.homeomorphism(t)), self.curve.point_and_derivative(t)
         else:
             with torch.no_grad():
-                position, velocity = self.boundary.point_and_velocity(t)
-            point, tangent = self.curve.point_and_derivative(self.homeomorphism(t))
-        return boundary_loss(position, velocity, point, tangent, tangent_weight=self.options.tangent_weight)
+                of = self.boundary.point_and_velocity(t)
+            onto = self.curve.point_and_derivative(self.homeomorphism(t))
+        return boundary_loss(of, onto, tangent_weight=self.options.tangent_weight)
 
     def _diverged(self, loss: float) -> bool:
+        finite = all(bool(parameter.isfinite().all()) for parameter in self.modules.parameters())
         first = self.history[0].loss if self.history else math.inf
-        finite = all(bool(tensor.isfinite().all()) for tensor in self._parameters().values())
-        return not math.isfinite(loss) or not finite or loss > _GROWTH * first
+        return not finite or not math.isfinite(loss) or loss > _GROWTH * first
 
     def _has_patience_run_out(self) -> bool:
-        if self.options.patience is None:
-            return False
-        best, since = math.inf, 0
-        for step in self.history:
-            since = 0 if step.loss < (1 - _GAIN) * best else since + 1
-            best = min(best, step.loss) if since == 0 else best
-        return since >= self.options.patience
+        losses, patience = [step.loss for step in self.history], self.options.patience
+        return patience is not None and bool(losses) and len(losses) - int(np.argmin(losses)) > patience
 
     def _misfit(self) -> Misfit:
         """Distance between the boundary and Γ, the larger of both ways: neither passes over a part of the other."""
@@ -302,50 +293,32 @@ class _Training:
         if not np.isfinite(r).all():
             return Misfit(rms=math.inf, max=math.inf, max_per_local_edge=math.inf, length=math.nan)
         dense = np.arange(_CURVE_POINTS) / _CURVE_POINTS
-        gamma = self.curve.curve.point(dense)
-        polygon = np.column_stack([np.interp(dense, np.append(t.cpu().numpy(), 1.0), np.append(x, x[0])) for x in r.T])
-        arcs = _arcs(gamma)
+        polygon = np.column_stack([np.interp(dense, t.cpu().numpy(), x, period=1.0) for x in r.T])
+        to_curve, nearest = cKDTree(self.gamma).query(r)
+        to_boundary, arcs = cKDTree(polygon).query(self.gamma)[0], _arcs(self.gamma)
         length = float(arcs.sum())
-        to_curve, nearest = cKDTree(gamma).query(r)
-        to_boundary = cKDTree(polygon).query(gamma)[0]
-        ways = []
-        for way in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs)):
-            away, slide, weights = (torch.as_tensor(part) for part in way)
-            ways.append(Misfit.from_distances(away, slide, weights, self.curve, length=length))
-        return Misfit(
-            rms=max(way.rms for way in ways),
-            max=max(way.max for way in ways),
-            max_per_local_edge=max(way.max_per_local_edge for way in ways),
-            length=length,
-        )
+        ways = [
+            Misfit.from_distances(*(torch.as_tensor(part).to(self.device) for part in way), self.curve, length=length)
+            for way in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs))
+        ]
+        largest = {name: max(getattr(way, name) for way in ways) for name in ("rms", "max", "max_per_local_edge")}
+        return Misfit(**largest, length=length)
 
     # --- state --------------------------------------------------------------------------------------------------------
 
-    def _parameters(self) -> dict[str, Tensor]:
-        named = {
-            **{f"network/{name}": p for name, p in self.boundary.network.named_parameters()},
-            **{f"homeomorphism/{name}": p for name, p in self.homeomorphism.named_parameters()},
-            "constant": self.boundary.constant,
-        }
-        return {name: parameter.detach().clone() for name, parameter in named.items()}
-
-    def _set_parameters(self, state: dict[str, Tensor]) -> None:
-        with torch.no_grad():
-            for name, parameter in self.boundary.network.named_parameters():
-                parameter.copy_(state[f"network/{name}"])
-            for name, parameter in self.homeomorphism.named_parameters():
-                parameter.copy_(state[f"homeomorphism/{name}"])
-            self.boundary.constant.copy_(state["constant"])
-
     def save(self, path: Path) -> None:
         """Writes parameters, optimisers, random numbers, some points of the curve, options and history."""
-        tensors = {**self._parameters(), "random": self.random.get_state(), "curve": self._some_of_curve()}
-        for which, optimizer in self.optimizers.items():
-            for index, state in optimizer.state_dict()["state"].items():
-                tensors |= {f"{which}/{index}/{name}": torch.as_tensor(value) for name, value in state.items()}
-        write_checkpoint(
-            path, tensors, {"options": self._own_options(), "history": [asdict(step) for step in self.history]}
-        )
+        state = {
+            "format": _FORMAT,
+            "options": self._own_options(),
+            "curve": self._some_of_curve(),
+            "modules": self.modules.state_dict(),
+            "optimizers": {name: optimizer.state_dict() for name, optimizer in self.optimizers.items()},
+            "random": self.random.get_state(),
+            "history": [asdict(step) for step in self.history],
+        }
+        with atomic_path(path) as temporary:
+            torch.save(state, temporary)
 
     def restore(self, path: Path) -> None:
         """Takes the state that `save` wrote.
@@ -353,73 +326,88 @@ class _Training:
         Raises:
             StorageError: the file cannot be read, or is of a training with other options or on another curve.
         """
-        tensors, description = read_checkpoint(path)
-        own, saved = self._own_options(), description["options"]
-        different = sorted(name for name in own if own[name] != saved.get(name))
-        if different:
+        state = _read_state(path)
+        own = self._own_options()
+        different = sorted(name for name in own if own[name] != state["options"].get(name))
+        other = f"other options ({', '.join(different)})" if different else ""
+        if not different and float((state["curve"] - self._some_of_curve()).abs().max()) > _SAME_CURVE * self.diagonal:
+            other = "another curve"
+        if other:
             raise StorageError(
-                f"{path} is of a training with other options ({', '.join(different)}); remove it to train from the "
-                "start",
-                path=str(path),
+                f"{path} is of a training with {other}; remove it to train from the start", path=str(path)
             )
-        away = float((tensors["curve"] - self._some_of_curve()).abs().max())
-        if away > _SAME_CURVE * self.curve.diagonal:
-            raise StorageError(
-                f"{path} is of a training on another curve; remove it to train from the start", path=str(path)
-            )
-        self._set_parameters(tensors)
-        self.random.set_state(tensors["random"])
-        for which, optimizer in self.optimizers.items():
-            state = optimizer.state_dict()
-            for name, tensor in tensors.items():
-                if name.startswith(f"{which}/") and name.count("/") == 2:
-                    _, index, key = name.split("/")
-                    if index.isdigit():
-                        state["state"].setdefault(int(index), {})[key] = tensor
-            optimizer.load_state_dict(state)
-        self.history = [TrainingStep(**step) for step in description["history"]]
+        self.modules.load_state_dict(state["modules"])
+        for name, optimizer in self.optimizers.items():
+            optimizer.load_state_dict(state["optimizers"][name])
+        self.random.set_state(state["random"])
+        self.history = [TrainingStep(**step) for step in state["history"]]
 
     def _own_options(self) -> dict[str, Any]:
         """Options that the state depends on: more epochs, or another patience, go on from the same one."""
         return {name: value for name, value in asdict(self.options).items() if name not in _FREE}
 
     def _some_of_curve(self) -> Float[Tensor, "k 3"]:
-        return torch.as_tensor(self.curve.curve.point(np.arange(_COMPARED_POINTS) / _COMPARED_POINTS))
+        return torch.tensor(self.gamma[:: _CURVE_POINTS // _COMPARED_POINTS])
 
-    def _trained(self, status: Status, seconds: float) -> Trained:
-        options, boundary = self.options, self.boundary
-        domain = PlaneDomain.disk()
+    def _trained(self, status: Status, reason: str, seconds: float) -> Trained:
+        boundary, domain = self.boundary, PlaneDomain.disk()
         surface: SpinorSurface | WeierstrassSurface
-        if options.representation == "spinor":
+        if self.options.representation == "spinor":
             surface = SpinorSurface(boundary.network, domain).to(self.device)
-            # the constant is r(0), the surface's is at its root
-            with torch.no_grad():
-                surface.constant.copy_(boundary.constant)
-                away = torch.as_tensor(surface.position(np.zeros(1, dtype=np.complex128))[0]).to(boundary.constant)
-                surface.constant.add_(boundary.constant - away)
+            move_to(surface, torch.zeros(1, dtype=torch.complex128), boundary.constant[None])
         else:
             surface = WeierstrassSurface(boundary.network, domain, boundary.constant)
         misfit = self._misfit()
         t = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=self.device) / _BOUNDARY_POINTS
         with torch.no_grad():
             slide = self._slide(t)
-        reasons = {
-            "finished": "all epochs were done",
-            "stopped": f"{options.patience} epochs brought no better loss",
-            "diverged": "the loss became infinite, NaN or far larger than at first; the surface is that of the epoch "
-            "before, take a smaller learning rate",
-        }
         return Trained(
             surface=surface,
-            matching=np.column_stack([t.cpu().numpy(), slide.cpu().numpy()]),
+            matching=torch.stack([t, slide], dim=-1).cpu().numpy(),
             misfit=misfit,
-            diagonal=self.curve.diagonal,
+            diagonal=self.diagonal,
             history=tuple(self.history),
             status=status,
-            reason=f"{reasons[status]}; largest distance from the curve {misfit.max / self.curve.diagonal:.1e} of its "
-            f"diagonal after {len(self.history)} epochs",
+            reason=f"{reason}; largest distance from the curve {misfit.max / self.diagonal:.1e} of its diagonal after "
+            f"{len(self.history)} epochs",
             seconds=seconds,
         )
+
+
+def boundary_loss(
+    of: tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]],
+    onto: tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]],
+    *,
+    tangent_weight: float,
+) -> Float[Tensor, ""]:
+    """L_distance + λ L_tangent of two closed curves, as the mean over samples of ∫ |x − y|² + λ(1 − v·w/(|v||w|)) dt.
+
+    Args:
+        of: points x of the one curve, in units of space, and its velocities v there.
+        onto: those of the other.
+        tangent_weight: λ.
+
+    Source: Sun & Chern (2026), losses of the boundary.
+    """
+    (x, v), (y, w) = of, onto
+    distance = (x - y).square().sum(-1).mean()
+    if not tangent_weight:
+        return distance
+    return distance + tangent_weight * (1 - torch.nn.functional.cosine_similarity(v, w, dim=-1)).mean()
+
+
+def _read_state(path: Path) -> dict[str, Any]:
+    """What `_Training.save` wrote."""
+    try:
+        # only what torch itself writes is looked into
+        state = torch.load(path, map_location="cpu", weights_only=True) if zipfile.is_zipfile(path) else None
+    except (OSError, RuntimeError, pickle.UnpicklingError) as error:
+        raise StorageError(f"{path} cannot be read as a checkpoint: {error}", path=str(path)) from error
+    if not isinstance(state, dict) or state.get("format") != _FORMAT:
+        raise StorageError(
+            f"{path} is not a checkpoint of this version; remove it to train from the start", path=str(path)
+        )
+    return state
 
 
 def _arcs(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:

@@ -1,0 +1,104 @@
+"""Integrals of φ from ∂Ω to many points inside Ω, by Cauchy's formula."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.spatial import cKDTree
+
+from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.plane_domain import Boundary, panel_breaks
+from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
+
+# Gauss-Legendre nodes on a panel, and its longest length by the distance from the nearest point: the formula's kernel
+# then leaves 1e-10 of the values.
+_ORDER, _LONGEST = 16, 2.5
+# Halvings of a panel: a point as near to ∂Ω as rounding allows must not ask for endless panels.
+_HALVINGS = 40
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RimPrimitive:
+    """∫ φ dz along one boundary of Ω.
+
+    Attributes:
+        panels: on the boundary.
+        velocity: φ dz/dt at their nodes.
+        primitive: ∫ φ dz from the boundary's start to the nodes.
+        at_breaks: to the panels' ends; the last is ∮ φ dz.
+    """
+
+    panels: Panels
+    velocity: Complex[np.ndarray, "n 3"]
+    primitive: Complex[np.ndarray, "n 3"]
+    at_breaks: Complex[np.ndarray, "b 3"]
+
+    @classmethod
+    def along(
+        cls,
+        boundary: Boundary,
+        phi: Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]],
+        order: int,
+        breaks: Float[np.ndarray, " b"] | None = None,
+    ) -> RimPrimitive:
+        """Of φ as a function, by panels with so many nodes between some breaks, or those of `panel_breaks`."""
+        panels = Panels.on(boundary, panel_breaks(boundary) if breaks is None else breaks, order)
+        velocity = phi(panels.z) * panels.dz[:, None]
+        by_panel = velocity.reshape(-1, order, 3)
+        total = (panels.weights.reshape(-1, order, 1) * by_panel).sum(axis=1)
+        at_breaks = np.concatenate([np.zeros((1, 3)), np.cumsum(total, axis=0)])
+        inner = np.diff(panels.breaks)[:, None, None] * (panels.cumulative @ by_panel)
+        primitive = (at_breaks[:-1, None] + inner).reshape(-1, 3)
+        return cls(panels=panels, velocity=velocity, primitive=primitive, at_breaks=at_breaks)
+
+    @property
+    def area(self) -> float:
+        """½∮ r·Im(φ dz) with r = 0 at the start."""
+        return 0.5 * float(np.einsum("n,nk,nk->", self.panels.weights, self.primitive.real, self.velocity.imag))
+
+    def inside(self, z: Complex[np.ndarray, " k"]) -> Complex[np.ndarray, "k 3"]:
+        """∫ φ dz from the start to points inside a boundary without holes."""
+        # Cauchy's formula over that for 1: near ∂Ω their errors are nearly the same
+        strengths = np.column_stack([self.primitive, np.ones(len(self.primitive))])
+        strengths *= (self.panels.weights * self.panels.dz)[:, None]
+        sums = cauchy_sums(self.panels.z, strengths, z)
+        return np.asarray(sums[:, :3] / sums[:, 3:])
+
+
+def breaks_for(boundary: Boundary, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " b"]:
+    """Ends of panels on a boundary that are short enough for Cauchy's formula at points inside it."""
+    tree = cKDTree(plane_coordinates(z))
+    breaks = panel_breaks(boundary)
+    for _ in range(_HALVINGS):
+        middle = (breaks[1:] + breaks[:-1]) / 2
+        ends, halfway = boundary.point(breaks), boundary.point(middle)
+        at_ends, at_middle = (np.asarray(tree.query(plane_coordinates(w))[0]) for w in (ends, halfway))
+        length = np.abs(halfway - ends[:-1]) + np.abs(ends[1:] - halfway)
+        nearest = np.minimum(np.minimum(at_ends[1:], at_ends[:-1]), at_middle)
+        long = length > _LONGEST * nearest
+        if not long.any():
+            break
+        breaks = np.sort(np.append(breaks, middle[long]))
+    return breaks
+
+
+def displacements(
+    boundary: Boundary,
+    phi: Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]],
+    z: Complex[np.ndarray, " k"],
+) -> Float[np.ndarray, "k 3"]:
+    """Re ∫ φ dz from the start of a boundary to points inside it, to 1e-10 of the largest.
+
+    Args:
+        boundary: of Ω, which has no holes.
+        phi: as a function.
+        z: inside Ω.
+
+    Source: Cauchy's integral formula, by panels that the distances of the points from ∂Ω choose, for all points at once
+    by a fast multipole method.
+    """
+    return RimPrimitive.along(boundary, phi, _ORDER, breaks_for(boundary, z)).inside(z).real

@@ -1,0 +1,240 @@
+"""Levenberg-Marquardt for complex-valued networks: p and q are distilled, then the distance from Γ is polished."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.errors import OptionError
+from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.network import interpolate_matching
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.solution import Iteration, PlateauSolution
+from spinor_geom.plateau.threads import one_thread
+from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.training.boundary import BoundaryNodes, as_boundary_curve, diagonal_of, move_to, placed
+from spinor_geom.training.descent import Distillation, Polish, descend
+from spinor_geom.training.result import Trained, TrainingStep, continuing
+
+# damping at the start, as a share of the mean diagonal entry of J Jᴴ: near to what is sought, and from random numbers
+_NEAR, _FAR = 1e-6, 1e-1
+# points between the nodes at which the distance is told, and how many times larger than at the nodes it may be
+_POINTS_PER_NODE, _BETWEEN = 4, 3.0
+_MOST_NODES = 512
+# deeper networks that start from random parameters are calmer at first: their gain is this over the depth
+_DEEP, _GAIN_ALONE = 3, 8.0
+# shares of the tolerance at which distillation (r is quadratic in p and q, so errors double) and polishing stop
+_DISTILLED, _POLISHED = 0.1, 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevenbergMarquardt:
+    """Second-order training of a `ComplexMLP`.
+
+    Attributes:
+        depth: hidden layers; 10 for the paper's network.
+        width: units in each; 20 for the paper's network.
+        activation: an entire function.
+        seed: of the network's first parameters.
+        nodes: on ∂Ω at first; where the boundary leaves Γ between them they are doubled.
+        tolerance: largest distance from Γ, in diagonals of its bounding box, at which training stops.
+        distillation_steps: most steps towards given p and q.
+        polishing_steps: most steps on the distance from Γ itself, for each number of nodes.
+    """
+
+    depth: int = 3
+    width: int = 20
+    activation: ActivationName = "exp"
+    seed: int = 0
+    nodes: int = 128
+    tolerance: float = 1e-6
+    distillation_steps: int = 100
+    polishing_steps: int = 100
+    takes_start: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Raises OptionError for values out of range."""
+        if self.nodes < 8 or self.distillation_steps < 0 or self.polishing_steps < 0 or not self.tolerance > 0:
+            raise OptionError(
+                "nodes must be at least 8, numbers of steps not negative and the tolerance positive, got "
+                f"{self.nodes}, {self.distillation_steps}, {self.polishing_steps} and {self.tolerance}"
+            )
+
+    def disk(
+        self,
+        curve: BoundaryCurve,
+        *,
+        start: PlateauSolution | None,
+        device: torch.device,
+        on_iteration: Callable[[Iteration], None] | None,
+    ) -> Found:
+        """A minimal disk over a curve at unit size; see `plateau.trained_route.Trainer`."""
+        history = [] if start is None else list(start.history)
+        unit = None
+        if start is not None:
+            loop = start.loop
+            unit = start.surface.transform(scale=1 / loop.diagonal, translation=-loop.centroid / loop.diagonal)
+        trained = train_by_levenberg_marquardt(
+            curve,
+            start=unit,
+            matching=None if start is None else start.matching,
+            options=self,
+            device=device,
+            on_step=continuing(history, on_iteration),
+        )
+        return trained.as_disk(curve, history)
+
+
+def train_by_levenberg_marquardt(
+    curve: BoundaryCurve | ClosedCurve,
+    *,
+    start: SpinorSurface | None = None,
+    matching: Float[np.ndarray, "n 2"] | None = None,
+    options: LevenbergMarquardt | None = None,
+    device: str | torch.device = "cpu",
+    on_step: Callable[[TrainingStep], None] | None = None,
+) -> Trained:
+    """A network whose surface has its boundary on Γ, from p and q of another surface or from random parameters.
+
+    Args:
+        curve: Γ.
+        start: a surface near to the one that is sought; none starts from random parameters on the unit disk.
+        matching: (n, 2), increasing pairs (t, s) of parameters of ∂Ω and of Γ for the start; none takes s = t.
+        options: of the network and its training.
+        device: where the linear algebra runs; the surface is returned there.
+        on_step: called after each step.
+
+    Returns:
+        The surface, with its largest distance from Γ at four points a node; pieces of Γ that it passes over count.
+
+    Raises:
+        CurveError: the formulas are not those of a smooth closed curve.
+
+    Source: Sun & Chern (2026) for the network; Levenberg (1944) and Marquardt (1963) for the steps.
+    """
+    with one_thread():
+        training = _Training(as_boundary_curve(curve), start, options or LevenbergMarquardt(), device, on_step)
+        return training.run(np.zeros((1, 2)) if matching is None else np.asarray(matching))
+
+
+class _Training:
+    """One curve, its network, and the steps so far."""
+
+    def __init__(
+        self,
+        curve: BoundaryCurve,
+        start: SpinorSurface | None,
+        options: LevenbergMarquardt,
+        device: str | torch.device,
+        on_step: Callable[[TrainingStep], None] | None,
+    ) -> None:
+        self.begin = time.perf_counter()
+        self.start, self.options, self.on_step = start, options, on_step
+        self.device = torch.device(device)
+        self.domain = PlaneDomain.disk() if start is None else start.domain
+        self.network = ComplexMLP.on(
+            self.domain,
+            depth=options.depth,
+            width=options.width,
+            activation=options.activation,
+            gain=_GAIN_ALONE / options.depth if start is None and options.depth > _DEEP else None,
+            generator=torch.Generator().manual_seed(options.seed),
+            device=self.device,
+        )
+        # Γ at the size of Ω: p and q of size 1 whatever its own size
+        self.diagonal = diagonal_of(curve)
+        self.scale = self.domain.diameter / self.diagonal
+        self.curve = CurveTensors.of(curve.placed(self.scale * curve.coefficients[-1], self.scale), self.device)
+        self.history: list[TrainingStep] = []
+
+    def run(self, matching: Float[np.ndarray, "n 2"]) -> Trained:
+        """Distils, polishes, and doubles the nodes while the boundary leaves Γ between them."""
+        count = self.options.nodes
+        while True:
+            nodes = BoundaryNodes.on(self.domain, count, self.device)
+            slide = self._slide(matching, nodes)
+            if self.start is not None:
+                self._distil(nodes, self.start)
+            elif count == self.options.nodes:
+                self._polish(nodes, slide, held=True)
+            near = self._polish(nodes, slide, held=False).near
+            matching = np.column_stack([nodes.t.cpu().numpy(), near.slide.cpu().numpy()])
+            misfit = self._misfit(matching, len(nodes.t))
+            met = misfit.max <= self.options.tolerance * self.domain.diameter
+            swings = misfit.max > _BETWEEN * float(near.error.norm(dim=1).max())
+            if met or not swings or 2 * count > _MOST_NODES:
+                break
+            count *= 2
+        to_space = torch.eye(2, dtype=torch.complex128, device=self.device) / self.scale**0.5
+        surface = SpinorSurface(self.network, self.domain, spinor_map=to_space).to(self.device)
+        move_to(surface, nodes.z, near.position / self.scale)
+        limit = "within the tolerance" if met else "more steps help no more; a wider network, or other nodes, may"
+        return Trained(
+            surface=surface,
+            matching=matching,
+            misfit=misfit.enlarged(1 / self.scale),
+            diagonal=self.diagonal,
+            history=tuple(self.history),
+            status="converged" if met else "stopped",
+            reason=f"largest distance from the curve {misfit.max / self.domain.diameter:.1e} of its diagonal after "
+            f"{len(self.history)} steps: {limit}",
+            seconds=time.perf_counter() - self.begin,
+        )
+
+    def _distil(self, nodes: BoundaryNodes, start: SpinorSurface) -> None:
+        values = torch.as_tensor(start.spinors(nodes.z.cpu().numpy()), device=self.device) * self.scale**0.5
+        descend(
+            self.network,
+            nodes.z,
+            Distillation(linear=self.network.linearised(nodes.z), values=values),
+            damping=_NEAR,
+            tolerance=_DISTILLED * self.options.tolerance,
+            max_steps=self.options.distillation_steps,
+            on_step=partial(self._hear, "distillation"),
+        )
+
+    def _polish(self, nodes: BoundaryNodes, slide: Float[Tensor, " n"], *, held: bool) -> Polish:
+        linear = self.network.linearised(nodes.z)
+        return descend(
+            self.network,
+            nodes.z,
+            Polish(linear=linear, nodes=nodes, curve=self.curve, slide=slide, held=held),
+            damping=_FAR if held else _NEAR,
+            tolerance=_POLISHED * self.options.tolerance * self.domain.diameter,
+            max_steps=self.options.polishing_steps,
+            on_step=partial(self._hear, "polishing"),
+        )
+
+    def _slide(self, matching: Float[np.ndarray, "n 2"], nodes: BoundaryNodes) -> Float[Tensor, " n"]:
+        return torch.as_tensor(interpolate_matching(matching, nodes.t.cpu().numpy()), device=self.device)
+
+    def _misfit(self, matching: Float[np.ndarray, "n 2"], count: int) -> Misfit:
+        """The distance between the nodes, both ways: what of Γ the boundary passes over counts too."""
+        dense = BoundaryNodes.on(self.domain, _POINTS_PER_NODE * count, self.device)
+        with torch.no_grad():
+            near = placed(dense, self.network.value(dense.z), self._slide(matching, dense), self.curve)
+        return Misfit.of(near.position, near.slide, self.curve)
+
+    def _hear(self, method: Literal["distillation", "polishing"], loss: float) -> None:
+        step = TrainingStep(
+            index=len(self.history) + 1,
+            method=method,
+            loss=loss if method == "distillation" else loss / self.scale,
+            boundary_error=None,
+            seconds=time.perf_counter() - self.begin,
+        )
+        self.history.append(step)
+        if self.on_step is not None:
+            self.on_step(step)
