@@ -15,14 +15,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.claims import claims
 from spinor_geom.bench.figures import Figure
 from spinor_geom.bench.isolate import Record
 from spinor_geom.bench.machine import is_older
-from spinor_geom.bench.page import table_of
+from spinor_geom.bench.page import table_of, write_text
 from spinor_geom.bench.pieces import pieces_of, scale_of
 from spinor_geom.bench.runner import read_records
-from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS, known_kind
+from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS
 from spinor_geom.bench.tables import OLDER, Table, filler_table, kind_table, method_name
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.topology import boundary_edges
@@ -31,12 +32,9 @@ from spinor_geom.render.portrait import Portrait
 HERE = Path(__file__).parent
 README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
 BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end -->"
-COLOURS, SIDE, EYE = 128, 220, (0.0, -2.0, 1.3)
-POINTS = (64, 128, 256)
-# what makes two records one measurement
-SAME = ("suite", "case", "method", "n")
-# what a run tells of its machine, and what is too long for a table
-LEFT_OUT = ("told", "expected")
+COLOURS, SIDE, EYE, POINTS = 128, 220, (0.0, -2.0, 1.3), (64, 128, 256)
+SAME = ("suite", "case", "method", "n")  # of two records makes them one measurement
+LEFT_OUT = ("told", "expected")  # too long for a table
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -50,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             draw(folders)
     before, rest = README.read_text(encoding="utf-8").split(BEGIN)
     text = "\n\n".join(map(str, page_tables(read_all())))
-    write(README, f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
+    write_text(README, f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
 
 
 def publish(records: Sequence[Record]) -> None:
@@ -59,20 +57,16 @@ def publish(records: Sequence[Record]) -> None:
         whole = {key(r): r for r in read(suite)}
         for record in records:
             if record["suite"] == suite and record["status"] != "missing":
-                short = {name: rounded(value) for name, value in record.items() if name not in LEFT_OUT}
+                kept = {name: value for name, value in record.items() if name not in LEFT_OUT}
+                short = {name: float(f"{v:.4g}") if isinstance(v, float) else v for name, v in kept.items()}
                 short["case"] = record["case"].rpartition("/")[2]
                 whole[key(short)] = short
-        write(HERE / f"{suite}.csv", table_of(list(whole.values())))
+        write_text(HERE / f"{suite}.csv", table_of(list(whole.values())))
 
 
 def key(record: Record) -> tuple[object, ...]:
     """What makes a record another one."""
     return tuple(record.get(name) for name in SAME)
-
-
-def rounded(value: object) -> object:
-    """Numbers to four digits."""
-    return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def read_all() -> list[Record]:
@@ -141,7 +135,7 @@ def suite_row(suite: str, records: Sequence[Record], found: Sequence[Figure]) ->
 
 
 def disk_table(disks: Sequence[Record]) -> Table:
-    """Ours on smooth cases beside uniform discrete surfaces: the surface in three samplings, and meshes of like sizes."""
+    """Ours on smooth cases beside uniform discrete surfaces: three samplings, and meshes of like sizes."""
     of = {(r["case"], r["n"], r["method"]): r for r in disks}
     rows = []
     for (case, n, method), mine in of.items():
@@ -208,12 +202,6 @@ def draw(folders: Sequence[Path]) -> None:
         whole.paste(strip, (0, SIDE * place))
     with atomic_path(PICTURE) as temporary:
         whole.quantize(COLOURS).save(temporary, format="PNG", optimize=True)
-
-
-def write(path: Path, text: str) -> None:
-    """Writes a text file so that it is either whole or as it was."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -127,11 +127,12 @@ SAMPLED = tuple(
 """The smooth ones with points that a formula's parameter does not favour."""
 
 
-def base_name(name: str) -> str:
-    """The name of a case without its sampling."""
-    return name.partition("@")[0]
+def known_kind(name: str) -> Kind:
+    """Whether a known case is smooth, has corners or is plane."""
+    return KNOWN[base][0] if (base := name.partition("@")[0]) in KNOWN else "smooth"
 
 
+@lru_cache(maxsize=4)
 def known_case(name: str) -> Case:
     """The case of a name; "NAME@even" and "NAME@uneven" are smooth ones in that sampling.
 

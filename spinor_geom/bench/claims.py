@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import median
 
-from spinor_geom.bench.cases import KNOWN
+from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.cut_outs import HEIGHTS
-from spinor_geom.bench.figures import Figure, Kind, Limit, most
+from spinor_geom.bench.figures import Figure, Kind, Limit
 from spinor_geom.bench.fillers import OUR_FILLERS, OURS, SMOOTH
 from spinor_geom.bench.holes import NOISY
 from spinor_geom.bench.isolate import Record
@@ -36,7 +36,7 @@ ROUNDING = 1e-15
 # milder ones; shares of both that are within; seconds
 WITHIN, SHARP, MILD_SHARE, SHARP_SHARE, FILL_SECONDS, SLOWEST_FILL = 1e-3, 130.0, 0.95, 0.6, 0.15, 1.0
 NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}
-MESH_SHARE, MESH_SECONDS = 0.9, {"bunny_scan.ply": 5.0, "rangemap_lato000.ply": 15.0, "spot_cut.obj": 4.0}
+MESH_SHARE = 0.9  # of the loops of mesh files, within a hundredth of an edge
 # of random curves: within a hundredth of an edge; median distances without noise and with it, in edges
 RANDOM_SHARE, RANDOM_MEDIAN, RANDOM_NOISY_MEDIAN = 0.98, 1e-6, 2e-3
 RATE, SPEED_UP, GROWTH = 6.0, 1.8, 1.1  # of batches: loops a second, of two workers, of the driver's memory
@@ -75,15 +75,15 @@ def _disks(case: str, here: list[Record]) -> list[Figure]:
     if not ours:
         return []
     found: list[Figure] = []
-    kind = KNOWN[case][0] if case in KNOWN else "smooth"
+    kind = known_kind(case)
     if kind == "smooth":
         found += _beside_baselines(case, ours, here)
         found.append(_digits(case, ours))
     if kind == "plane":
-        found += _at_most("disks", case, "error of the area", [r["area_error"] for r in ours], PLANE_AREA)
+        found += _at_Limit("disks", case, "error of the area", [r["area_error"] for r in ours], PLANE_AREA)
     values = [r["exact_curvature_median"] for r in ours if r.get("exact_curvature_median") is not None]
     text = "median exact |H| per diameter"
-    found += _at_most("disks", case, text, values or [math.nan], CURVATURE)
+    found += _at_Limit("disks", case, text, values or [math.nan], CURVATURE)
     text = "every disk keeps the rim bit-equal and leaves no edge open"
     return [*found, _all("disks", case, text, ours, _closed_disk)]
 
@@ -148,7 +148,7 @@ def _fillers(case: str, here: list[Record]) -> list[Figure]:
             share, limit = mine["seconds"] / other["seconds"], REFERENCE_SHARE[mine["n"]]
             text = f"whole fill of {mine['n']} points in at most {limit:g} times the seconds of {REFERENCE}"
             found.append(_judged("fills", case, text, f"{share:.2f} times", share <= limit, "time"))
-    if case not in KNOWN or KNOWN[case][0] != "plane":
+    if known_kind(case) != "plane":
         found += _nearer("fills", case, ours, here)
     return found
 
@@ -203,7 +203,7 @@ def _continued(done: list[Record]) -> list[Figure]:
             least[r["case"]] = min(least.get(r["case"], math.inf), r["distance"])
 
     def limited(case: str, text: str, values: Sequence[float], limit: float) -> None:
-        found.extend(_at_most("cut-outs", case, text, values, limit))
+        found.extend(_at_Limit("cut-outs", case, text, values, limit))
 
     for height, limit in CAP_DISTANCES.items():
         text = f"new vertices of caps above z = {height:g}, root mean square distance from the unit sphere,"
@@ -229,7 +229,7 @@ def _on_scans(done: list[Record], least: Mapping[str, float]) -> list[Figure]:
     ratio = median(mine.values()) / min(theirs)
     return [
         _share("cut-outs", "scans", "nearer than every other filler", won, NEAREST),
-        *_at_most("cut-outs", "scans", "median distance by the best other filler's", [ratio], SCAN_SHARE),
+        *_at_Limit("cut-outs", "scans", "median distance by the best other filler's", [ratio], SCAN_SHARE),
     ]
 
 
@@ -238,8 +238,8 @@ def _noisy(done: list[Record]) -> list[Figure]:
     for record in (r for r in done if r["method"] == OURS and r["case"] in NOISY):
         noise, points = NOISY[record["case"]]
         within = WITHIN if noise < 0.2 else 1e-2
-        found.append(most("residual_per_edge", "RMS residual, in mean edges,", within).of(record))
-        found.append(most("seconds", "seconds", NOISY_SECONDS[points], "time").of(record))
+        found.append(Limit("residual_per_edge", "RMS residual, in mean edges,", within).of(record))
+        found.append(Limit("seconds", "seconds", NOISY_SECONDS[points], "time").of(record))
     return found
 
 
@@ -254,8 +254,8 @@ def _films(cut_outs: list[Record]) -> list[Figure]:
         if met:
             found.append(_share("cut-outs", name, f"films within {WITHIN:g} of an edge", met, share))
     seconds = [r["seconds"] for r in rims]
-    found += _at_most("cut-outs", "films", "seconds, median,", [median(seconds)], FILL_SECONDS, "time")
-    return [*found, *_at_most("cut-outs", "films", "seconds", seconds, SLOWEST_FILL, "time")]
+    found += _at_Limit("cut-outs", "films", "seconds, median,", [median(seconds)], FILL_SECONDS, "time")
+    return [*found, *_at_Limit("cut-outs", "films", "seconds", seconds, SLOWEST_FILL, "time")]
 
 
 def _residual(record: Record) -> float:
@@ -274,15 +274,10 @@ def _meshes(done: list[Record]) -> list[Figure]:
         return []
     loops, near = (sum(r[name] for r in ours) for name in ("rims", "within_1e-2"))
     text = f"at least {MESH_SHARE:.0%} of the loops within 1e-2 of an edge"
-    found = [
+    return [
         _judged("meshes", "all meshes", text, f"{near} of {loops}", near >= MESH_SHARE * loops),
         _all("meshes", "all meshes", "loops that are left open say why", ours, lambda r: not r.get("unexplained")),
     ]
-    for r in ours:
-        name = r["case"].rpartition("/")[2]
-        if name in MESH_SECONDS:
-            found += _at_most("meshes", name, "seconds", [r["seconds"]], MESH_SECONDS[name], "time")
-    return found
 
 
 def _random(records: Sequence[Record]) -> list[Figure]:
@@ -300,7 +295,7 @@ def _random(records: Sequence[Record]) -> list[Figure]:
         chosen = [v for name, v in rms.items() if int(name.rpartition(" ")[2]) % 2 == (noise != "without noise")]
         if chosen:
             text = f"median RMS distance from Γ, in mean edges, {noise}"
-            found += _at_most("curves", case, text, [median(chosen)], limit)
+            found += _at_Limit("curves", case, text, [median(chosen)], limit)
     return found
 
 
@@ -319,8 +314,8 @@ def _batch(done: list[Record]) -> list[Figure]:
         found.append(_judged("batch", whole["case"], text, f"{ratio:.3g}", met, "time"))
     if few and many:
         ratio = many["driver_mib"] / few["driver_mib"]
-        found += _at_most("batch", many["case"], "times the driver's memory", [ratio], GROWTH)
-    same = Limit(field="equal", name="equal to the last bit", value=True)
+        found += _at_Limit("batch", many["case"], "times the driver's memory", [ratio], GROWTH)
+    same = Limit("equal", "equal to the last bit", True)
     return found + [same.of(r) for r in done if r.get("equal") is not None]
 
 
@@ -329,7 +324,7 @@ def _share(suite: str, case: str, text: str, met: Sequence[bool], share: float) 
     return _judged(suite, case, f"{text}, at least {share:.0%}", measured, sum(met) >= share * len(met))
 
 
-def _at_most(
+def _at_Limit(
     suite: str, case: str, text: str, values: Sequence[float], limit: float, kind: Kind = "accuracy"
 ) -> list[Figure]:
     """A limit that all values have to keep; nothing where there is none."""

@@ -30,7 +30,7 @@ class Figure:
     kind: Kind = "accuracy"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Limit:
     """What a field of a record has to be.
 
@@ -64,8 +64,3 @@ class Limit:
         return Figure(
             suite=record["suite"], case=record["case"], text=self.text, measured=measured, met=met, kind=self.kind
         )
-
-
-def most(field: str, name: str, value: float, kind: Kind = "accuracy") -> Limit:
-    """An upper limit."""
-    return Limit(field=field, name=name, value=value, kind=kind)

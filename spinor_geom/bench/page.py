@@ -35,11 +35,11 @@ def write(run: Run) -> None:
     """Writes all files of a run beside its records, each whole or not at all."""
     made = tables(run.records)
     pictures = plots(run.records)
-    _text(run.folder / TABLES, markdown(run, made))
-    _text(run.folder / CSV, table_of(run.records))
+    write_text(run.folder / TABLES, markdown(run, made))
+    write_text(run.folder / CSV, table_of(run.records))
     (run.folder / PLOTS).mkdir(exist_ok=True)
     images = {name: _drawn(figure, run.folder / PLOTS / f"{name}.png") for name, figure in pictures.items()}
-    _text(run.folder / PAGE, report(run, made, images))
+    write_text(run.folder / PAGE, report(run, made, images))
 
 
 def markdown(run: Run, made: Sequence[Table]) -> str:
@@ -129,6 +129,7 @@ def _drawn(figure: Figure, path: Path) -> bytes:
     return path.read_bytes()
 
 
-def _text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
+    """Writes a text file so that it is either whole or as it was."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.spatial.distance import pdist
 
 from spinor_geom import gallery
-from spinor_geom.bench.figures import Limit, most
+from spinor_geom.bench.figures import Limit
 from spinor_geom.bench.holes import catenoid_area
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments.timing import boundary_distance
@@ -143,18 +143,18 @@ def null_error(solution: PlateauSolution) -> float:
 
 
 def _met(tolerance: float) -> tuple[Limit, ...]:
-    return (most("rms_per_edge", "RMS distance from Γ, in mean edges,", tolerance), _CONVERGED)
+    return (Limit("rms_per_edge", "RMS distance from Γ, in mean edges,", tolerance), _CONVERGED)
 
 
 def _area(error: float) -> Limit:
-    return most("area_error", "error of the area", error)
+    return Limit("area_error", "error of the area", error)
 
 
 def _seconds(limit: float) -> Limit:
-    return most("seconds", "seconds", limit, "time")
+    return Limit("seconds", "seconds", limit, "time")
 
 
-_CONVERGED = Limit(field="converged", name="converged", value=True)
+_CONVERGED = Limit("converged", "converged", True)
 
 
 def _curves() -> Iterator[Solve]:
@@ -166,7 +166,7 @@ def _curves() -> Iterator[Solve]:
         return Solve(suite="curves", name=name, subject=subject, limits=limits, options=options, disks=curve.disks)
 
     for curve in (gallery.twisted_circle(), gallery.tennis_seam(0.8), gallery.tennis_seam(0.75)):
-        verdict = Limit(field="verdict", name="verdict", value="stable, index 0")
+        verdict = Limit("verdict", "verdict", "stable, index 0")
         yield case(curve, 128, 1e-8, *_met(1e-8), _area(1e-6), verdict)
     for ratio, n in ((2.0, 100), (4.0, 100), (8.0, 100), (16.0, 200), (32.0, 400)):
         yield case(gallery.ellipse(ratio, 0.3), n, 1e-8, *_met(1e-8))
@@ -184,7 +184,7 @@ def _curves() -> Iterator[Solve]:
     yield case(gallery.schwarz_d_quadrilateral(), 96, 1e-8, _area(1e-9))
     yield case(gallery.schwarz_d_hexagon(), 144, 1e-8, _area(1e-8))
     yield case(gallery.schwarz_p_hexagon(), 144, 1e-8, _area(1e-8))
-    near = most("rms_per_diameter", "RMS distance from Γ, in diameters,", 1e-5)
+    near = Limit("rms_per_diameter", "RMS distance from Γ, in diameters,", 1e-5)
     for curve, n in ((gallery.l_shape(), 64), (gallery.l_shape(rise=0.25), 64), (gallery.zigzag_rim(20), 100)):
         yield case(curve, n, 1e-4, near, _CONVERGED)
 
@@ -215,7 +215,7 @@ def _noisy(curve: KnownCurve, n: int, noise: float, seed: int) -> BoundaryLoop:
 def _rims() -> Iterator[Solve]:
     """Two rims: catenoids, rings, and rims that crowd, tilt and shake."""
     whole = partial(Solve, suite="rims")
-    annulus = Limit(field="annulus", name="an annulus is found", value=True)
+    annulus = Limit("annulus", "an annulus is found", True)
     for h in HEIGHTS:
         pair, disks = (ring(1.0, h), ring(1.0, -h)), (KnownDisk(area=catenoid_area(h)),)
         for way, subject, error in (
@@ -225,9 +225,9 @@ def _rims() -> Iterator[Solve]:
             limits = annulus, _area(error), _seconds(0.1)
             yield whole(name=f"catenoid h = {h:g} {way}", subject=subject, limits=limits, disks=disks)
     for h in TOO_FAR:
-        none = Limit(field="annulus", name="an annulus is found", value=False)
+        none = Limit("annulus", "an annulus is found", False)
         pair, disks = (ring(1.0, h), ring(1.0, -h)), (KnownDisk(area=2 * np.pi),)
-        disks_area = most("area_error", "error of the two disks' area", 1e-12)
+        disks_area = Limit("area_error", "error of the two disks' area", 1e-12)
         subject = partial(_same, pair)
         yield whole(name=f"circles h = {h:g}", subject=subject, limits=(none, disks_area), disks=disks)
     for name, pair, area in (
@@ -252,7 +252,7 @@ def _rims() -> Iterator[Solve]:
             for noise in (0.0, 0.1, 0.2)
         ),
     ):
-        yield whole(name=name, subject=subject, limits=(most("rms_per_edge", "RMS residual, in mean edges,", 1e-3),))
+        yield whole(name=name, subject=subject, limits=(Limit("rms_per_edge", "RMS residual, in mean edges,", 1e-3),))
 
 
 def ring(
@@ -298,7 +298,7 @@ def _speed() -> Iterator[Solve]:
             name = f"{curve.name} at {n} points, timed"
             yield Solve(suite="speed", name=name, subject=partial(curve.sample, n), limits=limits)
     for n, seconds in ROUGH_SECONDS.items():
-        limits = _seconds(seconds), *_met(1e-2), most("memory_mib", "peak memory in MiB", 6144)
+        limits = _seconds(seconds), *_met(1e-2), Limit("memory_mib", "peak memory in MiB", 6144)
         name = f"{ellipse.name} at {n} points, 15% noise, timed"
         subject = partial(_noisy, ellipse, n, 0.15, 0)
         yield Solve(suite="speed", name=name, subject=subject, limits=limits, options={"tolerance": 1e-2})
@@ -309,7 +309,7 @@ def _paper() -> Iterator[Solve]:
     circle, tame, seam = gallery.twisted_circle(), gallery.tennis_seam(0.8), gallery.tennis_seam(0.75)
 
     def near(error: float) -> Limit:
-        return most("max_per_diagonal", "largest distance from Γ, in diagonals,", error)
+        return Limit("max_per_diagonal", "largest distance from Γ, in diagonals,", error)
 
     for curve, disk, which, keep in (
         (circle, circle.disks[0], "", True),
@@ -317,7 +317,7 @@ def _paper() -> Iterator[Solve]:
         (seam, seam.disks[-1], ", symmetric disk", True),
         (seam, seam.disks[0], ", stable disk", False),
     ):
-        null = most("null_error", "largest |φ·φ| by the largest |φ|²", 1e-13)
+        null = Limit("null_error", "largest |φ·φ| by the largest |φ|²", 1e-13)
         # leaving an unstable disk is a second solve, of twice as many nodes
         limits = near(1e-13), null, _area(1e-13), *([_seconds(0.1)] if keep else [])
         yield Solve(

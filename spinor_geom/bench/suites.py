@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from spinor_geom.bench.batches import BATCHES
-from spinor_geom.bench.cases import KNOWN, SAMPLED
+from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTHEST
@@ -140,11 +140,6 @@ def _disks(settings: Settings, _: Path) -> Iterator[Task]:
                     yield _task("disks", name, case, settings.repeat, n=n)
 
 
-def known_kind(case: str) -> str:
-    """Whether a known case is smooth, has corners or is plane."""
-    return KNOWN[case][0] if case in KNOWN else "smooth"
-
-
 def _fills(settings: Settings, _: Path) -> Iterator[Task]:
     """Known rims in a collar, filled by ours and by peers."""
     for name in FILLERS:
@@ -164,12 +159,9 @@ def _cut_outs(settings: Settings, folder: Path) -> Iterator[Task]:
     """Pieces cut out of known surfaces and scans, filled by what continues a mesh smoothly."""
     cases = QUICK_CUT_OUTS if settings.few else (*CAPS, *WINDOWS, *scan_names(settings.data))
     data = None if settings.data is None else str(settings.data)
-    for task in _each("cut-outs", cases, dict.fromkeys((*SMOOTHEST, *_fillers(settings))), 1, data=data):
+    named = [name for name in settings.methods if name in FILLERS]
+    for task in _each("cut-outs", cases, dict.fromkeys((*SMOOTHEST, *named)), 1, data=data):
         yield {**task, "view": str(folder / VIEWS / task["case"]) if task["case"] in PICTURED else None}
-
-
-def _fillers(settings: Settings) -> list[str]:
-    return [name for name in settings.methods if name in FILLERS]
 
 
 def _meshes(settings: Settings, _: Path) -> Iterator[Task]:

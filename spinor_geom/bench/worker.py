@@ -8,7 +8,6 @@ import importlib.util
 import statistics
 import time
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -66,11 +65,12 @@ def _solve(task: Task) -> Record:
 
 
 def _span(task: Task) -> Record:
+    from spinor_geom.bench.cases import known_case
     from spinor_geom.bench.limit import points_limit
     from spinor_geom.bench.measure import disk_figures
     from spinor_geom.bench.methods import LOOP_METHODS
 
-    case = _case(task["case"])
+    case = known_case(task["case"])
     loop, method = case.loop(task["n"]), LOOP_METHODS[task["method"]]
     timed, spanned = _timed(lambda: None, lambda _: method.span(loop), task["repeat"])
     figures = disk_figures(spanned, loop, case)
@@ -80,6 +80,8 @@ def _span(task: Task) -> Record:
 
 
 def _fill(task: Task) -> Record:
+    from spinor_geom.bench.cases import known_case
+    from spinor_geom.bench.cut_outs import named_cut_out
     from spinor_geom.bench.fillers import FILLERS
     from spinor_geom.bench.holes import file_hole, hole_over, named_hole
     from spinor_geom.bench.measure import cut_out_figures, cut_out_views, hole_figures
@@ -87,10 +89,10 @@ def _fill(task: Task) -> Record:
 
     name, case, cut_out = task["case"], None, None
     if task["suite"] == "cut-outs":
-        cut_out = _cut_out(name, task["data"])
+        cut_out = named_cut_out(name, None if task["data"] is None else Path(task["data"]))
         hole = cut_out.hole
     elif task["suite"] == "fills":
-        case = _case(name)
+        case = known_case(name)
         hole = hole_over(name, case.loop(task["n"]), case.area)
     else:
         hole = file_hole(Path(name)) if task["suite"] == "meshes" else named_hole(name)
@@ -131,21 +133,6 @@ def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) 
         "seconds_all": counted,
         "memory_mib": peak_memory(),
     }, answer
-
-
-@lru_cache(maxsize=4)
-def _case(name: str) -> Any:
-    from spinor_geom.bench.cases import known_case
-
-    return known_case(name)
-
-
-# every scan's disks are asked for by one tool after the other
-@lru_cache(maxsize=128)
-def _cut_out(name: str, data: str | None) -> Any:
-    from spinor_geom.bench.cut_outs import named_cut_out
-
-    return named_cut_out(name, None if data is None else Path(data))
 
 
 def _keep(path: str, vertices: Any, faces: Any, fields: dict[str, Any]) -> None:

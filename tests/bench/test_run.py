@@ -10,7 +10,7 @@ import pytest
 
 from spinor_geom.bench import page, runner, suites, tables, worker
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims
-from spinor_geom.bench.figures import most
+from spinor_geom.bench.figures import Limit
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.runner import DESCRIPTION, RECORDS, Run, measure
 from spinor_geom.bench.suites import SUITES, Settings, case_name, chosen_tasks
@@ -212,7 +212,7 @@ def test_rows_of_ours_tell_when_the_code_has_changed_since():
 
 
 def test_limits_are_kept_or_missed():
-    limit = most("rms_per_edge", "RMS", 1e-6)
+    limit = Limit("rms_per_edge", "RMS", 1e-6)
     record = {"suite": "curves", "case": "c", "status": "done"}
     for value, met in ((1e-7, True), (2e-6, False), (math.nan, False), (None, False)):
         assert limit.of({**record, "rms_per_edge": value}).met is met
