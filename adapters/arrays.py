@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.adapters.extending import check_extension, extend_mesh, fitting_index_dtype
+from spinor_geom.adapters.extending import check_extension, fitting_index_dtype, grown_attributes
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -22,13 +22,13 @@ class TriangleMeshAdapter:
         return obj
 
     def extend(self, obj: TriangleMesh, extension: MeshExtension) -> TriangleMesh:
-        """The mesh with the extension appended.
-
-        Raises:
-            VertexIndexError: a new face names a vertex that neither of them has.
-            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
-        """
-        return extend_mesh(obj, extension)
+        """The mesh with the extension appended."""
+        return TriangleMesh(
+            np.concatenate([obj.vertices, extension.vertices]),
+            np.concatenate([obj.faces, extension.faces]),
+            vertex_attributes=grown_attributes(obj.vertex_attributes, extension, vertices=len(obj.vertices)),
+            labels=obj.labels,
+        )
 
 
 class ArrayPairAdapter:
@@ -38,13 +38,7 @@ class ArrayPairAdapter:
     types = ("pair of numpy.ndarray",)
 
     def to_mesh(self, obj: tuple[np.ndarray, np.ndarray] | list[np.ndarray]) -> TriangleMesh:
-        """The mesh of the two arrays.
-
-        Raises:
-            MeshShapeError: V is not (n, 3) real numbers or F not (m, 3) integers.
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-            VertexIndexError: a face names a vertex that does not exist.
-        """
+        """The mesh of the two arrays."""
         vertices, faces = obj
         return TriangleMesh(np.asarray(vertices), np.asarray(faces))
 
@@ -53,9 +47,6 @@ class ArrayPairAdapter:
 
         Both arrays keep their dtype (new positions are rounded to it), unless it cannot hold what is added: integer
         positions become float64, and index types too narrow for the new indices are widened.
-
-        Raises:
-            VertexIndexError: a new face names a vertex that neither of them has.
         """
         vertices, faces = (np.asarray(member) for member in obj)
         check_extension(extension, vertices=len(vertices), attributes={})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -42,31 +43,21 @@ def check_extension(extension: MeshExtension, *, vertices: int, attributes: Mapp
             )
 
 
-def extend_mesh(mesh: TriangleMesh, extension: MeshExtension) -> TriangleMesh:
-    """The mesh with the extension's vertices, faces and attributes appended.
+def grown_attributes(
+    carried: Mapping[str, np.ndarray], extension: MeshExtension, *, vertices: int
+) -> dict[str, np.ndarray]:
+    """The attributes (V, ...) of a mesh of `vertices` vertices, followed by an extension's in their own dtypes.
 
     Raises:
-        VertexIndexError: a new face names a vertex that neither of them has.
-        MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
+        VertexIndexError: a face names a vertex that neither of them has.
+        MeshShapeError: an attribute is missing in the extension or has another width.
     """
-    widths = {name: values.shape[1] for name, values in mesh.vertex_attributes.items()}
-    check_extension(extension, vertices=len(mesh.vertices), attributes=widths)
-    return TriangleMesh(
-        np.concatenate([mesh.vertices, extension.vertices]),
-        np.concatenate([mesh.faces, extension.faces]),
-        vertex_attributes={
-            name: np.concatenate([values, attribute_rows(extension, name, width=widths[name])])
-            for name, values in mesh.vertex_attributes.items()
-        },
-        labels=mesh.labels,
-    )
-
-
-def attribute_rows(extension: MeshExtension, name: str, *, width: int) -> Float[np.ndarray, "k {width}"]:
-    """The extension's values of one attribute, (K, width); no rows where it has no new vertices."""
-    if len(extension.vertices) == 0:
-        return np.zeros((0, width))
-    return extension.vertex_attributes[name]
+    widths = {name: columns(values).shape[1] for name, values in carried.items()}
+    check_extension(extension, vertices=vertices, attributes=widths)
+    rows = {name: np.zeros((0, width)) for name, width in widths.items()}
+    if len(extension.vertices):
+        rows |= extension.vertex_attributes
+    return {name: grown(values, rows[name]) for name, values in carried.items()}
 
 
 def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.ndarray:
@@ -81,7 +72,7 @@ def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.nda
     return np.asarray(np.clip(np.rint(np.nan_to_num(values)), float(limits.min), highest), dtype=dtype)
 
 
-def grown_attribute(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarray:
+def grown(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarray:
     """An attribute (V, ...) of any real dtype followed by new rows in its own dtype and trailing shape."""
     new = cast_values(rows, values.dtype).reshape(len(rows), *values.shape[1:])
     return np.concatenate([values, new])
@@ -98,9 +89,10 @@ def most_frequent_row(values: np.ndarray) -> np.ndarray:
     return values[[first[np.argmax(counts)]]]
 
 
-def real_columns(values: np.ndarray) -> Float[np.ndarray, "v c"]:
-    """An attribute (V, ...) of any real dtype as (V, k) float64."""
-    return values.reshape(len(values), -1).astype(np.float64)
+def columns(values: np.ndarray) -> Real[np.ndarray, "v c"]:
+    """An attribute (V, ...) of any real dtype as (V, k) numbers, truth values as 0 and 1."""
+    rows = values.reshape(len(values), math.prod(values.shape[1:]))
+    return rows.astype(np.float64) if rows.dtype.kind == "b" else rows
 
 
 def fitting_index_dtype(dtype: np.dtype[Any], faces: Int[np.ndarray, "t 3"]) -> np.dtype[Any]:
@@ -114,6 +106,17 @@ def fitting_index_dtype(dtype: np.dtype[Any], faces: Int[np.ndarray, "t 3"]) -> 
 def repeated(values: np.ndarray, count: int) -> np.ndarray:
     """Values (F, ...) at faces, followed by `count` times the one that occurs most often."""
     return np.concatenate([values, np.repeat(most_frequent_row(values), count, axis=0)])
+
+
+def real_attributes(arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Those of some arrays that hold real numbers or truth values."""
+    found = {name: np.asarray(values) for name, values in arrays.items()}
+    return {name: values for name, values in found.items() if values.dtype.kind in "biuf"}
+
+
+def triangles_of(vertices: np.ndarray, faces: np.ndarray, carried: Mapping[str, np.ndarray]) -> TriangleMesh:
+    """A mesh with attributes (V, ...) of any real dtype."""
+    return TriangleMesh(vertices, faces, vertex_attributes={name: columns(own) for name, own in carried.items()})
 
 
 def padded(values: Any, count: int) -> np.ndarray:

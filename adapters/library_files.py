@@ -9,6 +9,8 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
+_VTK = {".vtp": ("vtkIOXML", "vtkXMLPolyData"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObject")}
 _LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}
 
 
@@ -67,30 +70,19 @@ def require_library(suffix: str) -> None:
         require(package, extra="formats")
 
 
-def read_vtp(data: bytes, path: Path | None) -> FileContents:
-    """VTK's XML file of polygonal data: faces, points and lines, and all point data.
+def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
+    """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk).
 
-    Raises:
-        MeshFileError: VTK reports an error or a warning, or the mesh has triangle strips.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
-    """
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
-
-    mesh = _read_by_vtk(vtkXMLPolyDataReader(), data, path)
-    return _contents(mesh, path, source=LibrarySource(suffix=".vtp", held=mesh, encode=_vtp))
-
-
-def read_vtk(data: bytes, path: Path | None) -> FileContents:
-    """VTK's legacy file of polygonal data, or of an unstructured grid of faces.
+    Faces, points and lines, and all point data.
 
     Raises:
         MeshFileError: VTK reports an error or a warning, or what the file holds is no surface.
         NonFiniteVertexError: a coordinate is NaN or infinite.
     """
-    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
-
-    mesh = _read_by_vtk(vtkGenericDataObjectReader(), data, path)
-    return _contents(mesh, path, source=LibrarySource(suffix=".vtk", held=mesh, encode=_vtk))
+    mesh = _read_by_vtk(_vtk_class(suffix, "Reader"), data, path)
+    return _contents(
+        mesh, path, source=LibrarySource(suffix=suffix, held=mesh, encode=partial(_written, suffix=suffix))
+    )
 
 
 def read_3mf(data: bytes, path: Path | None) -> FileContents:
@@ -110,14 +102,9 @@ def read_3mf(data: bytes, path: Path | None) -> FileContents:
     return _contents(scene, path, source=LibrarySource(suffix=".3mf", held=scene, encode=_3mf))
 
 
-def encode_vtp(contents: FileContents) -> bytes:
-    """A new .vtp file with faces whole, curves as lines and all attributes as point data."""
-    return _vtp(_poly_data(contents))
-
-
-def encode_vtk(contents: FileContents) -> bytes:
-    """A new legacy .vtk file (binary), as `encode_vtp`."""
-    return _vtk(_poly_data(contents))
+def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
+    """A new .vtp or .vtk (binary) file with faces whole, curves as lines and all attributes as point data."""
+    return _written(_poly_data(contents), suffix=suffix)
 
 
 def encode_3mf(contents: FileContents) -> bytes:
@@ -180,26 +167,20 @@ def _read_by_vtk(reader: Any, data: bytes, path: Path | None) -> Any:
     return pyvista.wrap(reader.GetOutput())
 
 
-def _vtp(mesh: pyvista.PolyData) -> bytes:
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+def _vtk_class(suffix: str, kind: str) -> Any:
+    """A new reader or writer."""
+    module, name = _VTK[suffix]
+    return getattr(import_module(f"vtkmodules.{module}"), f"{name}{kind}")()
 
-    writer = vtkXMLPolyDataWriter()
+
+def _written(mesh: pyvista.PolyData | pyvista.UnstructuredGrid, *, suffix: str) -> bytes:
+    writer = _vtk_class(suffix, "Writer")
     writer.SetInputData(mesh)
+    if suffix == ".vtk":
+        writer.SetFileTypeToBinary()
     writer.SetWriteToOutputString(True)
     writer.Write()
-    return writer.GetOutputString().encode("utf-8")
-
-
-def _vtk(mesh: pyvista.PolyData | pyvista.UnstructuredGrid) -> bytes:
-    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectWriter
-
-    writer = vtkGenericDataObjectWriter()
-    writer.SetInputData(mesh)
-    writer.SetFileTypeToBinary()
-    writer.SetWriteToOutputString(True)
-    writer.Write()
-    data: Any = writer.GetOutputStdString()  # bytes, whatever its stubs say
-    return bytes(data)
+    return bytes(writer.GetOutputStdString() if suffix == ".vtk" else writer.GetOutputString().encode("utf-8"))
 
 
 def _3mf(scene: trimesh.Scene) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +13,9 @@ import numpy as np
 from jaxtyping import Int
 
 from spinor_geom.adapters.contents import Addition, FileContents, malformed, nonfinite_rows
-from spinor_geom.adapters.extending import attribute_rows, check_extension
+from spinor_geom.adapters.extending import grown_attributes
 from spinor_geom.adapters.glb import encode_glb, read_glb
-from spinor_geom.adapters.library_files import (
-    encode_3mf,
-    encode_vtk,
-    encode_vtp,
-    read_3mf,
-    read_vtk,
-    read_vtp,
-    require_library,
-)
+from spinor_geom.adapters.library_files import encode_3mf, encode_vtk, read_3mf, read_vtk, require_library
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, read_ply
@@ -41,8 +34,8 @@ FORMATS: dict[str, tuple[Callable[[bytes, Path | None], FileContents], Callable[
     ".stl": (read_stl, encode_stl),
     ".off": (read_off, encode_off),
     ".glb": (read_glb, encode_glb),
-    ".vtp": (read_vtp, encode_vtp),
-    ".vtk": (read_vtk, encode_vtk),
+    ".vtp": (partial(read_vtk, suffix=".vtp"), partial(encode_vtk, suffix=".vtp")),
+    ".vtk": (partial(read_vtk, suffix=".vtk"), partial(encode_vtk, suffix=".vtk")),
     ".3mf": (read_3mf, encode_3mf),
 }
 
@@ -111,17 +104,12 @@ class MeshFile(Shown):
             MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
         """
         old = self.contents
-        widths = {name: values.shape[1] for name, values in old.attributes.items()}
         first = len(old.vertices)
-        check_extension(extension, vertices=first, attributes=widths)
         contents = replace(
             old,
             vertices=np.concatenate([old.vertices, extension.vertices]),
             polygons=old.polygons.followed_by(extension.faces),
-            attributes={
-                name: np.concatenate([values, attribute_rows(extension, name, width=widths[name])])
-                for name, values in old.attributes.items()
-            },
+            attributes=grown_attributes(old.attributes, extension, vertices=first),
             representatives=np.append(old.representatives, np.arange(first, first + len(extension.vertices))),
         )
         return MeshFile.of_contents(contents, path=self.path, read_sizes=self.read_sizes)

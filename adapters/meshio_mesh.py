@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spinor_geom.adapters.extending import (
-    attribute_rows,
-    check_extension,
-    grown_attribute,
+    grown,
+    grown_attributes,
     most_frequent_row,
     padded,
-    real_columns,
+    real_attributes,
+    triangles_of,
 )
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.errors import MeshShapeError
@@ -39,43 +39,29 @@ class MeshioAdapter:
         Raises:
             MeshShapeError: the mesh is plane (two coordinates a point), or has cells that are neither faces nor points
                 nor lines.
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-            VertexIndexError: a face names a vertex that does not exist.
         """
-        vertices, carried = _points(obj).astype(np.float64), _carried(obj)
-        return TriangleMesh(
-            vertices,
-            _polygons(obj).triangulated(vertices)[0],
-            vertex_attributes={name: real_columns(values) for name, values in carried.items()},
-            labels=[name for name, values in carried.items() if values.dtype.kind in "iu"],
-        )
+        vertices = _points(obj).astype(np.float64)
+        return triangles_of(vertices, _polygons(obj).triangulated(vertices)[0], real_attributes(obj.point_data))
 
     def extend(self, obj: meshio.Mesh, extension: MeshExtension) -> meshio.Mesh:
         """A new mesh with the extension appended: its faces are a block of triangles of their own.
 
         Point sets, cell sets and field data are copied. New cells get the cell data that occur most often among faces;
         point data that are no real numbers get zeros or empty entries at new points.
-
-        Raises:
-            MeshShapeError: as for `to_mesh`, or an attribute is missing in the extension or has another width.
-            VertexIndexError: a new face names a vertex that neither of them has.
         """
         import meshio
 
         _polygons(obj)
-        points, carried = _points(obj), _carried(obj)
-        widths = {name: real_columns(values).shape[1] for name, values in carried.items()}
-        check_extension(extension, vertices=len(points), attributes=widths)
+        points = _points(obj)
+        attributes = grown_attributes(real_attributes(obj.point_data), extension, vertices=len(points))
         count = len(extension.faces)
         blocks = [(block.type, block.data) for block in obj.cells]
         is_face = [block.type in FACES for block in obj.cells]
         return meshio.Mesh(
-            points=grown_attribute(points, extension.vertices),
+            points=grown(points, extension.vertices),
             cells=[*blocks, ("triangle", extension.faces)],
             point_data={
-                name: grown_attribute(carried[name], attribute_rows(extension, name, width=widths[name]))
-                if name in carried
-                else padded(values, len(extension.vertices))
+                name: attributes[name] if name in attributes else padded(values, len(extension.vertices))
                 for name, values in obj.point_data.items()
             },
             cell_data={
@@ -107,11 +93,6 @@ def _polygons(mesh: meshio.Mesh) -> Polygons:
     return Polygons.of_sizes(
         np.concatenate([none, *(data.reshape(-1) for data in blocks)]), np.concatenate([none, *sizes])
     )
-
-
-def _carried(mesh: meshio.Mesh) -> dict[str, np.ndarray]:
-    arrays = {name: np.asarray(values) for name, values in mesh.point_data.items()}
-    return {name: values for name, values in arrays.items() if values.dtype.kind in "biuf"}
 
 
 def _likeliest(values: list[Any], count: int) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.extending import attribute_rows, check_extension, most_frequent_row
+from spinor_geom.adapters.extending import grown_attributes, repeated
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -31,7 +31,6 @@ class MeshSetAdapter:
 
         Raises:
             MeshShapeError: the set holds no mesh.
-            NonFiniteVertexError: a coordinate is NaN or infinite.
         """
         mesh = _current(obj)
         return TriangleMesh(mesh.vertex_matrix(), mesh.face_matrix(), vertex_attributes=_carried(mesh))
@@ -43,22 +42,12 @@ class MeshSetAdapter:
         coordinates are kept; new faces get the face colour and scalar that occur most often, and wedge texture
         coordinates (0, 0). What pymeshlab gives no way to copy is not: texture images, custom attributes, and which
         edges are diagonals of polygons.
-
-        Raises:
-            MeshShapeError: the set holds no mesh, or an attribute is missing in the extension.
-            VertexIndexError: a new face names a vertex that neither of them has.
         """
         import pymeshlab
 
         mesh = _current(obj)
         vertices = mesh.vertex_matrix()
-        carried = _carried(mesh)
-        widths = {name: values.shape[1] for name, values in carried.items()}
-        check_extension(extension, vertices=len(vertices), attributes=widths)
-        grown = {
-            name: np.concatenate([values, attribute_rows(extension, name, width=widths[name])])
-            for name, values in carried.items()
-        }
+        grown = grown_attributes(_carried(mesh), extension, vertices=len(vertices))
         arrays: dict[str, Any] = {}
         if "color" in grown:
             arrays["v_color_matrix"] = np.clip(grown["color"], 0.0, 1.0)
@@ -98,11 +87,9 @@ def _carried(mesh: pymeshlab.Mesh) -> dict[str, Float[np.ndarray, "v _"]]:
 def _grown_face_arrays(mesh: pymeshlab.Mesh, new_faces: int) -> dict[str, np.ndarray]:
     arrays = {}
     if mesh.has_face_color():
-        colors = mesh.face_color_matrix()
-        arrays["f_color_matrix"] = np.concatenate([colors, np.repeat(most_frequent_row(colors), new_faces, axis=0)])
+        arrays["f_color_matrix"] = repeated(mesh.face_color_matrix(), new_faces)
     if mesh.has_face_scalar():
-        scalars = mesh.face_scalar_array()
-        arrays["f_scalar_array"] = np.concatenate([scalars, np.repeat(most_frequent_row(scalars), new_faces)])
+        arrays["f_scalar_array"] = repeated(mesh.face_scalar_array(), new_faces)
     if mesh.has_wedge_tex_coord():
         arrays["w_tex_coords_matrix"] = np.concatenate([mesh.wedge_tex_coord_matrix(), np.zeros((3 * new_faces, 2))])
     return arrays

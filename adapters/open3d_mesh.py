@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from spinor_geom.adapters.contents import unit_vectors
-from spinor_geom.adapters.extending import attribute_rows, check_extension, grown_attribute, repeated
+from spinor_geom.adapters.extending import grown_attributes, repeated
 from spinor_geom.adapters.seams import without_seams
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.extension import MeshExtension
@@ -27,9 +27,7 @@ class Open3DAdapter:
         """The triangles.
 
         Raises:
-            MeshShapeError: the mesh is one of tensors.
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-            VertexIndexError: a face names a vertex that does not exist.
+            MeshShapeError: the mesh is one of tensors, too.
         """
         carried = _carried(obj)
         return without_seams(
@@ -41,25 +39,19 @@ class Open3DAdapter:
 
         New triangles get their normals if the old ones have some, texture coordinates (0, 0), and the material that
         occurs most often.
-
-        Raises:
-            MeshShapeError: the mesh is one of tensors, or an attribute of it is missing in the extension.
-            VertexIndexError: a new face names a vertex that neither of them has.
         """
         from open3d.geometry import TriangleMesh as Open3DMesh
         from open3d.utility import IntVector, Vector2dVector, Vector3dVector, Vector3iVector
 
-        carried = _carried(obj)
-        check_extension(extension, vertices=len(obj.vertices), attributes=dict.fromkeys(carried, 3))
+        attributes = grown_attributes(_carried(obj), extension, vertices=len(obj.vertices))
         count = len(extension.faces)
         grown = Open3DMesh(obj)
         grown.vertices = Vector3dVector(np.concatenate([np.asarray(obj.vertices), extension.vertices]))
         grown.triangles = Vector3iVector(np.concatenate([np.asarray(obj.triangles), extension.faces.astype(np.int32)]))
-        rows = {name: attribute_rows(extension, name, width=3) for name in carried}
-        if "normal" in carried:
-            grown.vertex_normals = Vector3dVector(grown_attribute(carried["normal"], rows["normal"]))
-        if "color" in carried:
-            grown.vertex_colors = Vector3dVector(np.clip(grown_attribute(carried["color"], rows["color"]), 0.0, 1.0))
+        if "normal" in attributes:
+            grown.vertex_normals = Vector3dVector(attributes["normal"])
+        if "color" in attributes:
+            grown.vertex_colors = Vector3dVector(np.clip(attributes["color"], 0.0, 1.0))
         if obj.has_triangle_normals():
             a, b, c = np.moveaxis(np.asarray(grown.vertices)[extension.faces], 1, 0)
             normals = unit_vectors(np.cross(b - a, c - a))

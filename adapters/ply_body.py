@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
 from array import array
+from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import integer, malformed, real
-from spinor_geom.adapters.ply_header import PlyElement
+from spinor_geom.adapters.contents import malformed, real
+from spinor_geom.adapters.ply_header import PlyElement, PlyProperty
 from spinor_geom.errors import MeshFileError
 
 LARGEST_RECORD = 1 << 30  # numpy's records are below 2 GiB
@@ -92,18 +94,21 @@ def _walk(
         sizes[index].extend([kind.shape[0] if kind.shape else 1] * len(equal))
         first += kind.itemsize
     position += equal.nbytes
-    little = all(item.dtype.byteorder != ">" for item in element.properties)
     layout = [
-        (index, item.dtype.itemsize, item.count_dtype.itemsize if item.count_dtype is not None else 0)
+        (index, item.dtype.itemsize, None if item.count_dtype is None else _number_reader(item.count_dtype))
         for index, item in enumerate(element.properties)
     ]
-    order: Any = "little" if little else "big"
     for record in range(len(equal), element.count):
-        for index, width, count_width in layout:
+        for index, width, count in layout:
             length = 1
-            if count_width:
-                length = int.from_bytes(data[position : position + count_width], order)
-                position += count_width
+            if count is not None:
+                if position + count.size > len(data):
+                    raise _too_short(element, record, path)
+                (number,) = count.unpack_from(data, position)
+                if not 0 <= number == number // 1:
+                    raise _too_short(element, record, path)
+                length = int(number)
+                position += count.size
             places[index].append(position)
             sizes[index].append(length)
             position += length * width
@@ -119,6 +124,10 @@ def _walk(
         else:
             lists[item.name] = (values, np.array(lengths))
     return scalars, lists, position
+
+
+def _number_reader(dtype: np.dtype[Any]) -> struct.Struct:
+    return struct.Struct(dtype.str[0].replace("|", "<") + dtype.char)
 
 
 def _gathered(
@@ -141,13 +150,12 @@ def read_ascii(data: bytes, position: int, element: PlyElement, path: Path | Non
         return *_empty(element), position
     rows, stop = _lines(data, position, element, path)
     try:
-        table = _equal_rows(rows, element)
-        columns = _columns(rows, element) if table is None else table
-    except (ValueError, IndexError, OverflowError) as error:
-        raise _unreadable(data, position, rows, element, path) from error
-    scalars = {item.name: columns[item.name][0] for item in element.properties if item.count_dtype is None}
-    lists = {item.name: columns[item.name] for item in element.properties if item.count_dtype is not None}
-    return scalars, lists, stop
+        return *_of_words(rows, element), stop
+    except (ValueError, OverflowError) as error:
+        number = next(number for number, row in enumerate(rows) if not _is_readable(row, element))
+        line = line_of_record(data, position, number)
+        problem = f"cannot read {element.name} {number} from '{b' '.join(rows[number][:12]).decode('latin-1')}'"
+        raise malformed(path, f"line {line}", problem, "correct the line") from error
 
 
 def _lines(data: bytes, position: int, element: PlyElement, path: Path | None) -> tuple[list[list[bytes]], int]:
@@ -163,58 +171,29 @@ def _lines(data: bytes, position: int, element: PlyElement, path: Path | None) -
     raise _too_short(element, len(rows), path)
 
 
-def _equal_rows(rows: list[list[bytes]], element: PlyElement) -> dict[str, tuple[np.ndarray, np.ndarray]] | None:
-    """The properties by column, if all lines have as many words and all lists as many values as those of the first."""
-    width = len(rows[0])
-    if any(len(row) != width for row in rows):
-        return None
-    table = np.array(list(map(real, chain.from_iterable(rows)))).reshape(len(rows), width)
-    columns = {}
-    at = 0
-    for item in element.properties:
-        length = 1
-        if item.count_dtype is not None:
-            length = integer(rows[0][at])
-            if (table[:, at] != length).any():
-                return None
-            at += 1
-        if length < 0 or at + length > width:
-            raise ValueError("too few words")
-        values = _typed(table[:, at : at + length], item.dtype)
-        columns[item.name] = (values.reshape(-1), np.full(len(rows), length))
-        at += length
-    if at != width:
-        raise ValueError("too many words")
-    return columns
+def _of_words(rows: list[list[bytes]], element: PlyElement) -> tuple[Scalars, Lists]:
+    """The properties of lines of text, read like binary records in which every number has 64 bits.
 
-
-def _columns(rows: list[list[bytes]], element: PlyElement) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """The properties of lines of differing lengths."""
-    values: list[list[float]] = [[] for _ in element.properties]
-    lengths: list[list[int]] = [[] for _ in element.properties]
-    for row in rows:
-        _split_row(row, element, values, lengths)
-    return {
-        item.name: (_typed(np.array(own, dtype=np.float64), item.dtype), np.array(counts, dtype=np.int64))
-        for item, own, counts in zip(element.properties, values, lengths, strict=True)
-    }
-
-
-def _split_row(row: list[bytes], element: PlyElement, values: list[list[float]], lengths: list[list[int]]) -> None:
-    """Append one line's numbers to the lists of its properties."""
-    at = 0
-    for index, item in enumerate(element.properties):
-        length = 1
-        if item.count_dtype is not None:
-            length = integer(row[at])
-            at += 1
-        if length < 0 or at + length > len(row):
-            raise ValueError("too few words")
-        values[index] += map(real, row[at : at + length])
-        lengths[index].append(length)
-        at += length
-    if at != len(row):
-        raise ValueError("too many words")
+    Raises:
+        ValueError: a line has too many or too few words, or one that is not the number it should be.
+        OverflowError: as ValueError.
+    """
+    words, wide = np.array(list(map(real, chain.from_iterable(rows)))), np.dtype(np.float64)
+    items = [(item.name, wide, None if item.count_dtype is None else wide) for item in element.properties]
+    as_binary = replace(
+        element,
+        count=len(rows),
+        properties=tuple(PlyProperty(name=name, dtype=dtype, count_dtype=count) for name, dtype, count in items),
+    )
+    scalars, lists, _ = read_binary(words.tobytes(), 0, as_binary, None)
+    width = len(scalars) + sum(1 + lengths for _, lengths in lists.values())
+    if not np.array_equal(np.broadcast_to(width, len(rows)), list(map(len, rows))):
+        raise ValueError("too many or too few words")
+    dtypes = {item.name: item.dtype for item in element.properties}
+    return (
+        {name: _typed(values, dtypes[name]) for name, values in scalars.items()},
+        {name: (_typed(values, dtypes[name]), lengths) for name, (values, lengths) in lists.items()},
+    )
 
 
 def _typed(values: np.ndarray, dtype: np.dtype[Any]) -> np.ndarray:
@@ -227,16 +206,6 @@ def _typed(values: np.ndarray, dtype: np.dtype[Any]) -> np.ndarray:
     return values.astype(dtype)
 
 
-def _unreadable(
-    data: bytes, position: int, rows: list[list[bytes]], element: PlyElement, path: Path | None
-) -> MeshFileError:
-    """The error at the first line that cannot be read."""
-    number = next(number for number, row in enumerate(rows) if not _is_readable(row, element))
-    line = line_of_record(data, position, number)
-    problem = f"cannot read {element.name} {number} from '{b' '.join(rows[number][:12]).decode('latin-1')}'"
-    return malformed(path, f"line {line}", problem, "correct the line")
-
-
 def line_of_record(data: bytes, position: int, record: int) -> int:
     """The line of a text file, from 1, of a record of the element whose records begin at byte `position`."""
     filled = (index for index, line in enumerate(data[position:].split(b"\n"), start=1) if line.split())
@@ -245,8 +214,8 @@ def line_of_record(data: bytes, position: int, record: int) -> int:
 
 def _is_readable(row: list[bytes], element: PlyElement) -> bool:
     try:
-        _columns([row], element)
-    except (ValueError, IndexError, OverflowError):
+        _of_words([row], element)
+    except (ValueError, OverflowError):
         return False
     return True
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spinor_geom.adapters.extending import (
-    attribute_rows,
-    check_extension,
-    grown_attribute,
+    grown,
+    grown_attributes,
     padded,
-    real_columns,
+    real_attributes,
     repeated,
+    triangles_of,
 )
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import without_seams
@@ -45,63 +45,42 @@ class PyVistaAdapter:
 
         Raises:
             MeshShapeError: the mesh has cells that are neither faces nor points nor lines.
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-            VertexIndexError: a face names a vertex that does not exist.
         """
-        polygons, carried = polygons_of(obj), carried_by(obj)
-        vertices = np.asarray(obj.points, dtype=np.float64)
-        mesh = TriangleMesh(
-            vertices,
-            polygons.triangulated(vertices)[0],
-            vertex_attributes={name: real_columns(values) for name, values in carried.items()},
-            labels=[name for name, values in carried.items() if name != "color" and values.dtype.kind in "iu"],
-        )
-        return without_seams(mesh)
+        polygons, vertices = polygons_of(obj), np.asarray(obj.points, dtype=np.float64)
+        return without_seams(triangles_of(vertices, polygons.triangulated(vertices)[0], carried_by(obj)))
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new mesh of the same type with the extension appended: its cells after the old ones, as triangles.
 
         Field data, and which arrays are active, are copied. New cells get the cell data that occur most often; point
         data that are no real numbers get zeros or empty entries at new points.
-
-        Raises:
-            MeshShapeError: the mesh has cells that are neither faces nor points nor lines, or an attribute of it is
-                missing in the extension or has another width.
-            VertexIndexError: a new face names a vertex that neither of them has.
         """
         import pyvista
 
-        polygons, carried = polygons_of(obj), carried_by(obj)
-        widths = {name: real_columns(values).shape[1] for name, values in carried.items()}
-        check_extension(extension, vertices=obj.n_points, attributes=widths)
-        points = grown_attribute(np.asarray(obj.points), extension.vertices)
+        polygons, names = polygons_of(obj), _names(obj)
+        attributes = grown_attributes(carried_by(obj), extension, vertices=obj.n_points)
+        points = grown(np.asarray(obj.points), extension.vertices)
         new_cells = np.column_stack([np.full(len(extension.faces), 3), extension.faces]).ravel()
-        grown: Any
+        made: Any
         if isinstance(obj, pyvista.UnstructuredGrid):
             types = np.concatenate([obj.celltypes, np.full(len(extension.faces), TRIANGLE, dtype=np.uint8)])
-            grown = pyvista.UnstructuredGrid(np.concatenate([obj.cells, new_cells]), types, points)
+            made = pyvista.UnstructuredGrid(np.concatenate([obj.cells, new_cells]), types, points)
         else:
             faces = polygons.followed_by(extension.faces)
             cells = pyvista.CellArray.from_arrays(faces.starts, faces.corners)
-            grown = pyvista.PolyData(points, faces=cells, lines=obj.lines, verts=obj.verts)
-        names = _names(obj)
+            made = pyvista.PolyData(points, faces=cells, lines=obj.lines, verts=obj.verts)
         for name, values in obj.point_data.items():
-            count = len(extension.vertices)
             key = names[name]
-            grown.point_data[name] = (
-                grown_attribute(carried[key], attribute_rows(extension, key, width=widths[key]))
-                if key in carried
-                else padded(values, count)
-            )
+            made.point_data[name] = attributes[key] if key in attributes else padded(values, len(extension.vertices))
         for name, values in obj.cell_data.items():
-            grown.cell_data[name] = repeated(np.asarray(values), len(extension.faces))
+            made.cell_data[name] = repeated(np.asarray(values), len(extension.faces))
         for name, values in obj.field_data.items():
-            grown.field_data[name] = values
-        for old, new in ((obj.point_data, grown.point_data), (obj.cell_data, grown.cell_data)):
+            made.field_data[name] = values
+        for old, new in ((obj.point_data, made.point_data), (obj.cell_data, made.cell_data)):
             new.active_scalars_name = old.active_scalars_name
             new.active_normals_name = old.active_normals_name
             new.active_texture_coordinates_name = old.active_texture_coordinates_name
-        return grown
+        return made
 
 
 def polygons_of(mesh: pyvista.PolyData | pyvista.UnstructuredGrid) -> Polygons:
@@ -126,8 +105,7 @@ def polygons_of(mesh: pyvista.PolyData | pyvista.UnstructuredGrid) -> Polygons:
 
 def carried_by(mesh: pyvista.PolyData | pyvista.UnstructuredGrid) -> dict[str, np.ndarray]:
     """The real-valued point data under the names they have in a `TriangleMesh`."""
-    arrays = {key: np.asarray(mesh.point_data[name]) for name, key in _names(mesh).items()}
-    return {key: values for key, values in arrays.items() if values.dtype.kind in "biuf"}
+    return real_attributes({key: mesh.point_data[name] for name, key in _names(mesh).items()})
 
 
 def _polygons(cells: Any, chosen: Any) -> Polygons:

@@ -11,7 +11,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 @runtime_checkable
 class Adapter(Protocol):
-    """Translates one kind of mesh object to a `TriangleMesh`, and appends to it."""
+    """Translates one kind of mesh object to a `TriangleMesh`, and appends to it; raises more only where it says so."""
 
     @property
     def name(self) -> str:
@@ -28,11 +28,22 @@ class Adapter(Protocol):
         ...
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles of `obj`, its vertices all and in its own order."""
+        """The triangles of `obj`, its vertices all and in its own order.
+
+        Raises:
+            MeshShapeError: V is not (n, 3) real numbers or F not (m, 3) integers.
+            NonFiniteVertexError: a coordinate is NaN or infinite.
+            VertexIndexError: a face names a vertex that does not exist.
+        """
         ...
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
-        """A new object of the type of `obj`: what `obj` holds, unchanged, followed by the extension."""
+        """A new object of the type of `obj`: what `obj` holds, unchanged, followed by the extension.
+
+        Raises:
+            VertexIndexError: a new face names a vertex that neither of them has.
+            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
+        """
         ...
 
 

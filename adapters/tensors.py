@@ -22,13 +22,7 @@ class TensorPairAdapter:
     types = ("pair of torch.Tensor",)
 
     def to_mesh(self, obj: tuple[torch.Tensor, torch.Tensor] | list[torch.Tensor]) -> TriangleMesh:
-        """The mesh of the two tensors, copied to the CPU and cut off from autograd.
-
-        Raises:
-            MeshShapeError: V is not (n, 3) real numbers or F not (m, 3) integers.
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-            VertexIndexError: a face names a vertex that does not exist.
-        """
+        """The mesh of the two tensors, copied to the CPU and cut off from autograd."""
         vertices, faces = obj
         return TriangleMesh(_array(vertices), _array(faces))
 
@@ -37,9 +31,6 @@ class TensorPairAdapter:
 
         Gradients flow back to the old positions. Both tensors keep their dtype (new positions are rounded to it),
         unless it cannot hold what is added: integer positions become float64, and too narrow indices int64.
-
-        Raises:
-            VertexIndexError: a new face names a vertex that neither of them has.
         """
         import torch
 

@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spinor_geom.adapters.extending import (
-    attribute_rows,
-    check_extension,
-    grown_attribute,
-    padded,
-    real_columns,
-    repeated,
-)
+from spinor_geom.adapters.extending import grown_attributes, padded, real_attributes, repeated, triangles_of
 from spinor_geom.adapters.seams import without_seams
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -35,24 +28,10 @@ class TrimeshAdapter:
     types = ("trimesh.Trimesh",)
 
     def to_mesh(self, obj: trimesh.Trimesh) -> TriangleMesh:
-        """The triangles, closed along texture seams.
-
-        Raises:
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-            VertexIndexError: a face names a vertex that does not exist.
-        """
-        faces = np.asarray(obj.faces)
-        carried = _carried(obj)
-        mesh = TriangleMesh(
-            np.asarray(obj.vertices),
-            faces,
-            vertex_attributes={name: real_columns(values) for name, values in carried.items()},
-            labels=[name for name, values in carried.items() if name != "color" and values.dtype.kind in "iu"],
-        )
+        """The triangles, closed along texture seams."""
+        mesh = triangles_of(np.asarray(obj.vertices), np.asarray(obj.faces), _carried(obj))
         visual: Any = obj.visual
-        if visual.kind != "texture":
-            return mesh
-        return without_seams(mesh)
+        return without_seams(mesh) if visual.kind == "texture" else mesh
 
     def extend(self, obj: trimesh.Trimesh, extension: MeshExtension) -> trimesh.Trimesh:
         """A new `Trimesh` with the extension appended; material, metadata and attributes are copied.
@@ -60,23 +39,14 @@ class TrimeshAdapter:
         New faces get the face colour and the face attributes that occur most often. Attributes that are no real
         numbers get zeros or empty entries at new vertices. Normals are kept only if the extension has them, else
         trimesh computes them when they are asked for.
-
-        Raises:
-            VertexIndexError: a new face names a vertex that neither of them has.
-            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
         """
         import trimesh
 
         carried = _carried(obj)
-        widths = {name: real_columns(values).shape[1] for name, values in carried.items()}
         if "normal" not in extension.vertex_attributes:
             # trimesh caches normals whenever it computes them: they may have come after to_mesh
-            widths.pop("normal", None)
-        check_extension(extension, vertices=len(obj.vertices), attributes=widths)
-        grown = {
-            name: grown_attribute(carried[name], attribute_rows(extension, name, width=width))
-            for name, width in widths.items()
-        }
+            carried.pop("normal", None)
+        grown = grown_attributes(carried, extension, vertices=len(obj.vertices))
         own = {_attribute_name(obj, name): name for name in obj.vertex_attributes}
         count = len(extension.vertices)
         return trimesh.Trimesh(
@@ -99,15 +69,13 @@ class TrimeshAdapter:
 
 def _carried(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
     """The real-valued attributes at the vertices under the names they have in a `TriangleMesh`."""
-    carried = dict(_visual_attributes(mesh))
+    carried: dict[str, Any] = dict(_visual_attributes(mesh))
     # the only place where trimesh keeps normals that were given; asking for mesh.vertex_normals would compute them
     if "vertex_normals" in mesh._cache:
         carried["normal"] = np.asarray(mesh._cache["vertex_normals"])
-    carried |= {_attribute_name(mesh, name): np.asarray(values) for name, values in mesh.vertex_attributes.items()}
+    carried |= {_attribute_name(mesh, name): values for name, values in mesh.vertex_attributes.items()}
     count = len(mesh.vertices)
-    return {
-        name: values for name, values in carried.items() if values.dtype.kind in "biuf" and values.shape[:1] == (count,)
-    }
+    return {name: values for name, values in real_attributes(carried).items() if values.shape[:1] == (count,)}
 
 
 def _visual_attributes(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:

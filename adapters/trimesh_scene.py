@@ -63,12 +63,7 @@ class SceneAdapter:
     types = ("trimesh.Scene",)
 
     def to_mesh(self, obj: trimesh.Scene) -> TriangleMesh:
-        """The triangles of all geometries, one after the other.
-
-        Raises:
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-            VertexIndexError: a face names a vertex that does not exist.
-        """
+        """The triangles of all geometries, one after the other."""
         parts = _parts(obj)
         total = sum(len(part.mesh.vertices) for part in parts)
         vertices = np.zeros((total, 3))
@@ -91,8 +86,7 @@ class SceneAdapter:
         """A new `Scene` in which the geometries have what was appended to them; all else is copied.
 
         Raises:
-            MeshShapeError: new faces join two geometries, or an attribute is missing in the extension.
-            VertexIndexError: a new face names a vertex that neither of them has.
+            MeshShapeError: new faces join two geometries, too.
         """
         parts = _parts(obj)
         grown = obj.copy()

@@ -26,8 +26,7 @@ from spinor_geom.bench.runner import read_records
 from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS
 from spinor_geom.bench.tables import OLDER, Table, filler_table, kind_table, method_name
 from spinor_geom.files import atomic_path
-from spinor_geom.mesh.topology import boundary_edges
-from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.portrait import plain_portrait
 
 HERE = Path(__file__).parent
 README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
@@ -185,13 +184,7 @@ def draw(folders: Sequence[Path]) -> None:
             pieces = pieces_of(folder)
             scale = scale_of(pieces)
             first, *others = (
-                Portrait(
-                    vertices=piece.vertices,
-                    faces=piece.faces,
-                    rims=boundary_edges(piece.faces),
-                    lines=np.zeros((0, 2), dtype=np.int64),
-                    values=np.clip(piece.values, scale.low, scale.high),
-                )
+                plain_portrait(piece.vertices, piece.faces, np.clip(piece.values, scale.low, scale.high))
                 for piece in pieces
             )
             path = Path(place) / f"{folder.name}.png"

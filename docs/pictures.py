@@ -39,8 +39,9 @@ def gallery_strip(pictures: Sequence[Path]) -> Image.Image:
 def continuation_picture(folder: Path) -> Image.Image:
     """A head without its crown: open, under a film, and continued."""
     import spinor_geom
+    from spinor_geom.render.layers import Camera
     from spinor_geom.render.png import write_png
-    from spinor_geom.render.scene import Camera, fill_scene
+    from spinor_geom.render.scene import fill_scene
 
     bust = spinor_geom.read_mesh(folder / "data/demosthenes_low_res.obj").mesh
     is_kept = bust.vertices[bust.faces][:, :, 1].min(axis=1) < _CROWN
@@ -53,7 +54,7 @@ def continuation_picture(folder: Path) -> Image.Image:
         )
         focus = report.loops[0].loop.centroid - np.array([0.0, _BELOW, 0.0])
         camera = Camera(focus=focus, direction=direction, up=up / np.linalg.norm(up), radius=_RADIUS)
-        write_png(replace(fill_scene(report), cameras=(camera, camera)), folder / "drawn.png")
+        write_png([replace(view, camera=camera) for view in fill_scene(report)], folder / "drawn.png")
         drawn.append(Image.open(folder / "drawn.png").convert("RGB"))
     width, height = drawn[0].size
     top = int(_TITLES * height)

@@ -7,13 +7,23 @@ from typing import Any
 
 
 class SpinorGeomError(Exception):
-    """Base of all errors raised on purpose; the ids it speaks of are attributes."""
+    """Base of all errors raised on purpose; the ids it speaks of are attributes.
 
-    def __init__(self, message: str, **fields: Any) -> None:
-        super().__init__(message)
-        self.fields = fields
-        for name, value in fields.items():
+    A type that always says the same has it as its `sentence`, with the ids' names in braces.
+    """
+
+    sentence = ""
+
+    def __init__(self, message: str | None = None, **fields: Any) -> None:
+        self.fields = {name: _tuples(value) for name, value in fields.items()}
+        super().__init__(self.sentence.format(**self.fields) if message is None else message)
+        for name, value in self.fields.items():
             setattr(self, name, value)
+
+
+def _tuples(value: Any) -> Any:
+    """Lists, nested too, as tuples."""
+    return tuple(map(_tuples, value)) if isinstance(value, (list, tuple)) else value
 
 
 # --- meshes -----------------------------------------------------------------------------------------------------------
@@ -30,14 +40,10 @@ class MeshShapeError(MeshError):
 class VertexIndexError(MeshError):
     """A face names a vertex that does not exist."""
 
-    def __init__(self, *, face: int, index: int, vertices: int) -> None:
-        super().__init__(
-            f"face {face} names vertex {index}, but the mesh has vertices 0 to {vertices - 1}; "
-            "correct the face's indices",
-            face=face,
-            index=index,
-            vertices=vertices,
-        )
+    sentence = (
+        "face {face} names vertex {index}, but the mesh has {vertices} vertices, numbered from 0; correct the face's "
+        "indices"
+    )
 
 
 class NonFiniteVertexError(MeshError):
@@ -53,78 +59,35 @@ class NonFiniteVertexError(MeshError):
 class NoFacesError(MeshError):
     """Points without faces have no holes."""
 
-    def __init__(self, *, vertices: int) -> None:
-        super().__init__(
-            f"the mesh has {vertices} vertices and no faces, so it has no holes; make faces first, or span a closed "
-            "curve of points with solve_plateau",
-            vertices=vertices,
-        )
+    sentence = (
+        "the mesh has {vertices} vertices and no faces, so it has no holes; make faces first, or span a closed curve "
+        "of points with solve_plateau"
+    )
 
 
 class MeshExtentError(MeshError):
     """Lengths whose powers are no numbers."""
 
-    def __init__(self, *, extent: float) -> None:
-        super().__init__(
-            f"the mesh has an extent of {extent:.1e}, and powers of such lengths are no numbers; scale the mesh",
-            extent=extent,
-        )
-
-
-class DegenerateFaceError(MeshError):
-    """A face uses one vertex more than once."""
-
-    def __init__(self, *, face: int, vertices: Sequence[int]) -> None:
-        super().__init__(
-            f"face {face} uses a vertex twice {tuple(vertices)}; remove the face", face=face, vertices=tuple(vertices)
-        )
-
-
-class DuplicateFaceError(MeshError):
-    """Two faces have the same three vertices."""
-
-    def __init__(self, *, faces: Sequence[int], vertices: Sequence[int]) -> None:
-        super().__init__(
-            f"faces {tuple(faces)} have the same vertices {tuple(vertices)}; keep one of them",
-            faces=tuple(faces),
-            vertices=tuple(vertices),
-        )
+    sentence = "the mesh has an extent of {extent:.1e}, and powers of such lengths are no numbers; scale the mesh"
 
 
 class NonManifoldEdgeError(MeshError):
     """An edge has three or more faces where a boundary loop passes."""
 
-    def __init__(self, *, edge: Sequence[int], faces: Sequence[int]) -> None:
-        super().__init__(
-            f"edge {tuple(edge)} has {len(faces)} faces {tuple(faces)}, at most 2 are allowed beside a boundary loop; "
-            "remove or split the extra faces",
-            edge=tuple(edge),
-            faces=tuple(faces),
-        )
-
-
-class InconsistentOrientationError(MeshError):
-    """Two neighbouring faces run through their common edge the same way."""
-
-    def __init__(self, *, edge: Sequence[int], faces: Sequence[int]) -> None:
-        super().__init__(
-            f"faces {tuple(faces)} run through edge {tuple(edge)} in the same direction; orient the faces consistently",
-            edge=tuple(edge),
-            faces=tuple(faces),
-        )
+    sentence = (
+        "edge {edge} has the faces {faces}, at most 2 are allowed beside a boundary loop; remove or split the extra "
+        "faces"
+    )
 
 
 class DuplicateVertexError(MeshError):
     """The faces do not share vertices: a soup, as STL files hold."""
 
-    def __init__(self, *, vertices: Sequence[int], count: int) -> None:
-        super().__init__(
-            f"{count} boundary edges lie on one another, first at vertices {tuple(vertices)}: the faces do not share "
-            "their vertices; merge vertices of equal position first (read_mesh(path).merged(), "
-            "TriangleMesh.merged(), or --merge on the command line)",
-            vertices=tuple(vertices),
-            count=count,
-        )
+    sentence = (
+        "{count} boundary edges lie on one another, first at vertices {vertices}: the faces do not share their "
+        "vertices; merge vertices of equal position first (read_mesh(path).merged(), TriangleMesh.merged(), or "
+        "--merge on the command line)"
+    )
 
 
 # --- boundary loops ---------------------------------------------------------------------------------------------------
@@ -137,196 +100,141 @@ class LoopError(SpinorGeomError, ValueError):
 class LoopTooShortError(LoopError):
     """Fewer than three points."""
 
-    def __init__(self, *, points: int) -> None:
-        super().__init__(f"a loop needs at least 3 points, got {points}; give a closed curve", points=points)
+    sentence = "a loop needs at least 3 points, got {points}; give a closed curve"
 
 
 class RepeatedPointError(LoopError):
     """Two neighbouring points of a loop are equal."""
 
-    def __init__(self, *, index: int) -> None:
-        super().__init__(f"points {index} and its successor on the loop are equal; remove one of them", index=index)
+    sentence = "points {index} and its successor on the loop are equal; remove one of them"
 
 
 class CurveError(LoopError):
     """The formulas of a closed curve are not what they should be."""
 
-    def __init__(self, *, reason: str, parameter: float) -> None:
-        super().__init__(
-            f"the curve {reason} (near s = {parameter:.6g}); give a closed curve on [0, 1) with its own "
-            "derivatives and name its corners",
-            parameter=parameter,
-        )
+    sentence = (
+        "the curve {reason} (near s = {parameter:.6g}); give a closed curve on [0, 1) with its own derivatives and "
+        "name its corners"
+    )
 
 
 class ZeroWidthSlitError(LoopError):
     """Both sides of the loop lie on each other."""
 
-    def __init__(self, *, fraction: float, vertices: Sequence[int]) -> None:
-        super().__init__(
-            f"{fraction:.0%} of the loop is a zero-width slit (its two sides have the same positions, first at "
-            f"vertices {tuple(vertices)}); merge the vertices of equal position instead of filling it",
-            fraction=fraction,
-            vertices=tuple(vertices),
-        )
+    sentence = (
+        "{fraction:.0%} of the loop is a zero-width slit (its two sides have the same positions, first at vertices "
+        "{vertices}); merge the vertices of equal position instead of filling it"
+    )
 
 
 class SeamError(LoopError):
     """Edges of the loop lie on edges of another loop."""
 
-    def __init__(self, *, edge: Sequence[int], count: int) -> None:
-        super().__init__(
-            f"{count} edges of the loop lie on edges of another loop, first {tuple(edge)}: a seam between pieces that "
-            "do not share their vertices, not only a hole; merge the vertices of equal position first",
-            edge=tuple(edge),
-            count=count,
-        )
+    sentence = (
+        "{count} edges of the loop lie on edges of another loop, first {edge}: a seam between pieces that do not "
+        "share their vertices, not only a hole; merge the vertices of equal position first"
+    )
 
 
 class SheetBorderError(LoopError):
     """A patch over the loop would lie on the mesh: it is the border of a sheet."""
 
-    def __init__(self, *, folded: float, crossed: int) -> None:
-        super().__init__(
-            f"it is the border of a sheet rather than a hole: along {folded:.0%} of it a patch would turn back over "
-            f"the faces beside it, and it would cross the mesh in {crossed} pairs of faces; to fill it all the same "
-            "name it in loop= (--loop)",
-            folded=folded,
-            crossed=crossed,
-        )
+    sentence = (
+        "it is the border of a sheet rather than a hole: along {folded:.0%} of it a patch would turn back over the "
+        "faces beside it, and it would cross the mesh in {crossed} pairs of faces; to fill it all the same name it in"
+        " loop= (--loop)"
+    )
 
 
 class LoopIndexError(LoopError):
     """A loop was asked for that the mesh does not have."""
 
-    def __init__(self, *, index: int, loops: int) -> None:
-        super().__init__(
-            f"loop {index} does not exist, the mesh has {loops} (numbered 0 to {loops - 1}, longest first)"
-            if loops
-            else f"loop {index} does not exist, the mesh has no boundary loops",
-            index=index,
-            loops=loops,
-        )
+    sentence = "loop {index} does not exist, the mesh has {loops} (numbered from 0, longest first)"
 
 
 class ForeignLoopError(LoopError):
     """A loop object is not one of the mesh's boundary loops."""
 
-    def __init__(self, *, vertices: int) -> None:
-        super().__init__(
-            f"the loop of {vertices} vertices is not a boundary loop of this mesh (its vertex ids, positions and "
-            "direction must be those of a loop in boundary_loops(mesh)); to span a bare curve use solve_plateau",
-            vertices=vertices,
-        )
+    sentence = (
+        "the loop of {vertices} vertices is not a boundary loop of this mesh (its vertex ids, positions and direction"
+        " must be those of a loop in boundary_loops(mesh)); to span a bare curve use solve_plateau"
+    )
 
 
 class SelfCrossingLoopError(LoopError):
     """Edges of the loop meet that are no neighbours, or neighbours lie on each other."""
 
-    def __init__(self, *, edges: Sequence[Sequence[int]], count: int) -> None:
-        first, second = (tuple(edge) for edge in edges)
-        more = f" (and {count - 1} more {'pair' if count == 2 else 'pairs'})" if count > 1 else ""
-        super().__init__(
-            f"the loop crosses or touches itself: its edges {first} and {second} meet{more}, so it bounds no disk; "
-            "move them apart, or give them a common vertex where they meet, so that the loop falls into simple ones",
-            edges=(first, second),
-            count=count,
-        )
+    sentence = (
+        "the loop crosses or touches itself: its edges {edges[0]} and {edges[1]} meet ({count} such pairs in all), so"
+        " it bounds no disk; move them apart, or give them a common vertex where they meet, so that the loop falls "
+        "into simple ones"
+    )
 
 
 class OpenCurveError(LoopError):
     """A curve does not come back to its first point."""
 
-    def __init__(self, *, gap: float, mean_edge: float) -> None:
-        super().__init__(
-            f"the curve is open: its ends are {gap:.6g} apart, {gap / mean_edge if mean_edge else 0:.3g} of its mean "
-            "edges; close it, or raise the closing tolerance",
-            gap=gap,
-            mean_edge=mean_edge,
-        )
+    sentence = (
+        "the curve is open: its ends are {gap:.6g} apart, its mean edge is {mean_edge:.3g}; close it, or raise the "
+        "closing tolerance"
+    )
 
 
 class KnottedLoopError(LoopError):
     """The loop is knotted, so every disk over it crosses itself."""
 
-    def __init__(self, *, determinant: float) -> None:
-        super().__init__(
-            f"the loop is knotted (|Δ(−1)| of its Alexander polynomial is {determinant:.0f}), so every disk over it "
-            "crosses itself; cut it into loops that are not",
-            determinant=determinant,
-        )
+    sentence = (
+        "the loop is knotted (|Δ(−1)| of its Alexander polynomial is {determinant:.0f}), so every disk over it "
+        "crosses itself; cut it into loops that are not"
+    )
 
 
 class TooManyRimsError(LoopError):
     """A surface between three or more loops was asked for."""
 
-    def __init__(self, *, sizes: Sequence[int], names: Sequence[int] | None = None) -> None:
-        named = range(len(sizes)) if names is None else names
-        loops = ", ".join(
-            f"{name} ({size} vertices)" if size else f"{name} (a formula)"
-            for name, size in zip(named, sizes, strict=True)
-        )
-        listed = f"{len(sizes)}: loops {loops}" if len(sizes) > 1 else f"a sequence of {len(sizes)}"
-        super().__init__(
-            f"surfaces span one loop or join two, got {listed}; "
-            + ("three rims and more are not supported: join two of them first" if len(sizes) > 2 else "give two"),
-            sizes=tuple(sizes),
-            names=tuple(named),
-        )
+    sentence = "discrete minimal surfaces span one loop or join two, got loops of {sizes} vertices; give one or two"
 
 
 class SeveralRimsError(LoopError):
     """The one loop of a surface was asked for that has several."""
 
-    def __init__(self, *, rims: int) -> None:
-        super().__init__(f"the surface has {rims} rims; take its loops and curves from `rims`", rims=rims)
+    sentence = "the surface has {rims} rims; take its loops and curves from `rims`"
 
 
 class LoopsMeetError(LoopError):
     """Two loops that are to be joined cross or touch each other."""
 
-    def __init__(self, *, edges: Sequence[Sequence[int]]) -> None:
-        first, second = (tuple(edge) for edge in edges)
-        super().__init__(
-            f"edge {first} of the first loop and edge {second} of the second meet, so no annulus lies between them; "
-            "move the loops apart, or merge the vertices that they share",
-            edges=(first, second),
-        )
+    sentence = (
+        "edge {edges[0]} of the first loop and edge {edges[1]} of the second meet, so no annulus lies between them; "
+        "move the loops apart, or merge the vertices that they share"
+    )
 
 
 class TwistedRimsError(LoopError):
     """Two rims of a mesh run such that a surface between them would join the inside to the outside."""
 
-    def __init__(self, *, loops: Sequence[int]) -> None:
-        super().__init__(
-            f"the rims of loops {tuple(loops)} run the same way around, so that a bridge would join the outside of one "
-            "to the inside of the other; turn the faces of one piece over",
-            loops=tuple(loops),
-        )
+    sentence = (
+        "the rims of loops {loops} run the same way around, so that a bridge would join the outside of one to the "
+        "inside of the other; turn the faces of one piece over"
+    )
 
 
 class NoAreaError(LoopError):
     """The loop encloses nothing: its points lie on a line, or its sides on each other."""
 
-    def __init__(self, *, width: float, mean_edge: float) -> None:
-        super().__init__(
-            f"the loop encloses no area (mean width {width:.1e}, mean edge {mean_edge:.3g}), a patch would be slivers; "
-            "merge or remove vertices along it instead",
-            width=width,
-            mean_edge=mean_edge,
-        )
+    sentence = (
+        "the loop encloses no area (mean width {width:.1e}, mean edge {mean_edge:.3g}), a patch would be slivers; "
+        "merge or remove vertices along it instead"
+    )
 
 
 class LoneFaceError(LoopError):
     """The loop is the outline of one face that hangs on nothing."""
 
-    def __init__(self, *, face: int, vertices: Sequence[int]) -> None:
-        super().__init__(
-            f"the loop is the outline of face {face} {tuple(vertices)}, which has no neighbours; a patch would lie on "
-            "that face; remove the face",
-            face=face,
-            vertices=tuple(vertices),
-        )
+    sentence = (
+        "the loop is the outline of face {face} {vertices}, which has no neighbours; a patch would lie on that face; "
+        "remove the face"
+    )
 
 
 # --- surfaces and solvers ---------------------------------------------------------------------------------------------
@@ -343,8 +251,7 @@ class FirstFillError(SpinorGeomError):
 class OutOfTimeError(SpinorGeomError):
     """The time that was allowed was over before there was anything to show."""
 
-    def __init__(self) -> None:
-        super().__init__("no surface was found within the time that was allowed; raise time_limit (--time-limit)")
+    sentence = "no surface was found within the time that was allowed; raise time_limit (--time-limit)"
 
 
 class SurfaceError(SpinorGeomError):
@@ -368,12 +275,10 @@ class PeriodError(SurfaceError):
 class SingularMatrixError(SpinorGeomError, ValueError):
     """A Laplacian cannot be factored: faces without area, as loops that cross themselves have them."""
 
-    def __init__(self, *, size: int) -> None:
-        super().__init__(
-            f"a Laplacian of {size} inner vertices is singular, as some faces have no area; check that the loop does "
-            "not cross itself or run along itself",
-            size=size,
-        )
+    sentence = (
+        "a Laplacian of {size} inner vertices is singular, as some faces have no area; check that the loop does not "
+        "cross itself or run along itself"
+    )
 
 
 class DtypeError(SpinorGeomError, TypeError):
@@ -387,14 +292,10 @@ class OptionError(SpinorGeomError, ValueError):
 class TooManyPointsError(OptionError):
     """An edge length asks for more vertices than fit into memory."""
 
-    def __init__(self, *, target: float, area: float, points: float, most: int) -> None:
-        super().__init__(
-            f"patches with edges of {target:.6g} would need about {points:.1e} vertices for an area of {area:.6g}, "
-            f"more than {most:.0e}; give a longer target_edge_length (--edge-length), in mesh units",
-            target=target,
-            area=area,
-            points=points,
-        )
+    sentence = (
+        "patches with edges of {target:.6g} would need about {points:.1e} vertices for an area of {area:.6g}, more "
+        "than {most:.0e}; give a longer target_edge_length (--edge-length), in mesh units"
+    )
 
 
 class StorageError(SpinorGeomError):
@@ -404,12 +305,10 @@ class StorageError(SpinorGeomError):
 class ZeroOnContourError(SpinorGeomError):
     """A holomorphic function has a zero on the path along which its zeros are counted."""
 
-    def __init__(self, *, z: complex) -> None:
-        super().__init__(
-            f"the function has a zero on the boundary, or too near to it, by z = {z:.6g}; its zeros cannot be counted: "
-            "use a slightly larger or smaller domain",
-            z=z,
-        )
+    sentence = (
+        "the function has a zero on the boundary, or too near to it, by z = {z:.6g}; its zeros cannot be counted: use"
+        " a slightly larger or smaller domain"
+    )
 
 
 class ImperfectFillWarning(UserWarning):
@@ -447,12 +346,7 @@ class BatchError(SpinorGeomError):
 class MissingPackageError(SpinorGeomError, ImportError):
     """An optional package is not installed."""
 
-    def __init__(self, *, package: str, extra: str) -> None:
-        super().__init__(
-            f"{package} is not installed; install it, in a clone, with: pip install '.[{extra}]'",
-            package=package,
-            extra=extra,
-        )
+    sentence = "{package} is not installed; install it, in a clone, with: pip install '.[{extra}]'"
 
 
 class RenderError(SpinorGeomError, RuntimeError):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 from spinor_geom.domain import FourierBoundary
-from spinor_geom.mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 SEEDS = st.integers(min_value=0, max_value=2**32 - 1)
 

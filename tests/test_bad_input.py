@@ -132,7 +132,7 @@ def test_a_broken_mesh_is_refused_by_name(broken: Callable[[], Pair], error: typ
         (with_degenerate_face, "face 64", ["minimal", "minimal"]),
         (with_duplicate_face, "9, 64", ["minimal", "minimal"]),
         (with_flipped_face, "first face 9", ["minimal", "minimal"]),
-        (with_three_faces_at_a_rim_edge, r"edge \(17, 0\) has 3 faces", ["minimal", "minimal", "None"]),
+        (with_three_faces_at_a_rim_edge, r"edge \(17, 0\) has the faces", ["minimal", "minimal", "None"]),
     ],
 )
 def test_faces_that_do_not_fit_at_a_rim_are_told_with_its_patch(

@@ -20,8 +20,9 @@ from spinor_geom.bench.suites import VIEWS
 from spinor_geom.bench.tables import Table, option_table, tables
 from spinor_geom.files import atomic_path
 from spinor_geom.render import page
+from spinor_geom.render.layers import Faces
 from spinor_geom.render.plots import log_log
-from spinor_geom.render.viewer import STYLE, Faces, Scene, Views
+from spinor_geom.render.viewer import STYLE, Scene, Views
 
 PAGE, TABLES, CSV, PLOTS = "report.html", "tables.md", "records.csv", "plots"
 # fields that say how it was measured here: nothing for others

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.measure import DISTANCE
-from spinor_geom.render.viewer import Scale
+from spinor_geom.render.layers import Scale
 
 REMOVED = "removed"
 _GAP = 1.15  # from piece to piece, per width

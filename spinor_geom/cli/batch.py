@@ -5,42 +5,33 @@ from __future__ import annotations
 import argparse
 
 from spinor_geom.batching.engine import BatchProgress, batch
-from spinor_geom.cli.console import ExitStatus, batch_progress, complain, show_lines
+from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
     """Runs the batch; says how many files are not wholly done, and where that stands."""
-    with batch_progress() as show:
+    with progress("listing the inputs") as show:
 
         def on_progress(now: BatchProgress) -> None:
-            rate = (now.files - now.files_before) / now.seconds if now.seconds else 0.0
-            left = (now.files_total - now.files) / rate if rate else None
-            show(now.files, now.files_total, _said(now), left)
+            show(now.files, now.files_total, _said(now) + _ready(now))
 
-        result = batch(
-            arguments.inputs,
-            arguments.output,
-            what=arguments.what,
-            format=arguments.format,
-            workers=arguments.workers,
-            scheduler=arguments.scheduler,
-            edge_length="auto" if arguments.edge_length is None else arguments.edge_length,
-            tolerance=arguments.tolerance,
-            continuity=arguments.continuity,
-            closing=arguments.closing,
-            compare=arguments.compare,
-            device=arguments.device,
-            resume=arguments.resume,
-            time_limit=arguments.time_limit,
-            memory_limit=arguments.memory_limit,
-            retries=arguments.retries,
-            on_progress=on_progress,
-        )
+        options = {
+            name: value for name, value in vars(arguments).items() if name not in ("command", "inputs", "output")
+        }
+        options["edge_length"] = "auto" if arguments.edge_length is None else arguments.edge_length
+        result = batch(arguments.inputs, arguments.output, **options, on_progress=on_progress)
     done = result.progress
     show_lines(f"{_said(done)}, {done.seconds:.1f} s; table: {result.table_csv}, page: {result.page}", piped=False)
     if not result.complete:
         complain(f"{done.files_failed} of {done.files} files are not wholly done; see {result.log}")
     return ExitStatus.DONE if result.complete else ExitStatus.IMPERFECT
+
+
+def _ready(now: BatchProgress) -> str:
+    if not now.seconds or now.files == now.files_before:
+        return ""
+    left = (now.files_total - now.files) * now.seconds / (now.files - now.files_before)
+    return f", ready in {left / 60:.0f} min" if left > 90 else f", ready in {left:.0f} s"
 
 
 def _said(now: BatchProgress) -> str:

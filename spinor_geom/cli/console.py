@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.box import SIMPLE_HEAD
@@ -93,34 +93,15 @@ def _naming_output() -> Iterator[None]:
         raise
 
 
-@contextmanager
-def batch_progress() -> Iterator[Callable[[int, int, str, float | None], None]]:
-    """A progress bar as `progress` has it, for work whose amount is not known at first.
-
-    Yields:
-        What to call with the number of things done and of all, a line of figures, and the seconds left.
-    """
-    console = Console(stderr=True)
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task("listing the inputs", total=None)
-
-        def show(done: int, total: int, figures: str, left: float | None) -> None:
-            eta = "" if left is None else f", ready in {left / 60:.0f} min" if left > 90 else f", ready in {left:.0f} s"
-            bar.update(task, completed=done, total=total, description=figures + eta)
-
-        yield show
-
-
 class ProgressBar:
-    """A progress bar: called with the number of things done and of all."""
+    """A progress bar: called with the number of things done and of all, and a line of figures if there is one."""
 
     def __init__(self, bar: Progress, label: str) -> None:
         self._bar, self._label, self._task = bar, label, bar.add_task(label, total=None)
 
-    def __call__(self, done: int, total: int) -> None:
+    def __call__(self, done: int, total: int, figures: str | None = None) -> None:
         """Shows how much is done."""
-        self._bar.update(self._task, completed=done, total=total)
+        self._bar.update(self._task, completed=done, total=total, description=figures)
 
     def stage(self, text: str) -> None:
         """Shows what is being done."""

@@ -72,9 +72,14 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         write_json(arguments.report, report)
     show_result(result)
     if arguments.picture is not None:
-        draw(result, arguments.picture)
+        from spinor_geom.render.png import write_png
+        from spinor_geom.render.scene import fill_scene
+
+        write_png(fill_scene(result), arguments.picture)
     if arguments.html is not None:
-        write_page(result, arguments.html, comparisons)
+        from spinor_geom.render.report import report as write_page
+
+        write_page(result, arguments.html, comparisons=comparisons)
     good = result.closed and result.intersection_free and (result.complete or not arguments.strict)
     return ExitStatus.DONE if good else ExitStatus.IMPERFECT
 
@@ -164,18 +169,3 @@ def _kind(outcome: LoopOutcome) -> Text:
         return Text("border", style="yellow") if outcome.is_border else Text(*_OPEN[outcome.requested])
     kind = str(outcome.kind) if outcome.joined_to is None else f"joined to {outcome.joined_to}"
     return Text(kind, style="green" if outcome.converged else "yellow")
-
-
-def draw(result: FillResult, path: Path) -> None:
-    """Draws the open mesh beside the filled one."""
-    from spinor_geom.render.png import write_png
-    from spinor_geom.render.scene import fill_scene
-
-    write_png(fill_scene(result), path)
-
-
-def write_page(result: FillResult, path: Path, comparisons: dict[int, Comparison]) -> None:
-    """Writes the page that shows the fill."""
-    from spinor_geom.render.report import report
-
-    report(result, path, comparisons=comparisons)

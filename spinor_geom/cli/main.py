@@ -6,8 +6,9 @@ import argparse
 import gc
 import importlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
@@ -87,10 +88,9 @@ class _Version(argparse.Action):
 
 def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     fill = commands.add_parser("fill", help="fill the holes of a mesh file", epilog=FILL_EPILOG)
-    fill.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
-    fill.add_argument(
-        "-o", "--output", metavar="OUT", type=Path, required=True, help="filled mesh, format by its suffix"
-    )
+    add = fill.add_argument
+    _add_input(add)
+    add("-o", "--output", metavar="OUT", type=Path, required=True, help="filled mesh, format by its suffix")
     which = fill.add_mutually_exclusive_group()
     which.add_argument(
         "--loop",
@@ -101,34 +101,24 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         "all holes)",
     )
     which.add_argument(
-        "--bridge",
-        metavar="I,J[,K…]",
-        type=_places,
-        help="join these loops by one surface, and fill no other",
+        "--bridge", metavar="I,J[,K…]", type=_places, help="join these loops by one surface, and fill no other"
     )
-    fill.add_argument(
+    add(
         "--islands",
         choices=("join", "ignore"),
         default="ignore",
         help="a loose piece in a hole: join it to the hole's rim, or fill both by themselves (default)",
     )
-    _add_continuity(fill)
-    fill.add_argument("--keep-largest", action="store_true", help="leave the longest loop open")
-    fill.add_argument("--max-perimeter", metavar="LENGTH", type=_positive, help="leave longer loops open")
-    fill.add_argument(
+    _add_quality(add)
+    add("--keep-largest", action="store_true", help="leave the longest loop open")
+    add("--max-perimeter", metavar="LENGTH", type=_positive, help="leave longer loops open")
+    add(
         "--edge-length",
         metavar="LENGTH",
         type=_positive,
         help="edge length of the patches (default: each loop's mean edge)",
     )
-    fill.add_argument(
-        "--tolerance",
-        metavar="T",
-        type=_positive,
-        default=1e-3,
-        help="RMS boundary residual per mean edge of the loop (default: %(default)s)",
-    )
-    fill.add_argument(
+    add(
         "--time-limit",
         metavar="S",
         type=_positive,
@@ -136,18 +126,15 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         help="seconds for the exact surface of each loop, after which it is closed by a discrete one (default: "
         "%(default)g)",
     )
-    fill.add_argument(
+    add(
         "--strict",
         action="store_true",
         help="exit with 1 too where a loop is closed by a discrete surface or not within the tolerance",
     )
-    fill.add_argument(
-        "--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)"
-    )
-    fill.add_argument("--report", metavar="JSON", type=Path, help="write a report")
-    fill.add_argument("--html", metavar="HTML", type=Path, help="write a page that shows the fill, for any browser")
-    fill.add_argument("--compare", action="store_true", help="compare each fill with a discrete minimal surface")
-    fill.add_argument(
+    add("--report", metavar="JSON", type=Path, help="write a report")
+    add("--html", metavar="HTML", type=Path, help="write a page that shows the fill, for any browser")
+    add("--compare", action="store_true", help="compare each fill with a discrete minimal surface")
+    add(
         "--picture",
         metavar="PNG",
         type=Path,
@@ -155,60 +142,59 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     )
 
 
-def _add_continuity(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
+def _add_quality(add: Callable[..., Any]) -> None:
+    add(
         "--continuity",
         choices=CONTINUITY,
         default="C0",
         help="C0: minimal surfaces, which meet the mesh at the rim (default); C1: patches that go on with its tangents "
         "and curvature",
     )
+    add(
+        "--tolerance",
+        metavar="T",
+        type=_positive,
+        default=1e-3,
+        help="RMS boundary residual per mean edge of the loop (default: %(default)s)",
+    )
+
+
+def _add_input(add: Callable[..., Any]) -> None:
+    add("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
+    add("--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)")
 
 
 def _add_loops(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    loops = commands.add_parser("loops", help="list the boundary loops of a mesh file")
-    loops.add_argument("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
-    loops.add_argument(
-        "--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)"
-    )
-    loops.add_argument("--json", action="store_true", help="print JSON")
-    loops.add_argument(
-        "--picture", metavar="PNG", type=Path, help="draw the mesh, before and behind, its loops numbered"
-    )
+    add = commands.add_parser("loops", help="list the boundary loops of a mesh file").add_argument
+    _add_input(add)
+    add("--json", action="store_true", help="print JSON")
+    add("--picture", metavar="PNG", type=Path, help="draw the mesh, before and behind, its loops numbered")
 
 
 def _add_reproduce(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    reproduce = commands.add_parser(
+    add = commands.add_parser(
         "reproduce",
         help="run the experiments of the paper",
         epilog="exit status: 0 what the paper says was seen, 1 in some experiment it was not (the report says why), "
         "2 the arguments cannot be used. A run that was stopped goes on where it was when the same command is given "
         "again; what it has finished is measured anew where its folder is removed.",
-    )
-    reproduce.add_argument(
-        "names", metavar="NAME", nargs="*", help=f"experiments: {', '.join(EXPERIMENTS)} (default: all)"
-    )
-    reproduce.add_argument(
-        "--quick", action="store_true", help="with fewer epochs and coarser grids; the report says what is shortened"
-    )
-    reproduce.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, required=True, help="folder of report, data and pictures"
-    )
+    ).add_argument
+    add("names", metavar="NAME", nargs="*", help=f"experiments: {', '.join(EXPERIMENTS)} (default: all)")
+    add("--quick", action="store_true", help="with fewer epochs and coarser grids; the report says what is shortened")
+    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of report, data and pictures")
 
 
 def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    bench = commands.add_parser(
+    add = commands.add_parser(
         "bench",
         help="measure exact minimal surfaces beside discrete ones and beside hole fillers",
         epilog="exit status: 0 every promise of accuracy is kept, 1 some are not (they are named on standard error; "
         "missed times are named too, but do not count), 2 the arguments cannot be used. A run that was killed goes on "
         "where it was when the same command is given again.",
-    )
-    bench.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of the run")
-    bench.add_argument(
-        "--quick", action="store_true", help="a few cases of each suite, every tool once: less than three minutes"
-    )
-    bench.add_argument(
+    ).add_argument
+    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of the run")
+    add("--quick", action="store_true", help="a few cases of each suite, every tool once: less than three minutes")
+    add(
         "--suite",
         dest="suites",
         metavar="NAME[,NAME…]",
@@ -216,18 +202,16 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="disks, fills, odd, cut-outs, meshes, noisy: ours beside others; curves, rims, speed, paper, batch: "
         "ours alone (default: all)",
     )
-    bench.add_argument(
+    add(
         "--cases",
         metavar="NAME[,NAME…]",
         type=_names,
         help="which of their cases, also by patterns as of files, for instance 'icosphere-*' (default: all)",
     )
-    bench.add_argument("--methods", metavar="NAME[,NAME…]", type=_names, help="methods and tools (default: all)")
-    bench.add_argument("--repeat", metavar="N", type=_count, help="counted calls of each (default: 3)")
-    bench.add_argument(
-        "--time-limit", metavar="S", type=_positive, help="seconds for one measurement (default: 180, quick: 60)"
-    )
-    bench.add_argument("--data", metavar="DIR", type=Path, help="folder of mesh files (default: data, if it is there)")
+    add("--methods", metavar="NAME[,NAME…]", type=_names, help="methods and tools (default: all)")
+    add("--repeat", metavar="N", type=_count, help="counted calls of each (default: 3)")
+    add("--time-limit", metavar="S", type=_positive, help="seconds for one measurement (default: 180, quick: 60)")
+    add("--data", metavar="DIR", type=Path, help="folder of mesh files (default: data, if it is there)")
 
 
 def _names(text: str) -> list[str]:
@@ -235,69 +219,62 @@ def _names(text: str) -> list[str]:
 
 
 def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    batch = commands.add_parser(
+    add = commands.add_parser(
         "batch",
         help="solve the boundary loops of many OBJ files",
         epilog="exit status: 0 every loop of every file was done within the tolerance and crosses nothing, 1 some were "
         "not (OUT/failures.log names them), 2 the batch could not start or go on",
-    )
-    batch.add_argument(
+    ).add_argument
+    add(
         "inputs",
         metavar="INPUT",
         nargs="+",
         help="OBJ file, folder (with all below it), pattern, manifest (.csv with a column path, .jsonl) or archive "
         "(.zip, .tar, .tar.gz, ...)",
     )
-    batch.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help="folder of results")
-    batch.add_argument(
+    add("-o", "--output", metavar="OUT", type=Path, required=True, help="folder of results")
+    add(
         "--what",
         choices=WHAT,
         default="fill",
         help="fill: triangulations and filled meshes; surface: triangulations and spinor surfaces; loops: the loops "
         "alone (default: %(default)s)",
     )
-    batch.add_argument("--format", choices=FORMAT, default="obj", help="of the meshes (default: %(default)s)")
-    batch.add_argument("--workers", metavar="N", type=_count, help="processes that solve (default: one a core)")
-    batch.add_argument("--scheduler", metavar="ADDRESS", help="use a running Dask cluster instead, as tcp://host:8786")
-    batch.add_argument(
+    add("--format", choices=FORMAT, default="obj", help="of the meshes (default: %(default)s)")
+    add("--workers", metavar="N", type=_count, help="processes that solve (default: one a core)")
+    add("--scheduler", metavar="ADDRESS", help="use a running Dask cluster instead, as tcp://host:8786")
+    add(
         "--edge-length",
         metavar="LENGTH",
         type=_positive,
         help="edge length of the triangulations (default: each loop's mean edge)",
     )
-    batch.add_argument(
-        "--tolerance",
-        metavar="T",
-        type=_positive,
-        default=1e-3,
-        help="RMS boundary residual per mean edge of the loop (default: %(default)s)",
-    )
-    _add_continuity(batch)
-    batch.add_argument(
+    _add_quality(add)
+    add(
         "--closing",
         metavar="T",
         type=_from_zero,
         default=1e-3,
         help="curves whose ends are at most so many mean edges apart are closed (default: %(default)s)",
     )
-    batch.add_argument("--compare", action="store_true", help="compare each surface with a discrete minimal surface")
-    batch.add_argument("--device", default="cpu", help="of the batched linear algebra (default: %(default)s)")
-    batch.add_argument("--resume", action="store_true", help="go on with the run in OUT: do what is not complete")
-    batch.add_argument(
+    add("--compare", action="store_true", help="compare each surface with a discrete minimal surface")
+    add("--device", default="cpu", help="of the batched linear algebra (default: %(default)s)")
+    add("--resume", action="store_true", help="go on with the run in OUT: do what is not complete")
+    add(
         "--time-limit",
         metavar="SECONDS",
         type=_positive,
         default=300.0,
         help="for reading a file and for each of its loops (default: %(default)s)",
     )
-    batch.add_argument(
+    add(
         "--memory-limit",
         metavar="SIZE",
         type=_bytes,
         default=4 << 30,
         help="of a process that solves, as 512M or 4G (default: 4G)",
     )
-    batch.add_argument(
+    add(
         "--retries",
         metavar="K",
         type=int,
@@ -307,19 +284,19 @@ def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def _add_morph(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    morph = commands.add_parser(
+    add = commands.add_parser(
         "morph",
         help="turn a surface through its associate family, as the catenoid into the helicoid",
         epilog="exit status: 0 the file was written, 2 the surface has no associate family or cannot be read, or the "
         "output's format is unknown",
-    )
-    morph.add_argument(
+    ).add_argument
+    add(
         "surface",
         metavar="SURFACE",
         help="a saved surface (.safetensors), or a name in the gallery, such as catenoid or enneper; for a name that "
         "does not exist all are listed",
     )
-    morph.add_argument(
+    add(
         "-o",
         "--output",
         metavar="OUT",
@@ -327,7 +304,7 @@ def _add_morph(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         required=True,
         help="animation (.gif, .mp4), or page with a slider (.html)",
     )
-    morph.add_argument("--frames", metavar="N", type=_count, default=72, help="of an animation (default: %(default)s)")
+    add("--frames", metavar="N", type=_count, default=72, help="of an animation (default: %(default)s)")
 
 
 _SHOWN = "mesh file (obj, ply, stl, off, glb, vtp, vtk, 3mf) or saved surface (.safetensors)"
@@ -335,35 +312,33 @@ _CURVATURE = "colours tell the curvature: Gauss curvature of a surface, |H| of a
 
 
 def _add_view(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    view = commands.add_parser(
+    add = commands.add_parser(
         "view",
         help="open a window with a mesh or a surface",
         epilog="exit status: 0 the window was closed, 2 the file cannot be read or there is no display",
-    )
-    view.add_argument("input", metavar="IN", type=Path, help=_SHOWN)
-    view.add_argument("--curvature", action="store_true", help=_CURVATURE)
+    ).add_argument
+    add("input", metavar="IN", type=Path, help=_SHOWN)
+    add("--curvature", action="store_true", help=_CURVATURE)
 
 
 def _add_render(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    render = commands.add_parser(
+    add = commands.add_parser(
         "render",
         help="draw a mesh or a surface as a PNG, without a display",
         epilog="exit status: 0 the picture was written, 2 the file cannot be read or the picture not be drawn",
-    )
-    render.add_argument("input", metavar="IN", type=Path, help=_SHOWN)
-    render.add_argument("-o", "--output", metavar="PNG", type=Path, required=True, help="the picture")
-    render.add_argument("--curvature", action="store_true", help=_CURVATURE)
-    render.add_argument("--size", metavar="WxH", type=_size, default=(1200, 960), help="in pixels (default: 1200x960)")
-    render.add_argument(
+    ).add_argument
+    add("input", metavar="IN", type=Path, help=_SHOWN)
+    add("-o", "--output", metavar="PNG", type=Path, required=True, help="the picture")
+    add("--curvature", action="store_true", help=_CURVATURE)
+    add("--size", metavar="WxH", type=_size, default=(1200, 960), help="in pixels (default: 1200x960)")
+    add(
         "--eye",
         metavar="X,Y,Z",
         type=_direction,
         default=(1.0, -2.0, 1.3),
         help="direction to the eye: right, backwards, up (default: 1,-2,1.3); write --eye=-1,... for a negative X",
     )
-    render.add_argument(
-        "--up", choices=("y", "z"), help="axis that points upwards (default: y for mesh files, z for saved surfaces)"
-    )
+    add("--up", choices=("y", "z"), help="axis that points upwards (default: y for mesh files, z for saved surfaces)")
 
 
 def _size(text: str) -> tuple[int, int]:

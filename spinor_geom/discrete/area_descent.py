@@ -9,6 +9,8 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csc_array
 
 from spinor_geom.deadline import is_out_of_time
+from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.operators import face_areas, factor_symmetric, mollified_laplacian, vertex_normals
 
@@ -36,6 +38,14 @@ def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"])
         return np.array(boundary)
     factor = factor_symmetric(laplacian[m:, m:])
     return np.asarray(np.concatenate([boundary, factor.solve(-(laplacian[m:, :m] @ boundary))]))
+
+
+def descend_from_plane(
+    plane: PlaneTriangulation, boundary: Float[np.ndarray, "m 3"], *, relative_change: float
+) -> Descent:
+    """Maps a plane mesh harmonically to its boundary in space, and descends in area as `descend_area` does."""
+    mapped = harmonic_extension(mollified_laplacian(plane_coordinates(plane.points), plane.faces), boundary)
+    return descend_area(mapped, plane.faces, len(boundary), relative_change=relative_change)
 
 
 def descend_area(

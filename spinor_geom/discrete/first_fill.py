@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import partial
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from scipy.sparse import coo_array
 
 from spinor_geom.domain.flattening import flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
-from spinor_geom.mesh.operators import intrinsic_angles
+from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
 
 # The triangulation costs O(n³) time and O(n²) memory: longer loops are thinned to this many points for it.
 _LONGEST = 160
@@ -46,7 +46,8 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     try:
-        flat = flatten_boundary(edge, turning, _laplacian(angles, triangles, len(corners)), clearance=1.0, saws=saws)
+        laplacian = partial(_laplacian, angles, triangles)
+        flat = flatten_boundary(edge, turning, laplacian, clearance=1.0, saws=saws)
     except DomainError as error:
         raise FirstFillError(
             f"no first fill was found for a loop of {len(points)} points: its least-area triangulation does not unfold "
@@ -139,13 +140,11 @@ def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
         kept = kept[~drop]
 
 
-def _laplacian(angles: Float[np.ndarray, "t 3"], triangles: Int[np.ndarray, "t 3"], n: int) -> Float[np.ndarray, "n n"]:
+def _laplacian(angles: Float[np.ndarray, "t 3"], triangles: Int[np.ndarray, "t 3"]) -> Float[np.ndarray, "n n"]:
     """Cotangent Laplacian with angles drawn a little to 60°: slivers must not dominate the straightening.
 
     The angles of each triangle still sum to π, without which the matrix would not be positive.
     """
-    weight = 0.5 / np.tan(angles + _TO_EQUILATERAL * (np.pi / 3 - angles))
-    i, j = np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)
-    off = coo_array((weight.ravel(), (i.ravel(), j.ravel())), shape=(n, n)).toarray()
-    off += off.T
-    return np.asarray(np.diag(off.sum(axis=1)) - off)
+    drawn = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
+    # the sines are the sides of a triangle with these angles, and its size does not matter
+    return np.asarray(intrinsic_laplacian(np.sin(drawn), triangles).toarray())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,11 +12,12 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.discrete.area_descent import descend_area, harmonic_extension
+from spinor_geom.discrete.area_descent import Descent, descend_area, descend_from_plane, harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.triangulation import SizeFunction, graded_size, triangulate_polygon
+from spinor_geom.domain.triangulation import MOST_POINTS, SizeFunction, graded_size, triangulate_polygon
 from spinor_geom.errors import DomainError, FirstFillError, OptionError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian
@@ -78,7 +80,8 @@ def discrete_minimal_surface(
     Loops without a simple plane domain like them, as ragged rims and loops that cross or touch themselves may be, start
     from a round one; where that leaves more area than triangles without inner vertices do, these are the result. The
     result's `reason` says so.
-    "pymeshlab": isotropic remeshing of the minimum-area triangulation, and cotangent smoothing of the inner vertices.
+    "pymeshlab": MeshLab's isotropic remeshing of that surface, its edges `target_edge_length` or the rim's mean
+    edge long inside, and the same descent on its triangles. Both stop at 200,000 vertices.
 
     Two loops start from the strip of least area between them; their triangles always grow inwards, and there is no
     "pymeshlab" for them.
@@ -94,7 +97,7 @@ def discrete_minimal_surface(
     Raises:
         OptionError: unknown method, one that has no annuli, or an edge length that is not positive.
         TooManyRimsError: a sequence of other than one or two loops.
-        FirstFillError: MeshLab did not fill the loop; "libigl" closes every loop.
+        FirstFillError: MeshLab did not remesh the fill; "libigl" closes every loop.
         DomainError: the two loops lie so that no annulus can be meshed.
 
     Source: Pinkall & Polthier (1993); the first fill after Barequet & Sharir (1995).
@@ -107,29 +110,21 @@ def discrete_minimal_surface(
         if method != "libigl" or target_edge_length is not None:
             raise OptionError("between two loops there is only method='libigl', without target_edge_length")
         return _between(loop, relative_change)
-    if method == "pymeshlab":
-        from spinor_geom.discrete.meshlab import meshlab_minimal_surface
-
-        return meshlab_minimal_surface(loop, target_edge_length=target_edge_length, relative_change=relative_change)
-    if method != "libigl":
+    if method not in ("libigl", "pymeshlab"):
         raise OptionError(f"unknown method {method!r}; choose 'libigl' or 'pymeshlab'")
     start = time.perf_counter()
     unit = (loop.points - loop.centroid) / loop.diagonal
-    disk = _stationary_disk(
-        unit, relative_change, None if target_edge_length is None else target_edge_length / loop.diagonal
-    )
-    areas = tuple(area * loop.diagonal**2 for area in disk.areas)
-    return DiscreteMinimalSurface(
-        vertices=np.concatenate([loop.points, disk.vertices[len(loop) :] * loop.diagonal + loop.centroid]),
-        faces=disk.faces,
-        boundary_size=len(loop),
-        area=areas[-1],
-        area_history=areas,
-        converged=disk.converged,
-        reason=disk.reason,
-        method="libigl",
-        seconds=time.perf_counter() - start,
-    )
+    length = loop.mean_edge_length if target_edge_length is None and method == "pymeshlab" else target_edge_length
+    target = None if length is None else length / loop.diagonal
+    disk = _stationary_disk(unit, relative_change, target)
+    if method == "pymeshlab" and target is not None:
+        from spinor_geom.discrete.meshlab import remeshed
+
+        # n equilateral pairs of triangles of edge h have the area n·h²·√3/2
+        shortest = math.sqrt(2 * disk.areas[-1] / (math.sqrt(3) * MOST_POINTS))
+        vertices, faces = remeshed(disk.vertices, disk.faces, len(loop), max(target, shortest))
+        disk = Disk.of(descend_area(vertices, faces, len(loop), relative_change=relative_change), faces)
+    return disk.result(loop.points, scale=loop.diagonal, centre=loop.centroid, method=method, start=start)
 
 
 def _between(loops: Sequence[BoundaryLoop], relative_change: float) -> DiscreteMinimalSurface:
@@ -137,17 +132,22 @@ def _between(loops: Sequence[BoundaryLoop], relative_change: float) -> DiscreteM
         raise TooManyRimsError(sizes=[len(loop) for loop in loops])
     start = time.perf_counter()
     plane, descent = discrete_annulus(loops[0].points, loops[1].points, relative_change=relative_change)
-    return DiscreteMinimalSurface(
-        vertices=descent.vertices,
-        faces=plane.faces,
-        boundary_size=plane.boundary_size,
-        area=descent.areas[-1],
-        area_history=descent.areas,
-        converged=descent.converged,
-        reason=_reason(descent.converged),
-        method="libigl",
-        seconds=time.perf_counter() - start,
-    )
+    return Disk.of(descent, plane.faces).result(descent.vertices[: plane.boundary_size], method="libigl", start=start)
+
+
+def relaxed_surface(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
+) -> DiscreteMinimalSurface:
+    """The discrete minimal surface that `descend_area` reaches from a mesh, on the same triangles.
+
+    Args:
+        vertices: the boundary's first, which stay.
+        faces: triangles.
+        boundary_size: number of boundary vertices.
+    """
+    start = time.perf_counter()
+    disk = Disk.of(descend_area(vertices, faces, boundary_size, relative_change=_FINE_CHANGE), faces)
+    return disk.result(vertices[:boundary_size], method="libigl", start=start)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,9 +160,36 @@ class Disk:
     converged: bool
     reason: str = ""
 
+    @classmethod
+    def of(cls, descent: Descent, faces: Int[np.ndarray, "f 3"]) -> Disk:
+        """What a descent ended at."""
+        reason = "" if descent.converged else "the area did not become stationary"
+        return cls(
+            vertices=descent.vertices, faces=faces, areas=descent.areas, converged=descent.converged, reason=reason
+        )
 
-def _reason(converged: bool) -> str:
-    return "" if converged else "the area did not become stationary"
+    def result(
+        self,
+        boundary: Float[np.ndarray, "m 3"],
+        *,
+        method: DiscreteMethod,
+        start: float,
+        scale: float = 1.0,
+        centre: Float[np.ndarray, "3"] | float = 0.0,
+    ) -> DiscreteMinimalSurface:
+        """The disk scaled and moved, its boundary put back bit for bit; `start` is when the work on it began."""
+        areas = tuple(area * scale**2 for area in self.areas)
+        return DiscreteMinimalSurface(
+            vertices=np.concatenate([boundary, self.vertices[len(boundary) :] * scale + centre]),
+            faces=self.faces,
+            boundary_size=len(boundary),
+            area=areas[-1],
+            area_history=areas,
+            converged=self.converged,
+            reason=self.reason,
+            method=method,
+            seconds=time.perf_counter() - start,
+        )
 
 
 def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, target: float | None) -> Disk:
@@ -235,16 +262,7 @@ def _fill(
 ) -> Disk:
     """Meshes a polygon, maps it harmonically to the loop, and descends in area."""
     plane = triangulate_polygon(polygon, size or graded_size(polygon))
-    flat = np.column_stack([plane.points.real, plane.points.imag, np.zeros(len(plane.points))])
-    mapped = harmonic_extension(mollified_laplacian(flat, plane.faces), points)
-    descent = descend_area(mapped, plane.faces, len(points), relative_change=relative_change)
-    return Disk(
-        vertices=descent.vertices,
-        faces=plane.faces,
-        areas=descent.areas,
-        converged=descent.converged,
-        reason=_reason(descent.converged),
-    )
+    return Disk.of(descend_from_plane(plane, points, relative_change=relative_change), plane.faces)
 
 
 def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | None) -> SizeFunction:
@@ -252,8 +270,8 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     graded = graded_size(polygon)
     if target is None:
         return graded
-    boundary = np.column_stack([polygon.real, polygon.imag])
-    flat = harmonic_extension(mollified_laplacian(first.vertices, first.faces), boundary) @ np.array([1.0, 1.0j])
+    laplacian = mollified_laplacian(first.vertices, first.faces)
+    flat = harmonic_extension(laplacian, plane_coordinates(polygon)) @ np.array([1.0, 1.0j])
     flat = flat[first.faces]
     plane_area = 0.5 * np.abs(np.imag(np.conj(flat[:, 1] - flat[:, 0]) * (flat[:, 2] - flat[:, 0])))
     tiny = np.finfo(np.float64).tiny  # faces without area bound nothing
@@ -262,10 +280,10 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     # a round domain of a tangled loop is stretched without bounds somewhere, and would be meshed as finely there
     stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), tiny)))
     middle = flat.mean(axis=1)
-    tree = cKDTree(np.column_stack([middle.real, middle.imag]))
+    tree = cKDTree(plane_coordinates(middle))
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        _, near = tree.query(np.column_stack([z.real, z.imag]))
+        _, near = tree.query(plane_coordinates(z))
         return np.asarray(np.minimum(graded(z), target / stretch[near]))
 
     return size

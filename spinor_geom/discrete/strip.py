@@ -7,7 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.discrete.area_descent import Descent, descend_area, harmonic_extension
+from spinor_geom.discrete.area_descent import Descent, descend_from_plane, harmonic_extension
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, size_bounds, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 
@@ -90,10 +90,10 @@ def discrete_annulus(
     """
     points = np.concatenate([first, second])
     plane = triangulated_annulus(*_strip_places(first, second))
-    descent = _descended(plane, points, _FIRST_CHANGE)
+    descent = descend_from_plane(plane, points, relative_change=_FIRST_CHANGE)
     for _ in range(_ROUNDS):
         plane = triangulated_annulus(*_conformal_places(descent.vertices, plane.faces, len(first), len(points)))
-        descent = _descended(plane, points, relative_change)
+        descent = descend_from_plane(plane, points, relative_change=relative_change)
     return plane, descent
 
 
@@ -128,12 +128,6 @@ def ruled_annulus(
         for z, points in zip(places, rims, strict=True)
     ]
     return plane, np.concatenate([first, second, (1 - share) * ends[0] + share * ends[1]])
-
-
-def _descended(plane: PlaneTriangulation, points: Float[np.ndarray, "m 3"], relative_change: float) -> Descent:
-    flat = np.column_stack([plane.points.real, plane.points.imag, np.zeros(len(plane.points))])
-    mapped = harmonic_extension(mollified_laplacian(flat, plane.faces), points)
-    return descend_area(mapped, plane.faces, len(points), relative_change=relative_change)
 
 
 def triangulated_annulus(outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n"]) -> PlaneTriangulation:

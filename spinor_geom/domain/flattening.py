@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.operators import (
     factor_symmetric,
@@ -26,6 +28,9 @@ _WIDTHS = (0.06, 0.03, 0.015)
 _ON_LINE = 1e-12
 _UNTANGLING_ROUNDS = 60
 _LARGEST_LOBE = 24
+
+# gives the Dirichlet-to-Neumann matrix Λ of a disk's boundary
+NeumannMatrix = Callable[[], Float[np.ndarray, "m m"]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,10 +51,11 @@ class Flattening:
 
 def dirichlet_to_neumann(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
-) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
+) -> tuple[NeumannMatrix, Float[np.ndarray, " m"]]:
     """Dirichlet-to-Neumann matrix Λ of a discrete disk and its boundary's turning angles k₀ when flattened at u = 0.
 
-    A flattening with boundary log scale u turns by k₀ + Λu at its vertices; the turning sums to 2π.
+    A flattening with boundary log scale u turns by k₀ + Λu at its vertices; the turning sums to 2π. Λ is made when it
+    is asked for: most boundaries are simple at u = 0.
 
     Args:
         vertices: the boundary vertices come first, in boundary order.
@@ -65,12 +71,15 @@ def dirichlet_to_neumann(
     defect -= np.bincount(faces.ravel(), intrinsic_angles(lengths).ravel(), minlength=len(vertices))
     turning = defect[:m] - np.pi
     if len(vertices) == m:
-        return np.asarray(laplacian.toarray()), turning
+        return lambda: np.asarray(laplacian.toarray()), turning
     inner = factor_symmetric(laplacian[m:, m:])
     coupling = laplacian[:m, m:]
-    solved = inner.solve(np.column_stack([coupling.T.toarray(), defect[m:]]))
-    neumann = laplacian[:m, :m].toarray() - coupling @ solved[:, :m]
-    return (neumann + neumann.T) / 2, turning - coupling @ solved[:, m]
+
+    def matrix() -> Float[np.ndarray, "m m"]:
+        neumann = laplacian[:m, :m].toarray() - coupling @ inner.solve(coupling.T.toarray())
+        return np.asarray((neumann + neumann.T) / 2)
+
+    return matrix, turning - coupling @ inner.solve(defect[m:])
 
 
 def flatten(
@@ -110,7 +119,7 @@ def flatten(
 def flatten_boundary(
     edge: Float[np.ndarray, " m"],
     turning: Float[np.ndarray, " m"],
-    neumann: Float[np.ndarray, "m m"],
+    neumann: NeumannMatrix,
     *,
     clearance: float,
     saws: bool = False,
@@ -121,7 +130,7 @@ def flatten_boundary(
     Args:
         edge: lengths.
         turning: angles in radians, their sum 2π.
-        neumann: Λ.
+        neumann: gives Λ.
         clearance: as for `flatten`.
         saws: leaves u·Λu out. The boundary may then turn to and fro from vertex to vertex, which rounding it off
             undoes, and has fewer notches where it winds about itself.
@@ -130,7 +139,7 @@ def flatten_boundary(
     Raises:
         DomainError: no simple domain was found.
     """
-    laid_out = (lay_out(edge, turning + neumann @ u, u) for u in _candidates(edge, turning, neumann, saws=saws))
+    laid_out = itertools.starmap(partial(lay_out, edge), _candidates(edge, turning, neumann, saws=saws))
     # tee: what was laid out in vain is not laid out again for its lobes
     plain, lobed = itertools.tee(polygon for polygon in laid_out if polygon is not None)
     for polygons in (plain, map(untangled, lobed)):
@@ -154,9 +163,9 @@ def _least_straightened(
     for polygon in polygons:
         if polygon is None or not is_simple(polygon) or (drawn is not None and not is_simple(drawn(polygon))):
             continue
-        ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
-        log_scale = (ratio + np.roll(ratio, 1)) / 2
-        found.append(Flattening(boundary=polygon, log_scale=log_scale, clearance=outer_clearance(polygon)))
+        found.append(
+            Flattening(boundary=polygon, log_scale=log_scale_of(polygon, edge), clearance=outer_clearance(polygon))
+        )
         if found[-1].clearance >= clearance:
             return found[-1]
     # little straightening comes before a little more room: polygons are in order of their straightening
@@ -164,25 +173,37 @@ def _least_straightened(
 
 
 def _candidates(
-    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: Float[np.ndarray, "m m"], *, saws: bool
-) -> Iterator[Float[np.ndarray, " m"]]:
-    """Boundary log scales to try, the nearest to 0 first."""
-    yield np.zeros(len(edge))
+    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: NeumannMatrix, *, saws: bool
+) -> Iterator[tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]]:
+    """Turning angles and boundary log scales to try, the nearest to 0 first."""
+    yield turning, np.zeros(len(edge))
+    matrix = neumann()
     ds = (edge + np.roll(edge, 1)) / 2
     length = ds.sum()
-    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / length
-    distance = np.abs(s[:, None] - s)
-    distance = np.minimum(distance, 1 - distance)
     # S is blind to what changes from vertex to vertex: without Λ here slivers turn the boundary to and fro
-    size = np.diag(ds) / length**2 + (0 if saws else neumann / length)
+    size = np.diag(ds) / length**2 + (0 if saws else matrix / length)
     for width in _WIDTHS:
-        smooth = np.exp(-0.5 * (distance / width) ** 2)
-        smooth /= (smooth @ ds)[:, None]
-        slope = smooth @ neumann
+        smooth = smoothing(edge, width)
+        slope = smooth @ matrix
         normal = slope.T @ (ds[:, None] * slope)
         load = slope.T @ (ds * (2 * np.pi / length - smooth @ turning))
         for strength in _STRENGTHS:
-            yield np.linalg.solve(normal + strength * size, load)
+            log_scale = np.linalg.solve(normal + strength * size, load)
+            yield turning + matrix @ log_scale, log_scale
+
+
+def smoothing(edge: Float[np.ndarray, " m"], width: float) -> Float[np.ndarray, "m m"]:
+    """Gaussian means along a closed boundary, the width a share of its length: turning at vertices to curvature."""
+    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / edge.sum()
+    distance = np.abs(s[:, None] - s)
+    smooth = np.exp(-0.5 * (np.minimum(distance, 1 - distance) / width) ** 2)
+    return np.asarray(smooth / (smooth @ ((edge + np.roll(edge, 1)) / 2))[:, None])
+
+
+def log_scale_of(polygon: Complex[np.ndarray, " m"], edge: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """Logarithm of a polygon's edge lengths per given ones at its vertices, the mean of two edges each."""
+    ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
+    return np.asarray((ratio + np.roll(ratio, 1)) / 2)
 
 
 def lay_out(
@@ -211,7 +232,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
     ends = np.stack([polygon, np.roll(polygon, -1)])
     edge, middle = ends[1] - ends[0], ends.mean(axis=0)
     half = 0.5 * np.abs(edge)
-    tree = cKDTree(np.stack([middle.real, middle.imag], axis=1))
+    tree = cKDTree(plane_coordinates(middle))
     # the share is for round-off: edges cross only where their middles are within half their lengths
     i, j = tree.query_pairs(2.001 * half.max(), output_type="ndarray").T
     near = (np.abs(middle[i] - middle[j]) <= 1.001 * (half[i] + half[j])) & (j - i > 1) & (j - i < m - 1)

@@ -10,7 +10,7 @@ import scipy.linalg
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.domain.delaunay import plane_coordinates
-from spinor_geom.domain.flattening import dirichlet_to_neumann, is_simple, lay_out
+from spinor_geom.domain.flattening import dirichlet_to_neumann, is_simple, lay_out, log_scale_of, smoothing
 from spinor_geom.domain.plane_domain import SplineBoundary, sampled
 from spinor_geom.mesh.intersections import crossings_between
 
@@ -67,7 +67,8 @@ def flatten_annulus(
     maps", ACM TOG 21 (2002), for the conformal energy.
     """
     m, rim = sizes[0], sum(sizes)
-    neumann, turning = dirichlet_to_neumann(vertices, faces, rim)
+    make_neumann, turning = dirichlet_to_neumann(vertices, faces, rim)
+    neumann = make_neumann()
     if not np.isfinite(neumann).all():
         return None
     parts = slice(0, m), slice(m, rim)
@@ -82,10 +83,8 @@ def flatten_annulus(
         placed = _placed(outer, inner, neumann)
         if not _is_annulus(outer, placed):
             continue
-        log_scale = np.concatenate(
-            [_log_scale(polygon, edge[p]) for polygon, p in zip((outer, placed), parts, strict=True)]
-        )
-        return AnnularFlattening(outer=outer, inner=placed, log_scale=log_scale)
+        scales = [log_scale_of(polygon, edge[p]) for polygon, p in zip((outer, placed), parts, strict=True)]
+        return AnnularFlattening(outer=outer, inner=placed, log_scale=np.concatenate(scales))
     return None
 
 
@@ -100,7 +99,7 @@ def _candidates(
     size = np.diag(ds) / length**2 + neumann / length
     flux = neumann[:m].sum(axis=0)
     missing = 2 * np.pi - turning[:m].sum()
-    smooth = scipy.linalg.block_diag(*(_smoothing(e) for e in rims))
+    smooth = scipy.linalg.block_diag(*(smoothing(e, _WIDTH) for e in rims))
     slope = smooth @ neumann
     even = np.concatenate(
         [np.full(k, sign * 2 * np.pi / e.sum()) for k, sign, e in zip(sizes, (1, -1), rims, strict=True)]
@@ -151,15 +150,6 @@ def _gaps(
     return np.array(gaps), np.array(slopes)
 
 
-def _smoothing(edge: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m m"]:
-    ds = (edge + np.roll(edge, 1)) / 2
-    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / edge.sum()
-    distance = np.abs(s[:, None] - s)
-    distance = np.minimum(distance, 1 - distance)
-    smooth = np.exp(-0.5 * (distance / _WIDTH) ** 2)
-    return np.asarray(smooth / (smooth @ ds)[:, None])
-
-
 def _placed(
     outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n"], neumann: Float[np.ndarray, "r r"]
 ) -> Complex[np.ndarray, " n"]:
@@ -186,8 +176,3 @@ def _is_annulus(outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n
         return False
     away = curves[0] - curves[1][0]
     return bool(np.angle(np.roll(away, -1) / away).sum() > np.pi)
-
-
-def _log_scale(polygon: Complex[np.ndarray, " m"], edge: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
-    return np.asarray((ratio + np.roll(ratio, 1)) / 2)

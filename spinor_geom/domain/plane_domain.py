@@ -9,6 +9,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
+from numpy.polynomial.polynomial import polyval
+from scipy.interpolate import PPoly
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
@@ -74,43 +76,22 @@ class SplineBoundary:
         """The interpolating cubic spline by chord length through vertices, counter-clockwise."""
         flags = np.zeros(len(vertices), dtype=bool) if corners is None else np.asarray(corners, dtype=bool)
         z = np.asarray(vertices, dtype=np.complex128)
-        parameters, coefficients = piecewise_cubic(np.stack([z.real, z.imag], axis=1), flags)
+        parameters, coefficients = piecewise_cubic(plane_coordinates(z), flags)
         boundary = cls(parameters, coefficients[..., 0] + 1j * coefficients[..., 1], flags)
         boundary.vertices = z
         return boundary
 
-    def halved(self, pieces: Bool[np.ndarray, " m"]) -> SplineBoundary:
-        """The same curve with one more vertex, at the middle of the parameter, on each of the given pieces."""
-        number = np.repeat(np.arange(len(pieces)), 1 + pieces)
-        is_second = np.append(False, number[1:] == number[:-1])
-        shift = np.where(is_second, np.diff(self.parameters)[number] / 2, 0.0)
-        coefficients = self.coefficients[:, number].copy()
-        # repeated synthetic division: the polynomials about their pieces' new starts
-        for last in range(len(coefficients), 1, -1):
-            for k in range(1, last):
-                coefficients[k] += coefficients[k - 1] * shift
-        return SplineBoundary(
-            np.append(self.parameters[number] + shift, 1.0), coefficients, self.corners[number] & ~is_second
-        )
-
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(t); t is taken modulo 1."""
-        return self._horner(t)[0]
+        return np.asarray(self._pieces(np.mod(t, 1.0)))
 
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """dz/dt."""
-        return self._horner(t)[1]
+        return np.asarray(self._pieces(np.mod(t, 1.0), nu=1))
 
-    def _horner(self, t: Float[np.ndarray, "*pts"]) -> tuple[Complex[np.ndarray, "*pts"], Complex[np.ndarray, "*pts"]]:
-        t = np.mod(t, 1.0)
-        piece = np.clip(np.searchsorted(self.parameters, t, side="right") - 1, 0, len(self.vertices) - 1)
-        x = t - self.parameters[piece]
-        value = self.coefficients[0][piece]
-        slope = np.zeros_like(value)
-        for coefficient in self.coefficients[1:]:
-            slope = slope * x + value
-            value = value * x + coefficient[piece]
-        return value, slope
+    @cached_property
+    def _pieces(self) -> PPoly:
+        return PPoly(self.coefficients, self.parameters)
 
 
 def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
@@ -164,11 +145,8 @@ class FourierBoundary:
         e = np.exp(2j * np.pi * np.asarray(t, dtype=np.float64))
         middle = len(c) // 2
         # one Horner sum in e and one in 1/e: neither multiplies by a power of e at the end
-        ahead, back = np.zeros_like(e), np.zeros_like(e)
-        for k in range(middle, 0, -1):
-            ahead = (ahead + c[middle + k]) * e
-            back = (back + c[middle - k]) * np.conj(e)
-        return np.asarray(c[middle] + ahead + back)
+        ahead, back = np.append(0.0, c[middle + 1 :]), c[middle::-1]
+        return np.asarray(polyval(e, ahead) + polyval(np.conj(e), back))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

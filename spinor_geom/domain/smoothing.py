@@ -9,8 +9,8 @@ from spinor_geom.domain.delaunay import Rims, constrained_delaunay, cross
 
 # smoothing may make a triangle less round only down to this (1: equilateral)
 _ROUND_ENOUGH = 0.4
-# a new triangulation after every second move costs half as much as after each, and gives as good angles
-_SMOOTHING_PASSES, _MOVES_A_PASS = 2, 2
+# more moves, or a new triangulation between them, make no angle better
+_MOVES = 2
 # a point of a poor triangle tries eight places around it, at these shares of the mean length of its edges
 _POLISHING_STEPS = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08)
 _AROUND = np.append(0, np.exp(2j * np.pi * np.arange(8) / 8))
@@ -19,7 +19,7 @@ _AROUND = np.append(0, np.exp(2j * np.pi * np.arange(8) / 8))
 def smooth(
     points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], rims: Rims
 ) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "t 3"]]:
-    """Moves inner points to the mean of their neighbours, twice a pass; a new Delaunay triangulation follows each pass.
+    """Moves inner points to the mean of their neighbours, twice; a new Delaunay triangulation follows.
 
     Args:
         points: Boundary first; it stays.
@@ -32,16 +32,14 @@ def smooth(
     n, m = len(points), sum(rims)
     if n == m:
         return points, faces
-    for _ in range(_SMOOTHING_PASSES):
-        a, b = faces.ravel(), faces[:, [1, 2, 0]].ravel()
-        degree = np.bincount(a, minlength=n)[m:]
-        for _ in range(_MOVES_A_PASS):
-            total = np.bincount(a, points.real[b], n) + 1j * np.bincount(a, points.imag[b], n)
-            moved = points.copy()
-            moved[m:] = total[m:] / degree
-            points = _held_back(points, moved, faces)
-        faces = constrained_delaunay(points, rims)
-    return points, faces
+    a, b = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    degree = np.bincount(a, minlength=n)[m:]
+    for _ in range(_MOVES):
+        total = np.bincount(a, points.real[b], n) + 1j * np.bincount(a, points.imag[b], n)
+        moved = points.copy()
+        moved[m:] = total[m:] / degree
+        points = _held_back(points, moved, faces)
+    return points, constrained_delaunay(points, rims)
 
 
 def polish(

@@ -28,6 +28,10 @@ from spinor_geom.errors import DomainError, OptionError
 SizeFunction = Callable[[Complex[np.ndarray, " k"]], Float[np.ndarray, " k"]]
 SizeBounds = Callable[[Complex[np.ndarray, " k"]], tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]
 
+# of a triangulation, if nothing else is said
+MOST_POINTS = 200_000
+# in degrees, below which a triangle is refined; above 30 the number of points grows quickly
+_MIN_ANGLE = 25.0
 # points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
 _SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
 _MOST_ROWS = 20_000
@@ -85,7 +89,6 @@ def graded_size(
     boundary: Complex[np.ndarray, " m"],
     *,
     growth: float = 0.35,
-    cap: float | None = None,
     rims: Rims | None = None,
 ) -> SizeFunction:
     """Edge length that is the local one at the boundary and grows with the distance from it.
@@ -96,19 +99,13 @@ def graded_size(
     Args:
         boundary: Closed polygon, in units of Ω, or several, one after the other.
         growth: Increase of h per unit of distance.
-        cap: Upper bound of h, in units of Ω.
         rims: Numbers of vertices of the polygons; none for a single one.
 
     Returns:
         A function from points (k,) to edge lengths (k,).
     """
     bounds = size_bounds(boundary, growth=growth, decay=0.0, rims=rims)
-
-    def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        _, h = bounds(z)
-        return h if cap is None else np.asarray(np.minimum(h, cap))
-
-    return size
+    return lambda z: bounds(z)[1]
 
 
 def size_bounds(
@@ -149,13 +146,12 @@ def triangulate_polygon(
     size: SizeFunction,
     *,
     holes: Sequence[Complex[np.ndarray, " _"]] = (),
-    min_angle: float = 25.0,
-    max_points: int = 200_000,
+    max_points: int = MOST_POINTS,
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
     Delaunay refinement: circumcentres of triangles that are too large for the size function or have an angle below
-    `min_angle` are inserted in batches of mutually distant ones, never close to a boundary edge, so no boundary edge is
+    25° are inserted in batches of mutually distant ones, never close to a boundary edge, so no boundary edge is
     ever split. Then edges that bridge the polygon between two boundary vertices get a point where there is room (where
     the polygon is one triangle wide they stay), the inner points are smoothed, and those of triangles that are still
     poor are moved one by one. Small angles that the boundary itself forces stay.
@@ -164,7 +160,6 @@ def triangulate_polygon(
         boundary: Vertices of the polygon, counter-clockwise, without repetition of the first.
         size: Wanted edge length at points (k,), in units of the polygon.
         holes: Polygons inside it, clockwise, that are left out.
-        min_angle: Angle in degrees below which a triangle is refined; above 30 the number of points grows quickly.
         max_points: No further points are inserted when there are so many in all.
 
     Raises:
@@ -205,7 +200,7 @@ def triangulate_polygon(
     after = rim_successors(rims)
     guard = _Guard(polygon, after)
     points = np.append(polygon, _seeds(polygon, after, guard, wanted, max_points - m))
-    points, faces = _refine(points, ConstrainedDelaunay(points, rims), guard, wanted, min_angle, max_points)
+    points, faces = _refine(points, ConstrainedDelaunay(points, rims), guard, wanted, max_points)
     for _ in range(3):
         middle = _long_bridges(points, faces, after, wanted, guard)
         if len(middle) == 0:
@@ -213,7 +208,7 @@ def triangulate_polygon(
         points = np.append(points, middle)
         faces = constrained_delaunay(points, rims)
     points, faces = smooth(points, faces, rims)
-    points, faces = polish(points, faces, rims, min_angle)
+    points, faces = polish(points, faces, rims, _MIN_ANGLE)
     result = points * scale + centre
     result[:m] = boundary
     return PlaneTriangulation(points=result, faces=faces, boundary_size=m, hole_sizes=hole_sizes)
@@ -285,11 +280,10 @@ def _refine(
     mesh: ConstrainedDelaunay,
     guard: _Guard,
     size: SizeFunction,
-    min_angle: float,
     max_points: int,
 ) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, "s 3"]]:
     """Inserts batches of circumcentres until no triangle wants and can have one."""
-    sine = np.sin(np.radians(min_angle))
+    sine = np.sin(np.radians(_MIN_ANGLE))
     at_points, at_centres = size(points), False
     # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
     is_open = np.ones(len(points), dtype=bool)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex, Float, Int
 from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
 
 from spinor_geom.mesh.curve import CurveFunction
 from spinor_geom.render.domain_colouring import domain_colours
@@ -54,12 +55,7 @@ def disk_grid(circles: int, around: int) -> tuple[Complex[np.ndarray, " n"], Int
     """Points of the unit disk on circles of equally spaced radii, its centre first, and triangles between them."""
     turns = np.arange(around) / around
     z = np.concatenate([[0], (np.arange(1, circles + 1)[:, None] / circles * np.exp(2j * np.pi * turns)).ravel()])
-    place = 1 + np.arange(circles * around).reshape(circles, around)
-    here, beside = place, np.roll(place, -1, axis=1)
-    middle = np.stack([np.zeros_like(here[0]), here[0], beside[0]], axis=-1)
-    first = np.stack([here[:-1], here[1:], beside[1:]], axis=-1).reshape(-1, 3)
-    second = np.stack([here[:-1], beside[1:], beside[:-1]], axis=-1).reshape(-1, 3)
-    return z, np.concatenate([middle, first, second])
+    return z, np.asarray(Triangulation(z.real, z.imag).triangles, dtype=np.int64)
 
 
 def surfaces(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -16,7 +16,7 @@ from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
 from spinor_geom.training import RMSprop
 
-Settings = TypeVar("Settings")
+Settings = TypeVar("Settings")  # a dataclass
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,30 +64,26 @@ class Experiment(Generic[Settings]):
 
     def shortened(self) -> dict[str, tuple[Any, Any]]:
         """Each setting that the quick run changes: its full and its quick value."""
-        return dict(_changed(self.full, self.quick, ""))
+        long, short = _by_path(self.full), _by_path(self.quick)
+        return {name: (value, short[name]) for name, value in long.items() if value != short[name]}
 
 
-def _changed(full: Any, quick: Any, prefix: str) -> list[tuple[str, tuple[Any, Any]]]:
-    found: list[tuple[str, tuple[Any, Any]]] = []
-    for name in (entry.name for entry in fields(full)):
-        long, short = getattr(full, name), getattr(quick, name)
-        if hasattr(long, "__dataclass_fields__"):
-            found += _changed(long, short, f"{prefix}{name}.")
-        elif long != short:
-            found.append((f"{prefix}{name}", (long, short)))
-    return found
+def _by_path(settings: Any, prefix: str = "") -> dict[str, Any]:
+    """Nested settings as one dictionary, by names with dots."""
+    flat: dict[str, Any] = {}
+    for name, value in vars(settings).items():
+        flat |= _by_path(value, f"{prefix}{name}.") if is_dataclass(value) else {f"{prefix}{name}": value}
+    return flat
 
 
 def keeping(settings: Settings, folder: Path) -> Settings:
     """Settings whose trainings keep their states in a folder, to go on from there; see `kept_as`."""
-    changes: dict[str, Any] = {}
-    for entry in fields(settings):  # type: ignore[arg-type] # every experiment's settings are a dataclass
-        value = getattr(settings, entry.name)
-        if isinstance(value, RMSprop):
-            changes[entry.name] = replace(value, checkpoint=folder)
-        elif is_dataclass(value):
-            changes[entry.name] = keeping(value, folder)
-    return replace(settings, **changes)  # type: ignore[type-var]
+    changes = {
+        name: replace(value, checkpoint=folder) if isinstance(value, RMSprop) else keeping(value, folder)
+        for name, value in vars(settings).items()
+        if is_dataclass(value)
+    }
+    return replace(settings, **changes)  # type: ignore[type-var] # every experiment's settings are a dataclass
 
 
 def kept_as(name: str, options: RMSprop) -> RMSprop:
@@ -95,11 +91,6 @@ def kept_as(name: str, options: RMSprop) -> RMSprop:
     if options.checkpoint is None:
         return options
     return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.pt")
-
-
-def as_json(settings: Any) -> dict[str, Any]:
-    """Settings as JSON holds them."""
-    return asdict(settings)
 
 
 def experiment(name: str) -> Experiment[Any]:

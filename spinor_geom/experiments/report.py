@@ -8,20 +8,22 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markdown_it import MarkdownIt
 
-from spinor_geom.experiments.experiment import Experiment, Outcome, as_json, experiment, keeping
-from spinor_geom.experiments.page import page
+from spinor_geom.experiments.experiment import Experiment, Outcome, experiment, keeping
 from spinor_geom.files import atomic_path, finite, write_json
+from spinor_geom.render.page import document, picture
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
 TITLE = "The paper's experiments, measured anew"
 # pixels per inch of the PNGs
 _RESOLUTION = 160
+_STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { display: block; max-height: 40rem }"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,10 +77,8 @@ def reproduce(
     done: list[Done] = []
     for name, one in chosen.items():
         done.append(_run(name, one, Path(folder) / name, quick))
-        text = report(done, quick=quick)
-        for file, content in ((REPORT, text), (PAGE, page(text, Path(folder), title=TITLE))):
-            with atomic_path(Path(folder) / file) as temporary:
-                temporary.write_text(content, encoding="utf-8")
+        _write_text(Path(folder) / REPORT, report(done, quick=quick))
+        _write_text(Path(folder) / PAGE, page(done, Path(folder), quick=quick))
         if on_done is not None:
             on_done(done[-1])
     return tuple(done)
@@ -86,7 +86,7 @@ def reproduce(
 
 def _run(name: str, one: Experiment[Any], folder: Path, quick: bool) -> Done:
     """Measures and writes, unless it was done: the description, which is written last, tells that."""
-    asked = {"name": name, "quick": quick, "settings": finite(as_json(one.settings(quick=quick)))}
+    asked = {"name": name, "quick": quick, "settings": finite(asdict(one.settings(quick=quick)))}
     path, states = folder / DESCRIPTION, folder / "states"
     found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     if any(found.get(key) != value for key, value in asked.items()):
@@ -109,18 +109,38 @@ def _run(name: str, one: Experiment[Any], folder: Path, quick: bool) -> Done:
     return Done(name=name, experiment=one, **told)
 
 
-def report(done: Sequence[Done], *, quick: bool) -> str:
-    """The report of a run, in Markdown."""
+def report(done: Sequence[Done], *, quick: bool, shown: Callable[[str], str] | None = None) -> str:
+    """The report of a run, in Markdown.
+
+    Args:
+        done: the experiments.
+        quick: whether they had the shorter settings.
+        shown: what stands for a picture, by its address from the run's folder; a link to it where none is given.
+    """
     held = sum(one.holds for one in done)
     start = [
         f"# {TITLE}",
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
         f"{sum(one.seconds for one in done):.0f} s; what the paper says was seen in {held}.",
     ]
-    return "\n\n".join([*start, *(_section(one, quick) for one in done)]) + "\n"
+    return "\n\n".join([*start, *(_section(one, quick, shown or _link) for one in done)]) + "\n"
 
 
-def _section(done: Done, quick: bool) -> str:
+def page(done: Sequence[Done], folder: Path, *, quick: bool) -> str:
+    """The same report as a page for a browser that needs no other file, its pictures inside."""
+
+    def embedded(address: str) -> str:
+        return picture((folder / address).read_bytes(), Path(address).stem)
+
+    converter = MarkdownIt("commonmark").enable("table")
+    return document(TITLE, [converter.render(report(done, quick=quick, shown=embedded))], style=_STYLE)
+
+
+def _link(address: str) -> str:
+    return f"![{Path(address).stem}]({address})"
+
+
+def _section(done: Done, quick: bool, shown: Callable[[str], str]) -> str:
     one = done.experiment
     shortened = [f"{name} {short} instead of {long}" for name, (long, short) in one.shortened().items()]
     parts = [
@@ -129,7 +149,7 @@ def _section(done: Done, quick: bool) -> str:
         f"**Here.** {one.here} {done.seconds:.0f} s.",
         *([f"**Shortened.** {'; '.join(shortened)}."] if quick and shortened else []),
         _table(done.rows),
-        *(f"![{picture}]({done.name}/{picture}.png)" for picture in done.pictures),
+        *(shown(f"{done.name}/{name}.png") for name in done.pictures),
         f"**{'Seen' if done.holds else 'Not seen'}.** {done.verdict}",
     ]
     return "\n\n".join(parts)
@@ -151,13 +171,18 @@ def _cell(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value).replace("|", "\\|")
 
 
+def _write_text(path: Path, text: str) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def _write_data(outcome: Outcome, folder: Path) -> None:
     buffer = io.BytesIO()
     arrays: dict[str, Any] = dict(outcome.arrays)
     np.savez_compressed(buffer, **arrays)
     with atomic_path(folder / "data.npz") as temporary:
         temporary.write_bytes(buffer.getvalue())
-    for name, picture in outcome.pictures.items():
+    for name, figure in outcome.pictures.items():
         for suffix in (".png", ".pdf"):
             with atomic_path(folder / f"{name}{suffix}") as temporary:
-                picture.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")
+                figure.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")

@@ -15,9 +15,6 @@ from spinor_geom.gallery import KnownCurve, twisted_circle
 from spinor_geom.render.plots import log_log
 from spinor_geom.training import RMSprop, Trained, train_by_rmsprop
 
-# a learning rate that leaves every parameter as it is
-_NO_STEP = 1e-300
-
 
 @dataclass(frozen=True, kw_only=True)
 class TangentSettings:
@@ -74,16 +71,9 @@ def measure(settings: TangentSettings) -> Outcome:
 
 def at_epochs(curve: KnownCurve, options: RMSprop, epochs: tuple[int, ...]) -> list[Trained]:
     """One training, looked at after some of its epochs; 0 is its start."""
-    states = []
     with tempfile.TemporaryDirectory() as folder:
-        for epoch in epochs:
-            if epoch:
-                going_on = replace(options, epochs=epoch, checkpoint=Path(folder) / "training.pt")
-                states.append(train_by_rmsprop(curve, options=going_on))
-            else:
-                still = replace(options, epochs=1, learning_rate=_NO_STEP, checkpoint=None)
-                states.append(train_by_rmsprop(curve, options=still))
-    return states
+        kept = replace(options, checkpoint=Path(folder) / "training.pt")
+        return [train_by_rmsprop(curve, options=replace(kept, epochs=epoch)) for epoch in epochs]
 
 
 EXPERIMENT = Experiment(

@@ -43,7 +43,7 @@ def measure(settings: SeamSettings) -> Outcome:
         curve = tennis_seam(a)
         found = compare(curve, settings.trainings, name=f"tennis-seam-{a:g}")
         areas = {
-            **found.areas,
+            **{row["method"]: row["area"] for row in found.rows if row["area"] is not None},
             LEFT: solve_plateau(curve, model="series").area,
             CAUCHY: solve_plateau(curve, model="cauchy", unstable="keep").area,
             ALONE: solve_plateau(curve, model="mlp", optimizer=settings.trainings.network, warm_start=False).area,
@@ -55,9 +55,9 @@ def measure(settings: SeamSettings) -> Outcome:
             for method in (LEFT, CAUCHY, ALONE)
         ]
         verdicts.append(f"{found.verdict} {_known(curve)} {_found(disks)}")
-        arrays |= found.arrays
-        pictures |= found.pictures
-        failed &= found.failed
+        arrays |= dict(found.arrays)
+        pictures |= dict(found.pictures)
+        failed &= found.holds
     return Outcome(rows=rows, holds=failed, verdict=" ".join(verdicts), arrays=arrays, pictures=pictures)
 
 

@@ -9,10 +9,7 @@ from spinor_geom.gallery import twisted_circle
 
 def measure(settings: Trainings) -> Outcome:
     """Trains both forms."""
-    found = compare(twisted_circle(), settings, name="twisted-circle")
-    return Outcome(
-        rows=found.rows, holds=found.failed, verdict=found.verdict, arrays=found.arrays, pictures=found.pictures
-    )
+    return compare(twisted_circle(), settings, name="twisted-circle")
 
 
 EXPERIMENT = Experiment(

@@ -10,6 +10,7 @@ from scipy.sparse import csc_array
 from scipy.spatial import cKDTree
 
 from spinor_geom.discrete.area_descent import harmonic_extension
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.fill.discrete_patch import graph_laplacian
 from spinor_geom.mesh.operators import cotangent_laplacian, vertex_normals
 from spinor_geom.meshing.embed import Patch
@@ -79,8 +80,7 @@ def _laplacian(patch: Patch, *, is_planned: bool) -> csc_array:
     """
     if not is_planned:
         return graph_laplacian(np.asarray(patch.faces), len(patch.vertices))
-    plane = np.column_stack([patch.points.real, patch.points.imag, np.zeros(len(patch.points))])
-    return cotangent_laplacian(plane, np.asarray(patch.faces))
+    return cotangent_laplacian(plane_coordinates(patch.points), np.asarray(patch.faces))
 
 
 def _finite(values: Float[np.ndarray, "m k"], points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m k"]:

@@ -21,8 +21,8 @@ from spinor_geom.fill.stitch import RimEdges, joined, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.mesh.validate import require_faces
-from spinor_geom.plateau.task import Model
+from spinor_geom.mesh.triangle_mesh import require_faces
+from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.threads import one_thread
 
 MeshT = TypeVar("MeshT")

@@ -13,7 +13,7 @@ from spinor_geom.adapters import to_mesh
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.loops import find_boundary_loops
-from spinor_geom.mesh.validate import require_faces
+from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.plane_route import is_plane
 
 LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]

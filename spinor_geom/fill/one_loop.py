@@ -39,8 +39,8 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch
+from spinor_geom.plateau.options import Model, require_model
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.plateau.task import Model, require_model
 
 # A patch whose surface misses the loop by more, as RMS share of the mean edge, would be wrong beside its rim.
 MAX_RESIDUAL_PER_EDGE = 0.1

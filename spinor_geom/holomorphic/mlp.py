@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple, cast
+from typing import Any, ClassVar, Literal, cast
 
 import torch
 from jaxtyping import Complex, Float
@@ -25,28 +25,11 @@ _INITIAL_POINTS = 1024
 _BEND, _LEAST = 5.0, 0.5
 # of p and q at the start: largest deviation from the mean, and the root mean square of that
 _VARIATION, _MEAN = 0.5, 0.6
-# layers and width of the paper
-_PAPER_DEPTH, _PAPER_WIDTH = 10, 20
-
-
-class _Activation(NamedTuple):
-    function: Callable[[Tensor], Tensor]
-    # the derivative at a, from a and σ(a)
-    slope: Callable[[Tensor, Tensor], Tensor]
-
-
-_ACTIVATIONS: Mapping[str, _Activation] = {
-    "exp": _Activation(torch.exp, lambda _, value: value),
-    "sin": _Activation(torch.sin, lambda a, _: torch.cos(a)),
-    "sinh": _Activation(torch.sinh, lambda a, _: torch.cosh(a)),
-}
-_BY_PARTS = "it acts on the real and the imaginary part apart, so its derivative depends on the direction"
-_BY_MODULUS = "it depends on |z|, which has no complex derivative"
-_POLES = "it has poles, so p and q would be holomorphic only where no unit meets one"
-_REFUSED: Mapping[str, str] = {
-    **dict.fromkeys(("relu", "crelu", "zrelu", "gelu", "silu", "softplus", "leakyrelu"), _BY_PARTS),
-    **dict.fromkeys(("conj", "abs", "modrelu", "cardioid", "amplitude-phase"), _BY_MODULUS),
-    **dict.fromkeys(("tanh", "tan", "sigmoid", "reciprocal"), _POLES),
+# σ and σ′: with one that is not entire p and q would not be holomorphic
+_ACTIVATIONS: Mapping[str, tuple[Callable[[Tensor], Tensor], Callable[[Tensor], Tensor]]] = {
+    "exp": (torch.exp, torch.exp),
+    "sin": (torch.sin, torch.cos),
+    "sinh": (torch.sinh, torch.cosh),
 }
 
 
@@ -108,48 +91,9 @@ class ComplexMLP(torch.nn.Module):
         self.activation: ActivationName = activation
         self.center = complex(center)
         self.radius = float(radius)
-        parameters = _initial(depth, width, _ACTIVATIONS[activation].function, largest, generator)
+        parameters = _initial(depth, width, _ACTIVATIONS[activation][0], largest, generator)
         self.weights = torch.nn.ParameterList([weight.to(device, dtype) for weight, _ in parameters])
         self.biases = torch.nn.ParameterList([bias.to(device, dtype) for _, bias in parameters])
-
-    @classmethod
-    def paper(
-        cls,
-        *,
-        generator: torch.Generator | None = None,
-        dtype: torch.dtype = torch.complex128,
-        device: torch.device | str = "cpu",
-    ) -> ComplexMLP:
-        """The network of the paper's experiments: 10 hidden layers of 20 units, σ = exp, on the unit disk."""
-        return cls(depth=_PAPER_DEPTH, width=_PAPER_WIDTH, generator=generator, dtype=dtype, device=device)
-
-    @classmethod
-    def on(
-        cls,
-        domain: PlaneDomain,
-        *,
-        depth: int = 3,
-        width: int = 20,
-        activation: ActivationName = "exp",
-        gain: float | None = None,
-        generator: torch.Generator | None = None,
-        dtype: torch.dtype = torch.complex128,
-        device: torch.device | str = "cpu",
-    ) -> ComplexMLP:
-        """A network whose disk is the smallest about the middle of Ω's bounding box that holds Ω; the rest as above."""
-        rim = domain.boundary.vertices
-        center = complex(rim.real.min() + rim.real.max(), rim.imag.min() + rim.imag.max()) / 2
-        return cls(
-            depth=depth,
-            width=width,
-            activation=activation,
-            center=center,
-            radius=float(abs(rim - center).max()),
-            gain=gain,
-            generator=generator,
-            dtype=dtype,
-            device=device,
-        )
 
     @property
     def depth(self) -> int:
@@ -179,7 +123,7 @@ class ComplexMLP(torch.nn.Module):
 
         def slopes(u: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
             change = torch.full_like(u, 1 / self.radius).expand(2, -1)[..., None]
-            for weight, slope in zip(self.weights, self._layers(u)[1], strict=False):
+            for weight, slope in zip(self.weights, self._slopes(self._layers(u)[1]), strict=False):
                 change = slope * (change @ weight.mT)
             both: Tensor = change @ self.weights[-1].mT
             return both[..., 0].mT
@@ -189,10 +133,10 @@ class ComplexMLP(torch.nn.Module):
     def linearised(self, z: Complex[Tensor, " n"]) -> Linearisation:
         """The values at some points as linear functions of small changes of the parameters."""
         with torch.no_grad():
-            inputs, slopes = self._layers(self._scaled(z))
+            inputs, arguments = self._layers(self._scaled(z))
             sensitivity = torch.ones_like(inputs[-1][..., :1])
             sensitivities = [sensitivity]
-            for weight, slope in zip(reversed(list(self.weights)), reversed(slopes), strict=False):
+            for weight, slope in zip(reversed(list(self.weights)), reversed(self._slopes(arguments)), strict=False):
                 sensitivity = (sensitivity @ weight) * slope
                 sensitivities.append(sensitivity)
             return Linearisation(
@@ -236,15 +180,16 @@ class ComplexMLP(torch.nn.Module):
     def _layers(
         self, u: Complex[Tensor, " n"]
     ) -> tuple[list[Complex[Tensor, "2 n _"]], list[Complex[Tensor, "2 n w"]]]:
-        """The input of every layer, the read-out's last, and σ′ of every hidden one."""
-        activation = _ACTIVATIONS[self.activation]
-        inputs, slopes = [u.expand(2, -1)[..., None]], []
+        """The input of every layer, the read-out's last, and the argument W h + b of every hidden one."""
+        inputs, arguments = [u.expand(2, -1)[..., None]], []
         for weight, bias in zip(list(self.weights)[:-1], self.biases, strict=False):
-            a = inputs[-1] @ weight.mT + bias[:, None]
-            h = activation.function(a)
-            inputs.append(h)
-            slopes.append(activation.slope(a, h))
-        return inputs, slopes
+            arguments.append(inputs[-1] @ weight.mT + bias[:, None])
+            inputs.append(_ACTIVATIONS[self.activation][0](arguments[-1]))
+        return inputs, arguments
+
+    def _slopes(self, arguments: list[Complex[Tensor, "2 n w"]]) -> list[Complex[Tensor, "2 n w"]]:
+        """σ′ of every hidden layer."""
+        return [_ACTIVATIONS[self.activation][1](argument) for argument in arguments]
 
     def _read(self, last: Complex[Tensor, "2 n w"]) -> Complex[Tensor, "n 2"]:
         both: Tensor = last @ self.weights[-1].mT + self.biases[-1][:, None]
@@ -292,12 +237,19 @@ def _check(depth: int, width: int, activation: str, radius: float, gain: float, 
         )
     if not dtype.is_complex:
         raise DtypeError(f"the parameters must be complex, got {dtype}; use torch.complex128 or torch.complex64")
-    if activation in _ACTIVATIONS:
-        return
-    choice = f"choose one of: {', '.join(_ACTIVATIONS)}"
-    if str(activation).lower() in _REFUSED:
-        raise OptionError(f"activation {activation!r} is not entire: {_REFUSED[str(activation).lower()]}; {choice}")
-    raise OptionError(f"unknown activation {activation!r}, and p and q are holomorphic only if it is entire; {choice}")
+    if activation not in _ACTIVATIONS:
+        raise OptionError(
+            f"unknown activation {activation!r}: p and q are holomorphic only if it is entire, so it may not act on "
+            "the real and the imaginary part apart, depend on |z|, or have poles; choose one of: "
+            f"{', '.join(_ACTIVATIONS)}"
+        )
+
+
+def disk_around(domain: PlaneDomain) -> tuple[complex, float]:
+    """Centre and radius of the smallest disk about the middle of Ω's bounding box that holds Ω."""
+    rim = domain.boundary.vertices
+    center = complex(rim.real.min() + rim.real.max(), rim.imag.min() + rim.imag.max()) / 2
+    return center, float(abs(rim - center).max())
 
 
 def _initial(

@@ -30,15 +30,6 @@ class TriangleQuality:
         """99 % of the triangles have no smaller angle than this."""
         return float(np.percentile(self.smallest_angles, 1))
 
-    @property
-    def mean(self) -> float:
-        """Mean of the triangles' smallest angles; 60 if all are equilateral."""
-        return float(self.smallest_angles.mean())
-
-    def share_below(self, angle: float) -> float:
-        """Share of the triangles, 0 to 1, with an angle below `angle` degrees."""
-        return float((self.smallest_angles < angle).mean())
-
 
 def triangle_quality(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> TriangleQuality:
     """Smallest angle of every triangle of a mesh with at least one face."""

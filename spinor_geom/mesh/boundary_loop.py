@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import LoopTooShortError, MeshError, MeshShapeError, OptionError, RepeatedPointError
-from spinor_geom.mesh.arrays import freeze_flags, freeze_integers, freeze_pairs, freeze_points
+from spinor_geom.mesh.arrays import freeze_points, frozen
 
 MIN_CORNER_TURN = np.radians(35.0)
 MAX_NEIGHBOUR_TURN_RATIO = 0.25
@@ -82,12 +82,11 @@ class BoundaryLoop:
         if count < 3:
             raise LoopTooShortError(points=count)
         object.__setattr__(self, "points", coordinates)
-        object.__setattr__(self, "vertex_ids", freeze_integers(vertex_ids, name="vertex_ids", length=count))
-        object.__setattr__(self, "corners", freeze_flags(corners, name="corners", length=count))
+        object.__setattr__(self, "vertex_ids", frozen(vertex_ids, "integers", count, name="vertex_ids"))
+        object.__setattr__(self, "corners", frozen(corners, "truth values", count, name="corners"))
         object.__setattr__(self, "slit_fraction", slit_fraction)
-        object.__setattr__(
-            self, "seam_edges", freeze_pairs([] if seam_edges is None else seam_edges, name="seam_edges")
-        )
+        seams = frozen([] if seam_edges is None else seam_edges, "integers", None, 2, name="seam_edges")
+        object.__setattr__(self, "seam_edges", seams)
         object.__setattr__(self, "obstacle", obstacle)
         object.__setattr__(self, "remarks", remarks)
 
@@ -263,7 +262,7 @@ def require_distinct_neighbours(points: Float[np.ndarray, "m 3"]) -> None:
 
 def _corner_flags(corners: ArrayLike, *, points: int) -> Bool[np.ndarray, " {points}"]:
     try:
-        indices = freeze_integers(corners, name="corners", length=np.size(corners))
+        indices = frozen(corners, "integers", np.size(corners), name="corners")
     except MeshShapeError as error:
         raise OptionError(f"corners must be 'auto' or a row of point indices, got {corners!r}") from error
     outside = (indices < 0) | (indices >= points)

@@ -206,12 +206,6 @@ class BoundaryCurve:
         return replace(self, coefficients=coefficients, slopes=slopes)
 
     @property
-    def corner_parameters(self) -> Float[np.ndarray, " c"]:
-        """Parameters of the corners, ascending."""
-        parameters: Float[np.ndarray, " c"] = self.breaks[:-1][self.corners]
-        return parameters
-
-    @property
     def degree(self) -> int:
         """Degree d of the pieces."""
         return len(self.coefficients) - 1

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from spinor_geom.mesh.arrays import freeze_attributes, freeze_faces, freeze_integers, freeze_points
+from spinor_geom.mesh.arrays import freeze_attributes, freeze_points, frozen
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -42,8 +42,8 @@ class MeshExtension:
         vertex_attributes: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         points = freeze_points(vertices, name="vertices")
-        corners = freeze_faces(faces)
+        corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "faces", corners)
-        object.__setattr__(self, "face_loops", freeze_integers(face_loops, name="face_loops", length=len(corners)))
+        object.__setattr__(self, "face_loops", frozen(face_loops, "integers", len(corners), name="face_loops"))
         object.__setattr__(self, "vertex_attributes", freeze_attributes(vertex_attributes or {}, vertices=len(points)))

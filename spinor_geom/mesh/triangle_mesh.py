@@ -9,12 +9,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from spinor_geom.errors import VertexIndexError
-from spinor_geom.mesh.arrays import freeze_attributes, freeze_faces, freeze_points
+from spinor_geom.errors import MeshExtentError, NoFacesError, VertexIndexError
+from spinor_geom.mesh.arrays import freeze_attributes, freeze_points, frozen
 from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.shown import Shown
 
 COLOR = "color"
+# Fourth powers of lengths have to be numbers.
+SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -22,8 +24,8 @@ class TriangleMesh(Shown):
     """Triangles over vertices in space, with values at the vertices; every array becomes a read-only copy.
 
     Faces run counter-clockwise seen from the side their normals point to. What a mesh holds is checked here as far as
-    every single face and vertex goes; `spinor_geom.mesh.validate` checks how the faces fit together. Vertices that no
-    face uses are allowed.
+    every single face and vertex goes; `find_boundary_loops` tells how the faces beside a loop fit together. Vertices
+    that no face uses are allowed.
 
     Attributes:
         vertices: (V, 3) float64 positions, in mesh units.
@@ -52,7 +54,7 @@ class TriangleMesh(Shown):
         labels: Collection[str] | None = None,
     ) -> None:
         points = freeze_points(vertices, name="vertices")
-        corners = freeze_faces(faces)
+        corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
         _require_existing_vertices(corners, vertices=len(points))
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "faces", corners)
@@ -66,8 +68,7 @@ class TriangleMesh(Shown):
         """The same surface with vertices of exactly equal position made one.
 
         Of each group the vertex of lowest index stays, with its attributes, and the order of those that stay is kept.
-        Faces are neither dropped nor reordered: one that had two corners at one place now names a vertex twice, which
-        `validate` reports.
+        Faces are neither dropped nor reordered: one that had two corners at one place now names a vertex twice.
 
         Returns:
             The merged mesh, and for every old vertex its index in the merged mesh, (V,) int64.
@@ -82,6 +83,22 @@ class TriangleMesh(Shown):
             labels=self.labels,
         )
         return mesh, new_index
+
+
+def require_faces(mesh: TriangleMesh) -> None:
+    """Checks that vertices are no bare points, and as far from each other as numbers can tell.
+
+    Raises:
+        NoFacesError: there are vertices and no faces.
+        MeshExtentError: areas would under- or overflow.
+    """
+    if not len(mesh.vertices):
+        return
+    if not len(mesh.faces):
+        raise NoFacesError(vertices=len(mesh.vertices))
+    extent = float(np.ptp(mesh.vertices, axis=0).max())
+    if extent and not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
+        raise MeshExtentError(extent=extent)
 
 
 def _require_existing_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> None:

@@ -6,13 +6,11 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import harmonic_extension
-from spinor_geom.domain.delaunay import Rims, plane_coordinates
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
-from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.meshing.size_field import size_field
-from spinor_geom.meshing.triangulate import most_points, require_few_points
+from spinor_geom.meshing.triangulate import triangulate_domain
 
 # Between far parts of a domain's boundary, in edges.
 _CLEARANCE = 1.5
@@ -32,14 +30,14 @@ def remesh(patch: Patch, target: float) -> Patch:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
         DomainError: the boundary in Ω is not a simple polygon.
     """
-    require_few_points(patch.area, target)
     faces, m = np.asarray(patch.faces), patch.boundary_size
     flat = _flat(patch.points)
     areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])
     space, plane = (np.bincount(faces.ravel(), np.repeat(each, 3), minlength=len(flat)) for each in areas)
     tiny = np.finfo(np.float64).tiny
     stretch = np.sqrt(np.maximum(space, tiny) / np.maximum(plane, tiny))
-    plan = _triangulated(patch.points[:m], patch.rims, patch.points, stretch, target, patch.area)
+    rims = np.split(patch.points[:m], np.cumsum(patch.rims)[:-1])
+    plan = triangulate_domain(rims, patch.points, stretch, target, patch.area)
     inner = _positions(patch, flat, plan.points[m:])
     return Patch(
         vertices=np.concatenate([patch.vertices[:m], inner]),
@@ -69,30 +67,15 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     Source: Sawhney & Crane (2018), Boundary First Flattening, ACM TOG 37, for domains of given angles.
     """
     m, rim = patch.boundary_size, patch.vertices[: patch.boundary_size]
-    require_few_points(patch.area, target)
     edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
     share = (edge + np.roll(edge, 1)) / (2 * edge.sum())
     turning = np.pi - angles
     turning += (2 * np.pi - turning.sum()) * share
     neumann, _ = dirichlet_to_neumann(patch.vertices, np.asarray(patch.faces), m)
     boundary = flatten_boundary(edge, turning, neumann, clearance=_CLEARANCE).boundary
-    plan = _triangulated(boundary, (m,), boundary, np.ones(m), target, patch.area)
-    vertices = harmonic_extension(cotangent_laplacian(_flat(plan.points), plan.faces), rim)
+    plan = triangulate_domain([boundary], boundary, np.ones(m), target, patch.area)
+    vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
     return Patch(vertices=vertices, faces=plan.faces, boundary_size=m, points=plan.points)
-
-
-def _triangulated(
-    boundary: Complex[np.ndarray, " m"],
-    rims: Rims,
-    samples: Complex[np.ndarray, " n"],
-    stretch: Float[np.ndarray, " n"],
-    target: float,
-    area: float,
-) -> PlaneTriangulation:
-    """The triangulation of a domain for an edge length in space, from the stretch at some points and the area there."""
-    first, *holes = np.split(boundary, np.cumsum(rims)[:-1])
-    field = size_field(samples, stretch, boundary, target, rims=rims)
-    return triangulate_polygon(first, field, holes=holes, max_points=most_points(area, target, len(boundary)))
 
 
 def _flat(points: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:

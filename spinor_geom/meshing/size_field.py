@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.spatial import cKDTree
 
-from spinor_geom.domain.delaunay import Rims
+from spinor_geom.domain.delaunay import Rims, plane_coordinates
 from spinor_geom.domain.triangulation import SizeFunction, size_bounds
-from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # change of the edge length per unit of distance from the boundary, upwards and downwards
 GROWTH = 0.35
@@ -19,28 +18,6 @@ NEIGHBOURS = 4
 TINY = np.finfo(np.float64).tiny
 
 
-def patch_size_field(
-    surface: SpinorSurface, boundary: Complex[np.ndarray, " m"], target: float, *, rims: Rims | None = None
-) -> SizeFunction:
-    """Edge length in Ω that gives about `target` in space, and the boundary's own edge lengths beside the boundary.
-
-    h(z) = target/λ(z), but within e ± growth·d at a distance d from a boundary vertex with edges of mean length e: it
-    grows by 0.35 and falls by 0.5 per unit of distance. log λ is taken at the vertices of the domain's triangulation
-    and averaged over the four nearest ones, weighted by the inverse squared distance.
-
-    Args:
-        surface: Gives λ.
-        boundary: The patch's boundary vertices in Ω, rim after rim.
-        target: In the surface's units of length.
-        rims: Numbers of vertices of the rims; none for a single one.
-
-    Returns:
-        A function from points (k,) of Ω to lengths (k,) in units of Ω.
-    """
-    samples = surface.domain.triangulation.points
-    return size_field(samples, np.asarray(surface.conformal_factor(samples)), boundary, target, rims=rims)
-
-
 def size_field(
     samples: Complex[np.ndarray, " n"],
     factor: Float[np.ndarray, " n"],
@@ -49,7 +26,11 @@ def size_field(
     *,
     rims: Rims | None = None,
 ) -> SizeFunction:
-    """Edge length in Ω as `patch_size_field` gives it, from λ at some points.
+    """Edge length in Ω that gives about `target` in space, and the boundary's own edge lengths beside the boundary.
+
+    h(z) = target/λ(z), but within e ± growth·d at a distance d from a boundary vertex with edges of mean length e: it
+    grows by 0.35 and falls by 0.5 per unit of distance. log λ is averaged over the four nearest samples, weighted by
+    the inverse squared distance.
 
     Args:
         samples: Points of Ω.
@@ -57,6 +38,9 @@ def size_field(
         boundary: The patch's boundary vertices in Ω, rim after rim.
         target: In units of space.
         rims: Numbers of vertices of the rims; none for a single one.
+
+    Returns:
+        A function from points (k,) of Ω to lengths (k,) in units of Ω.
     """
     bounds = size_bounds(boundary, growth=GROWTH, decay=DECAY, rims=rims)
     stretch = _interpolated_stretch(samples, factor)
@@ -73,16 +57,12 @@ def _interpolated_stretch(samples: Complex[np.ndarray, " n"], factor: Float[np.n
     finite = np.isfinite(factor)
     usual = np.median(factor[finite]) if finite.any() else 1.0
     log_factor = np.log(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY)))
-    tree = cKDTree(_plane(samples))
+    tree = cKDTree(plane_coordinates(samples))
     neighbours = min(NEIGHBOURS, len(samples))
 
     def stretch(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        distance, index = tree.query(_plane(z), k=neighbours)
+        distance, index = tree.query(plane_coordinates(z), k=neighbours)
         weight = 1 / np.maximum(distance, TINY**0.25) ** 2
         return np.asarray(np.exp((weight * log_factor[index]).sum(axis=1) / weight.sum(axis=1)))
 
     return stretch
-
-
-def _plane(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
-    return np.stack([z.real, z.imag], axis=1)

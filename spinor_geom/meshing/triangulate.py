@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float
 
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import TooManyPointsError
-from spinor_geom.meshing.size_field import patch_size_field
+from spinor_geom.meshing.size_field import size_field
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # points allowed per boundary vertex, and per equilateral triangle of the target size that fits on the patch's area:
@@ -47,17 +47,24 @@ def triangulate_patch(
         TooManyPointsError: The edge length asks for more vertices than anyone can use.
         DomainError: The boundary is not a simple polygon, with holes inside.
     """
+    samples = surface.domain.triangulation.points
+    return triangulate_domain(rims, samples, np.asarray(surface.conformal_factor(samples)), target, area)
+
+
+def triangulate_domain(
+    rims: Sequence[Complex[np.ndarray, " _"]],
+    samples: Complex[np.ndarray, " n"],
+    factor: Float[np.ndarray, " n"],
+    target: float,
+    area: float,
+) -> PlaneTriangulation:
+    """As `triangulate_patch`, from the factor λ at some points of Ω."""
     require_few_points(area, target)
-    boundary, sizes = np.concatenate(rims), tuple(map(len, rims))
+    boundary = np.concatenate(rims)
+    triangles = 4 * area / (np.sqrt(3) * target**2)
     return triangulate_polygon(
         rims[0],
-        patch_size_field(surface, boundary, target, rims=sizes),
+        size_field(samples, factor, boundary, target, rims=tuple(map(len, rims))),
         holes=rims[1:],
-        max_points=most_points(area, target, len(boundary)),
+        max_points=int(POINTS_PER_VERTEX * len(boundary) + POINTS_PER_TRIANGLE * triangles),
     )
-
-
-def most_points(area: float, target: float, boundary_size: int) -> int:
-    """How many points a triangulation may have for a patch of some area, edge length and boundary."""
-    triangles = 4 * area / (np.sqrt(3) * target**2)
-    return int(POINTS_PER_VERTEX * boundary_size + POINTS_PER_TRIANGLE * triangles)

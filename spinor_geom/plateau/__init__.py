@@ -1,10 +1,24 @@
-"""Plateau's problem for one loop or two: solver, solution and its evidence."""
+"""Plateau's problem for one loop or several: solver, solution and its evidence.
+
+The way of a loop, from a module to the next, in one direction:
+
+- `task`: the loop, simple and at unit size, and Γ, the curve through its points
+- `plan`: which routes are tried, and in what order; the first disk within the tolerance is the answer
+- Ω: `plane_route` takes the inside of Γ, `harmonic_route` the unit disk or a smooth one of `omega`, `network_route` and
+  `vertex_route` a flattened discrete disk
+- the slide along Γ: `douglas` by Dirichlet's energy, `gauss_newton` together with p and q; through points there is none
+- p and q: `lift` from a harmonic disk, `network` as polynomials and Cauchy units
+- `misfit`: how far the boundary is from Γ, in one definition for all
+- `solution`: the disk in the loop's coordinates, with its `evidence` on demand; `solutions`: what unstable ones lead to
+
+Several loops take `rims` in the place of `plan`.
+"""
 
 from spinor_geom.plateau.network_route import Cauchy
+from spinor_geom.plateau.options import Laurent
 from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 from spinor_geom.plateau.stability import Stability
-from spinor_geom.plateau.task import Laurent
 
 __all__ = [
     "Annulus",

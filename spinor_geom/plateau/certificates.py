@@ -10,10 +10,8 @@ from spinor_geom.domain.quadrature import rule
 from spinor_geom.mesh.intersections import is_graph, self_intersections
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Gauss-Legendre nodes along each side of a triangle, and along and across the pieces between ∂Ω and its polygon.
-_ORDER, _ALONG, _ACROSS = 3, 4, 2
-# And on each edge of a path to a vertex.
-_PATH_ORDER = 3
+# Gauss-Legendre nodes along each side of a triangle, of a piece between ∂Ω and its polygon, and of a path to a vertex.
+_ORDER = 3
 
 
 def area_in_domain(surface: SpinorSurface) -> float:
@@ -37,9 +35,7 @@ def crossing_faces(surface: SpinorSurface) -> int | None:
     """
     mesh = surface.domain.triangulation
     # whether triangles cross does not hang on the last digits
-    rough = SpinorSurface(
-        surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_PATH_ORDER
-    )
+    rough = SpinorSurface(surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_ORDER)
     vertices = rough.position(mesh.points)
     if not np.isfinite(vertices).all():
         return None
@@ -69,7 +65,7 @@ def _beside_polygons(surface: SpinorSurface) -> tuple[Complex[np.ndarray, " n"],
 
 
 def _beside_rim(boundary: Boundary) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    along, across = rule("gauss", _ALONG), rule("gauss", _ACROSS)
+    along = across = rule("gauss", _ORDER)
     t, width = boundary.parameters[:-1, None], np.diff(boundary.parameters)[:, None]
     arc, slope = boundary.point(t + width * along.nodes), width * boundary.derivative(t + width * along.nodes)
     side = (np.roll(boundary.vertices, -1) - boundary.vertices)[:, None]

@@ -15,12 +15,13 @@ class Clock:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Counts the time of a `with` block for a stage."""
-        start = time.perf_counter()
+        """Counts the time of a `with` block for a stage, without that of other stages inside it."""
+        start, others = time.perf_counter(), sum(self.seconds.values())
         try:
             yield
         finally:
-            self.add(name, time.perf_counter() - start)
+            inside = sum(self.seconds.values()) - others
+            self.add(name, time.perf_counter() - start - inside)
 
     def add(self, name: str, seconds: float) -> None:
         """Counts time that was measured elsewhere."""

@@ -82,9 +82,9 @@ def minimise_dirichlet_energy(
         form,
         slide[None],
         tolerances=[tolerance],
-        max_steps=max_steps,
+        max_steps=[max_steps],
         near=near,
-        negligible=negligible,
+        negligible=[negligible],
         on_step=[] if on_step is None else [on_step],
     )
     return disk
@@ -96,9 +96,9 @@ def minimise_dirichlet_energies(
     slides: Float[Tensor, "b n"],
     *,
     tolerances: Sequence[float],
-    max_steps: int,
+    max_steps: Sequence[int],
+    negligible: Sequence[float],
     near: bool = False,
-    negligible: float = 0.0,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk, ...]:
     """Newton's method with conjugate gradients for the slides of several curves, all of it by fast Fourier transforms.
@@ -114,9 +114,9 @@ def minimise_dirichlet_energies(
         form: Λ, for all of them.
         slides: starts at t = j/n, increasing around the circle.
         tolerances: (b,), gradient, as in `HarmonicDisk`, at which each is to stop.
-        max_steps: limit on each one's Newton steps.
+        max_steps: (b,), limit on each one's Newton steps.
+        negligible: (b,), fall of the least energy over several steps at which to stop.
         near: whether the starts are near to solutions, so that plain Newton steps may be taken at once.
-        negligible: fall of the least energy over several steps at which to stop.
         on_step: one for each curve, is called with its gradient at the start of each of its steps; none for silence.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931); Grippo, Lampariello & Lucidi, "A
@@ -126,6 +126,7 @@ def minimise_dirichlet_energies(
     problem = _Problem(curves=curves, form=form)
     state, limits = problem.state(slides), slides.new_tensor(tolerances)
     number = torch.arange(len(slides), device=slides.device)
+    most = torch.tensor(max_steps, device=slides.device)
     reflection = torch.full_like(limits, 0.0 if near else 1.0)
     stuck = torch.zeros_like(number, dtype=torch.bool)
     recent = torch.full((len(slides), _PATIENCE), torch.inf, dtype=slides.dtype, device=slides.device)
@@ -133,7 +134,7 @@ def minimise_dirichlet_energies(
     energies = state.energy[:, None].expand(-1, _REMEMBERED)
     lowest = torch.full((len(slides), _REMEMBERED + 1), torch.inf, dtype=slides.dtype, device=slides.device)
     lowest[:, -1] = state.energy
-    negligible *= slides.shape[1] / (2 * torch.pi)
+    falls = slides.new_tensor(negligible) * slides.shape[1] / (2 * torch.pi)
     for steps in itertools.count():
         gauge = problem.gauge(state)
         gradient = gauge.left_out_of(problem.gradient(state) / state.speed)
@@ -143,9 +144,9 @@ def minimise_dirichlet_energies(
         # what is left once it stays as it is is rounding error
         stays = (size < _SMALL_GRADIENT) & (size > recent.amin(-1) / 2)
         # near a solution the energy has no more digits to tell
-        still = (size > _SMALL_GRADIENT) & (lowest[:, 0] - lowest[:, -1] < negligible)
-        finished = (size <= limits) | stays | still | stuck | crowded
-        if steps >= max_steps or is_out_of_time():
+        still = (size > _SMALL_GRADIENT) & (lowest[:, 0] - lowest[:, -1] < falls)
+        finished = (size <= limits) | stays | still | stuck | crowded | (steps >= most)
+        if is_out_of_time():
             finished[:] = True
         for i in finished.nonzero()[:, 0].tolist():
             disks[int(number[i])] = HarmonicDisk(
@@ -161,6 +162,7 @@ def minimise_dirichlet_energies(
         if finished.any():
             rest = (~finished).nonzero()[:, 0]
             problem, state, number, limits = problem.at(rest), state.at(rest), number[rest], limits[rest]
+            most, falls = most[rest], falls[rest]
             gradient, gauge, size = gradient[rest], gauge.at(rest), size[rest]
             reflection, recent, energies, lowest = reflection[rest], recent[rest], energies[rest], lowest[rest]
         if on_step:
@@ -168,7 +170,7 @@ def minimise_dirichlet_energies(
                 on_step[i](value)
         recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
         recent[reflection != 0] = torch.inf
-        inexact = (size > _LARGE_GRADIENT) & (negligible > 0)
+        inexact = (size > _LARGE_GRADIENT) & (falls > 0)
         forcing = torch.where(inexact, size.sqrt(), size).clamp(max=0.1)
         direction, downwards = problem.newton_direction(state, gradient, gauge, reflection, forcing=forcing)
         state, moved, full = problem.line_search(state, direction, highest=energies.amax(-1))

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.solution import Iteration, Route
+from spinor_geom.plateau.solution import Iteration, RouteName
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 
@@ -33,7 +33,7 @@ class Found:
     matching: Float[np.ndarray, "n 2"]
     misfit: Misfit
     area: float
-    route: Route
+    route: RouteName
     history: tuple[Iteration, ...]
     limit: str
 
@@ -65,5 +65,5 @@ class FoundBetween:
     modulus: float | None
     antiperiodic: tuple[bool, ...]
     period: float
-    route: Route
+    route: RouteName
     limit: str

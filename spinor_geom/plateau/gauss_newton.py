@@ -14,13 +14,11 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.solution import Iteration
 
+# Trials of a step, each damped five times as much: the last takes 10⁻⁸ of it and less.
 _MAX_TRIALS = 14
 # A linearisation serves for further steps while each brings the squared residual below this share: it costs many times
 # what a step costs.
 _KEEP = 0.4
-# Below the residual that is allowed, steps that gain less than this share of its square are not worth their time.
-_STALL_BELOW_ALLOWED = 0.6
-_STALL_DAMPED = 0.02
 # Weight of the period around a hole against the RMS distance from Γ: a gap is a fault wherever the boundary slides.
 _PERIOD = 30.0
 
@@ -92,12 +90,9 @@ def gauss_newton(
                 on_iteration(history[-1])
         if state.energy > _KEEP * before:
             # a step with an old linearisation that gains little asks for a new one; one with a new one is the last
-            if state.energy <= allowed**2:
-                least = _STALL_BELOW_ALLOWED
-            else:
-                # a step that had to be damped says nothing about what the next ones will gain
-                least = stall if damping <= started else _STALL_DAMPED
-            if fresh and state.energy > (1 - least) * before:
+            # a step that had to be damped says little about what the next ones will gain
+            least = stall if damping <= started else stall / 10
+            if fresh and (state.energy <= allowed**2 or state.energy > (1 - least) * before):
                 break
             linear, fresh = _Linear.at(problem, state, root), True
         else:
@@ -235,11 +230,11 @@ def _directions(
         yield torch.nn.functional.normalize(tangent[held], dim=1), held
 
 
-def normals_of(tangent: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+def normals_of(tangent: Float[Tensor, "*pts 3"]) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
     """Two orthonormal directions normal to each tangent."""
-    unit = torch.nn.functional.normalize(tangent, dim=1)
-    axis = torch.nn.functional.one_hot(unit.abs().argmin(1), 3).to(unit.dtype)
-    first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=1)
+    unit = torch.nn.functional.normalize(tangent, dim=-1)
+    axis = torch.nn.functional.one_hot(unit.abs().argmin(-1), 3).to(unit.dtype)
+    first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=-1)
     return first, torch.linalg.cross(unit, first)
 
 

@@ -1,80 +1,58 @@
 """The harmonic route to a minimal disk: Douglas's slide on a smooth Ω, then the lift to p and q.
 
-It takes loops without corners: milliseconds for smooth ones, and its cost grows like n·log n with the number of nodes,
-so it carries rough loops of thousands of points too.
+It takes loops without corners: milliseconds for smooth ones, and its cost grows like n·log n with the number of nodes.
 """
 
 from __future__ import annotations
 
-import itertools
-import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
-from scipy.fft import next_fast_len
+from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from spinor_geom.deadline import is_out_of_time
+from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import Disk
+from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.errors import DomainError, SurfaceError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.errors import DomainError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import (
-    HarmonicDisk,
-    minimise_dirichlet_energies,
-    minimise_dirichlet_energy,
-    resampled,
-    slide_downhill,
-)
+from spinor_geom.plateau.douglas import minimise_dirichlet_energy, resampled, slide_downhill
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.harmonic_domains import DomainCandidates, Step
-from spinor_geom.plateau.lift import Lift, lifted, surface_of
-from spinor_geom.plateau.omega import Shape
+from spinor_geom.plateau.harmonic_fit import Fit, even, fit_together
+from spinor_geom.plateau.lift import surface_of
+from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.solution import Iteration, Route
+from spinor_geom.plateau.roughness import is_rough
+from spinor_geom.plateau.solution import Iteration, RouteName
+from spinor_geom.plateau.steps import Steps
 
-# Turning angle, exceeded by one point in ten, from which a loop counts as rough, and as ragged: ragged ones of at most
-# so many points are left to the network first.
-_ROUGH_TURN, _RAGGED_TURN = np.radians(12.0), np.radians(50.0)
-_LONG = 240
-# Steps after which a ragged loop is left to the network.
-_RAGGED_STEPS = 80
-# A loop longer than so many times its width crowds on the disk.
+# A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
 _DISK_ELONGATION = 2.5
 # Nodes per edge of a rough loop that a distance from Γ, in edges, is met with as a rule; smooth loops start with one.
 _PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
-_MOST_PER_EDGE, _MOST_PER_EDGE_ROUGH = 64, 96
-_FEWEST_NODES, _MOST_NODES = 256, 1 << 17
-# Nodes for each edge of a loop so short that they are fewer than that, and most nodes of loops that are batched.
-_FEWEST_PER_EDGE, _BATCHED_NODES = 16, 256
-# How many times more nodes come next: on rough loops the distance falls not much faster than their number grows.
-_MORE_NODES, _MOST_MORE = 1.5, 3.0
-# Where so many times more nodes do not halve the residual, it is not their number that limits it.
-_PATIENCE = 3
-# Nodes farther apart than so many times what was asked for show that Ω has lost a part of the loop.
-_UNEVEN = 3.0
-# Quadrature nodes on each piece of a path in Ω.
-_PATH_ORDER = 16
-# Nodes at which the directions of an unstable slide are found.
+# Points that Ω is made from: the cost of Λ on it is their number cubed.
+_FEWEST_POINTS, _POINTS = 32, 128
+# Most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing.
+_MOST_PER_EDGE = 64
+# Nodes of the shortest loops on the disk, for each edge and in all, and most nodes of fits that are made together.
+_FEWEST_PER_EDGE, _FEWEST_NODES, _BATCHED_NODES = 16, 256, 2048
+# Nodes at which the directions of an unstable slide are found: the cost is their number cubed.
 _MOST_FOR_MODES = 512
-# Newton steps of one solve.
-_MOST_STEPS = 60
-# Gradient at which a coarse solve stops; the last one goes on to a share of the distance allowed in edges: to a small
-# one on smooth loops, where each step doubles the digits.
-_COARSE, _FINEST = 1e-3, 1e-11
-# And where nothing but rounding errors is left.
-_ROUNDING = 1e-13
+# Gradient of the energy, relative to its factors, at which a coarse solve stops, and that is rounding error. Between
+# them a solve goes on to a share of the distance allowed in edges: a small one on smooth loops, where each step doubles
+# the digits.
+_COARSE, _ROUNDING = 1e-3, 1e-13
+_FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
 # RMS distance from Γ, in diagonals, that is rounding error.
 _ROUNDED = 1e-14
-_FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
 # On rough loops it stops too where the energy falls by less than this share of that of the distance allowed.
 _NEGLIGIBLE = 1e-3
 
@@ -87,85 +65,114 @@ class HarmonicSolver:
         loop: the loop at unit size.
         curve: Γ.
         allowed: RMS distance from Γ to reach.
-        max_steps: limit on Newton steps in all.
+        steps: of Newton's method.
         device: where the slide is found.
         clock: of the stages.
-        on_iteration: is called at each step.
-        history: the steps so far.
-        start: the harmonic disk on the unit disk, where it was found before.
         to_rounding: whether steps go on until the gradient is rounding error.
+        begun: the fit on the unit disk, where it was made or begun together with others.
     """
 
     loop: BoundaryLoop
     curve: BoundaryCurve
     allowed: float
-    max_steps: int
+    steps: Steps
     device: torch.device
     clock: Clock
-    on_iteration: Callable[[Iteration], None] | None = None
-    history: list[Iteration] = field(default_factory=list)
-    start: HarmonicDisk | None = None
     to_rounding: bool = False
+    begun: Fit | None = None
+
+    def on_disk(self) -> Found:
+        """The minimal disk on the unit disk.
+
+        Raises:
+            DomainError: none was found: the loop has corners or is too long for its width, so that nodes crowd.
+        """
+        refusal = DomainError(
+            "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
+            vertices=len(self.loop),
+        )
+        if self.loop.corners.any():
+            raise refusal
+        try:
+            return self._fitted(self.begun or self._begin(), "disk")
+        except DomainError as error:
+            raise refusal from error
+
+    def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> Found | None:
+        """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none.
+
+        Args:
+            matching: of the unstable one.
+        """
+        slide = torch.tensor(matching[:, 1], device=self.device)
+        start = slide_downhill(self._exact, self._unit_disk, resampled(slide, min(len(slide), _MOST_FOR_MODES)))
+        if start is None:
+            return None
+        try:
+            return self._fitted(self._fit(self._unit_disk, start), "disk")
+        except DomainError:
+            return None
+
+    def unfolded(self) -> Found:
+        """The minimal disk on the loop's unfolded least-area triangulation.
+
+        Raises:
+            FirstFillError: the loop has no such triangulation.
+            DomainError: it is not simple or too narrow, or nodes crowd.
+        """
+        even = np.arange(self._density.points) / self._density.points
+        with self.clock.stage("first fill"):
+            polygon = unfolded_loop(self.curve.point(self._density.slide(even)), saws=True)
+        return self._on_domain(polygon, even, "unfolded")
+
+    def flattened(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Found:
+        """The minimal disk of less energy that a discrete disk leads to, on its flattening.
+
+        Args:
+            disk: over the loop at unit size.
+            rim: indices of the loop's points that are its boundary vertices.
+
+        Raises:
+            DomainError: the flattening is not simple or too narrow, or nodes crowd.
+        """
+        with self.clock.stage("flattening"):
+            polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
+        return self._on_domain(polygon, self._density.parameter(self.curve.breaks[rim]), "flattened")
 
     @cached_property
     def _exact(self) -> CurveTensors:
         return CurveTensors.of(self.curve, self.device)
 
     @cached_property
-    def _turning(self) -> float:
-        """Turning angle that one point in ten exceeds, less what a loop of so few points has however smooth it is."""
-        return float(np.quantile(turning_angles(self.loop.points), 0.9)) - 3 * np.pi / len(self.loop)
+    def _is_rough(self) -> bool:
+        return is_rough(self.loop, self.curve)
 
     @property
-    def is_rough(self) -> bool:
-        """Whether the loop bends at many of its points: its curve is a cubic spline, and one point in ten turns."""
-        return self.curve.degree == min(DEGREES) and self._turning > _ROUGH_TURN
+    def _count(self) -> int:
+        return points_of_domain(self.loop)
+
+    @cached_property
+    def _density(self) -> NodeDensity:
+        return NodeDensity(self.curve, self._count)
 
     @property
-    def is_promising(self) -> bool:
-        """Whether the loop is likelier to be met here than by a Cauchy network."""
-        return self._turning < _RAGGED_TURN or len(self.loop) > _LONG
-
-    @property
-    def is_narrow(self) -> bool:
-        """Whether fingers of the loop want a fine ∂Ω."""
-        return self._domains.is_narrow
-
-    @property
-    def _last_step(self) -> int:
-        return min(self.max_steps, _RAGGED_STEPS) if self._turning > _RAGGED_TURN else self.max_steps
-
-    @property
-    def suits_disk(self) -> bool:
-        """Whether the unit disk is tried first."""
-        return not self.is_rough and self.loop.elongation < _DISK_ELONGATION
+    def _unit_disk(self) -> DirichletForm:
+        return DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
 
     @property
     def _first_per_edge(self) -> int:
-        if not self.is_rough:
+        if not self._is_rough:
             return 1
         wanted = self.allowed / self.loop.mean_edge_length
-        return next((nodes for limit, nodes in _PER_EDGE_ROUGH if wanted >= limit), _PER_EDGE_ROUGH[-1][1])
-
-    @property
-    def _first_nodes(self) -> int:
-        """On the disk: a power of two as long as that is no more than the fewest for loops of any length."""
-        m = len(self.loop)
-        few = 1 << int(np.ceil(np.log2(_FEWEST_PER_EDGE * m)))
-        return max(min(few, _FEWEST_NODES), m)
-
-    @property
-    def _equal_steps(self) -> Float[Tensor, " n"]:
-        n = _even(self._first_nodes)
-        return torch.arange(n, dtype=torch.float64, device=self.device) / n
+        return next(nodes for limit, nodes in _PER_EDGE_ROUGH if wanted >= limit)
 
     @property
     def _fine_gradient(self) -> float:
         """At which a slide along Γ itself stops."""
         if self.to_rounding:
             return _ROUNDING
-        share = _FINE_ROUGH if self.is_rough else _FINE_SMOOTH
-        return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _FINEST, _COARSE))
+        share = _FINE_ROUGH if self._is_rough else _FINE_SMOOTH
+        return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _ROUNDING, _COARSE))
 
     @property
     def _enough(self) -> float:
@@ -177,166 +184,75 @@ class HarmonicSolver:
     @property
     def _negligible_energy(self) -> float:
         """Of a rough loop: a small share of what waves as long as an edge and as high as the distance allowed have."""
-        return _NEGLIGIBLE * 2 * np.pi * len(self.loop) * self.allowed**2 if self.is_rough else 0.0
+        return _NEGLIGIBLE * 2 * np.pi * len(self.loop) * self.allowed**2 if self._is_rough else 0.0
 
-    @cached_property
-    def _domains(self) -> DomainCandidates:
-        return DomainCandidates(
-            loop=self.loop,
-            curve=self.curve,
-            is_rough=self.is_rough,
-            nodes_per_edge=self._first_per_edge,
-            device=self.device,
+    def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], route: RouteName) -> Found:
+        """The minimal disk on the smooth Ω next to a polygon, and on what its own flattening makes of that.
+
+        Args:
+            polygon: near to ∂Ω.
+            t: parameters of its vertices.
+            route: for the record.
+        """
+        with self.clock.stage("flattening"):
+            # points that stand for single vertices are to be followed
+            is_fine = self._is_rough and len(self.loop) <= self._density.points
+            shape, form = resolved(polygon, t, self._density, is_fine, count=self._count, device=self.device)
+        slide = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=self.device)
+        with self.clock.stage("slide"):
+            disk = minimise_dirichlet_energy(
+                self._exact,
+                form,
+                slide,
+                tolerance=_COARSE,
+                max_steps=self.steps.left,
+                negligible=self._negligible_energy,
+                on_step=self._take,
+            )
+        if disk.crowded:
+            raise DomainError("the nodes crowd on the domain's boundary", vertices=len(self.loop))
+        with self.clock.stage("flattening"):
+            form, slide = reflattened(disk, form, shape)
+        return self._fitted(self._fit(form, slide), route)
+
+    def _begin(self) -> Fit:
+        """The fit on the unit disk from equal steps, of short loops a power of two: many have as many nodes."""
+        m = len(self.loop)
+        n = even(max(min(1 << (_FEWEST_PER_EDGE * m - 1).bit_length(), _FEWEST_NODES), m))
+        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.device) / n)
+
+    def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
+        """The fit on an Ω from a slide."""
+        m = len(self.loop)
+        return Fit(
+            curve=self._exact,
+            form=form,
+            slide=slide,
+            nodes=even(max(len(slide), m * self._first_per_edge)),
+            most_nodes=even(max(4 * _FEWEST_NODES, _MOST_PER_EDGE * m)),
+            is_rough=self._is_rough,
+            allowed=self.allowed,
+            enough=self._enough,
+            mean_edge=self.loop.mean_edge_length,
+            gradient=self._fine_gradient,
+            negligible=self._negligible_energy,
+            steps_left=lambda: self.steps.left,
+            on_step=self._take,
             clock=self.clock,
         )
 
-    def tries(self) -> Iterator[Found]:
-        """A minimal disk on one Ω after the other, the cheapest first, for the caller to take or leave."""
-        if self.suits_disk:
-            yield from self._on_disk()
-        domains = self._domains
-        for shapes in domains.shapes:
-            for shape in shapes:
-                way = domains.near(shape)
-                form = domains.unfolded(way[0].curve, shape)
-                if form is not None:
-                    yield from self._deformed(way, form, shape, "unfolded")
-                    break
-        coarse = domains.coarse
-        far, near = domains.far(coarse), domains.near(coarse)
-        for start in reversed(range(len(far))):
-            form = domains.unfolded(far[start].curve, coarse)
-            if form is not None:
-                yield from self._deformed([*far[start:], *near], form, coarse, "deformed")
-                return
-
-    def on_disk(self) -> Found:
-        """The minimal disk on the unit disk alone.
+    def _fitted(self, fit: Fit, route: RouteName) -> Found:
+        """The minimal disk with as many nodes as the tolerance asks for, or as help.
 
         Raises:
-            DomainError: none was found: the loop has corners or is too long for its width, so that nodes crowd.
+            DomainError: the nodes crowd, or all harmonic disks are branched.
         """
-        found = None if self.loop.corners.any() else next(self._on_disk(), None)
-        if found is None:
-            raise DomainError(
-                "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
-                vertices=len(self.loop),
-            )
-        return found
-
-    def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> Found | None:
-        """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none.
-
-        Args:
-            matching: of the unstable one.
-        """
-        slide = torch.tensor(matching[:, 1], device=self.device)
-        form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._domains.count))
-        start = slide_downhill(self._exact, form, resampled(slide, min(len(slide), _MOST_FOR_MODES)))
-        return None if start is None else next(self._fitted(form, start, "disk", None), None)
-
-    def _on_disk(self) -> Iterator[Found]:
-        form = DirichletForm.of_disk(FourierBoundary.circle(1.0, self._domains.count))
-        if self.start is None:
-            yield from self._fitted(form, self._equal_steps, "disk", None)
-        else:
-            yield from self._fitted(form, self.start.slide, "disk", None, first=self.start)
-
-    def tries_from(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Iterator[Found]:
-        """The minimal disk of less energy that a discrete disk leads to, on its flattening.
-
-        Args:
-            disk: over the loop at unit size.
-            rim: indices of the loop's points that are its boundary vertices.
-        """
-        shape = self._domains.likeliest
-        form = self._domains.flattened(disk, rim, shape)
-        if form is not None:
-            way = [Step(curve=self.curve, nodes=shape.steps)]
-            yield from self._deformed(way, form, shape, "flattened")
-
-    def _deformed(self, way: list[Step], form: DirichletForm, shape: Shape, route: Route) -> Iterator[Found]:
-        """The fit for the last of several curves, each on the Ω that the one before left."""
-        slide = torch.tensor(shape.density.slide(np.arange(shape.steps) / shape.steps), device=self.device)
-        for place, step in enumerate(way):
-            if is_out_of_time():
-                return
-            slide = resampled(slide, _even(step.nodes))
-            disk = self._solved(CurveTensors.of(step.curve, self.device), form, slide, _COARSE)
-            if disk.crowded:
-                return
-            slide = disk.slide
-            if place == 0 or shape.unevenness(slide) > _UNEVEN:
-                with self.clock.stage("flattening"):
-                    form, slide = self._domains.flattened_anew(disk, form, shape)
-        yield from self._fitted(form, slide, route, shape)
-
-    def _fitted(
-        self,
-        form: DirichletForm,
-        slide: Float[Tensor, " n"],
-        route: Route,
-        shape: Shape | None,
-        *,
-        first: HarmonicDisk | None = None,
-    ) -> Iterator[Found]:
-        """The fit with as many nodes as the tolerance asks for, or as help.
-
-        Args:
-            form: of Ω.
-            slide: to start from.
-            route: for the record.
-            shape: of Ω; none for the unit disk.
-            first: the harmonic disk with that slide, where it is known.
-        """
-        m = len(self.loop)
-        nodes = max(len(slide), m * self._first_per_edge)
-        fine = self._fine_gradient
-        best: tuple[Lift, HarmonicDisk, DirichletForm] | None = None
-        per_edge = _MOST_PER_EDGE_ROUGH if self.is_rough else _MOST_PER_EDGE
-        last_gain, most = 0, _even(min(max(4 * _FEWEST_NODES, per_edge * m), _MOST_NODES))
-        limit = "more nodes on the domain's boundary do not help"
-        for attempt in itertools.count():
-            n = _even(nodes)
-            disk = first
-            if disk is None or attempt > 0:
-                disk = self._solved(
-                    self._exact, form, resampled(slide, n), fine, near=attempt > 0 and not self.is_rough
-                )
-            if disk.crowded:
-                limit = "the nodes crowd on the domain's boundary"
-                break
-            slide = disk.slide
-            try:
-                with self.clock.stage("lift"):
-                    lift = lifted(disk, form, self._exact, allowed=self.allowed)
-            except SurfaceError:  # more nodes may tell the sheets apart
-                lift = None
-            if lift is not None and (best is None or lift.misfit.rms < best[0].misfit.rms):
-                if best is None or lift.misfit.rms < best[0].misfit.rms / 2:
-                    last_gain = attempt
-                best = lift, disk, form
-            short = 1.0 if lift is None else self._excess(lift, self.allowed)
-            nodes = min(most, int(np.clip(short, _MORE_NODES, _MOST_MORE if self.is_rough else _MORE_NODES) * n))
-            if (best is not None and self._excess(best[0], self._enough) <= 1) or attempt - last_gain >= _PATIENCE:
-                break
-            if n >= most:
-                limit = f"{n} nodes are the most that are tried"
-                break
-            if len(self.history) >= self._last_step or is_out_of_time():
-                limit = "the limit on steps or on time was reached"
-                break
-            if shape is not None and shape.unevenness(slide) > _UNEVEN:
-                form, slide = self._domains.flattened_anew(disk, form, shape)
-        if best is not None:
-            yield self._found(*best, route=route, limit=limit)
-
-    def _excess(self, lift: Lift, allowed: float) -> float:
-        return lift.misfit.excess(allowed=allowed, tolerance=allowed / self.loop.mean_edge_length)
-
-    def _found(self, lift: Lift, disk: HarmonicDisk, form: DirichletForm, *, route: Route, limit: str) -> Found:
+        fit_together([fit])
+        if fit.best is None:
+            raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.loop))
+        lift, disk = fit.best
         with self.clock.stage("surface"):
-            surface = surface_of(lift, form.boundary, order=_PATH_ORDER)
+            surface = surface_of(lift, fit.form.boundary)
         n = len(disk.slide)
         return Found(
             curve=self.curve,
@@ -345,67 +261,26 @@ class HarmonicSolver:
             misfit=lift.misfit,
             area=lift.area,
             route=route,
-            history=tuple(self.history),
-            limit=limit,
+            history=tuple(self.steps.history),
+            limit=fit.limit,
         )
 
-    def _solved(
-        self,
-        curve: CurveTensors,
-        form: DirichletForm,
-        slide: Float[Tensor, " n"],
-        tolerance: float,
-        *,
-        near: bool = False,
-    ) -> HarmonicDisk:
-        left = max(0, min(_MOST_STEPS, self._last_step - len(self.history)))
-        with self.clock.stage("slide"):
-            return minimise_dirichlet_energy(
-                curve,
-                form,
-                slide,
-                tolerance=tolerance,
-                max_steps=left,
-                near=near,
-                negligible=self._negligible_energy,
-                on_step=self._heard,
-            )
-
-    def _heard(self, gradient: float) -> None:
-        """Takes down a step of Newton's method."""
-        self.hear(Iteration(index=len(self.history) + 1, method="Douglas-Newton", residual=gradient))
-
-    def hear(self, step: Iteration) -> None:
-        """Takes down a step, its own or of another route to the same disk, and tells the caller."""
-        self.history.append(step)
-        if self.on_iteration is not None:
-            self.on_iteration(step)
+    def _take(self, gradient: float) -> None:
+        self.steps.take(Iteration(index=len(self.steps.history) + 1, method="Douglas-Newton", residual=gradient))
 
     @staticmethod
-    def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[HarmonicSolver]:
-        """Solvers with their slides on the unit disk found, together for those of as many nodes that suit it."""
-        started = list(solvers)
-        for nodes in sorted({solver._first_nodes for solver in solvers}):
-            some = [i for i, solver in enumerate(solvers) if solver.suits_disk and solver._first_nodes == nodes]
-            chosen = [solvers[i] for i in some]
-            if len(chosen) < 2 or nodes > _BATCHED_NODES:
-                continue
-            begin = time.perf_counter()
-            disks = minimise_dirichlet_energies(
-                CurveTensors.batch([solver._exact for solver in chosen]),
-                DirichletForm.of_disk(FourierBoundary.circle()),
-                chosen[0]._equal_steps.expand(len(chosen), -1),
-                tolerances=[solver._fine_gradient for solver in chosen],
-                max_steps=min(_MOST_STEPS, *(solver.max_steps for solver in chosen)),
-                on_step=[solver._heard for solver in chosen],
-            )
-            seconds = (time.perf_counter() - begin) / len(chosen)
-            for i, disk in zip(some, disks, strict=True):
-                solvers[i].clock.add("slide", seconds)
-                started[i] = replace(solvers[i], start=disk)
-        return started
+    def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[Fit]:
+        """The fits on the unit disk, made together while they ask for few nodes."""
+        fits = [solver._begin() for solver in solvers]
+        fit_together(fits, most_nodes=_BATCHED_NODES)
+        return fits
 
 
-def _even(nodes: int) -> int:
-    """An even number of nodes, not smaller, that is fast to transform."""
-    return 2 * next_fast_len((nodes + 1) // 2)
+def suits_unit_disk(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
+    """Whether the unit disk is likely to do."""
+    return loop.elongation < _DISK_ELONGATION and not is_rough(loop, curve)
+
+
+def points_of_domain(loop: BoundaryLoop) -> int:
+    """Points that Ω is made from, but for those that narrow places want."""
+    return int(np.clip(len(loop), _FEWEST_POINTS, _POINTS))

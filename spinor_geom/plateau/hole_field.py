@@ -14,6 +14,7 @@ from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
 
 from spinor_geom.discrete.area_descent import harmonic_extension
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.mesh.operators import cotangent_laplacian
@@ -45,9 +46,8 @@ class HoleField:
             panels: on all of ∂Ω.
         """
         mesh, (hole,) = domain.triangulation, domain.holes
-        points = np.column_stack([mesh.points.real, mesh.points.imag, np.zeros(len(mesh.points))])
         first, size = mesh.rims[0], mesh.boundary_size
-        laplacian = cotangent_laplacian(points, mesh.faces)
+        laplacian = cotangent_laplacian(plane_coordinates(mesh.points), mesh.faces)
         height = harmonic_extension(laplacian, np.repeat([0.0, 1.0], mesh.rims)[:, None])
         w = hole.vertices
         ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
@@ -20,17 +22,15 @@ from spinor_geom.plateau.douglas import HarmonicDisk, resampled
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.residual import projected
 from spinor_geom.surface.formulas import phi
-from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
+from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # coefficients of a power series below this share of the largest are rounding errors
 _ROUND_OFF = 1e-17
-# rounds in which the constant of r and the nearest points of Γ are found from each other
-_CONSTANT_STEPS = 3
-# and the share of the distance below which a move of the constant changes nothing
-_STILL = 1e-3
+# Newton steps by which the constant of r and the nearest points of Γ are found, and what keeps the former from running
+# along a curve that is hardly wider than a line
+_PLACING_STEPS, _STIFFNESS = 2, 1e-3
 # Gauss-Newton with polynomials: their degree, its steps, points that its equations are taken at, and its damping: it is
 # singular where maps of Ω onto itself move the boundary along Γ
 _SETTLING_DEGREE, _SETTLING_STEPS, _SETTLING_ROWS, _SETTLING_DAMPING = 16, 3, 4096, 1e-10
@@ -64,14 +64,25 @@ class Lift:
     area: float
 
 
-def lifted(
-    disk: HarmonicDisk,
-    form: DirichletForm,
-    curve: CurveTensors,
-    *,
-    allowed: float,
-) -> Lift:
-    """The minimal surface next to a harmonic disk, and its distance from Γ at the nodes and between them.
+def lifted(disk: HarmonicDisk, form: DirichletForm, curve: CurveTensors, *, allowed: float) -> Lift:
+    """The minimal surface next to a harmonic disk; see `lifted_together`.
+
+    Raises:
+        SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
+    """
+    (lift,) = lifted_together([disk], form, CurveTensors.batch([curve]), allowed=[allowed])
+    if lift is None:
+        raise SurfaceError(
+            "the harmonic disk over the loop has a branch point of odd order, p and q change sign around it; no "
+            "immersed minimal surface was found near it"
+        )
+    return lift
+
+
+def lifted_together(
+    disks: Sequence[HarmonicDisk], form: DirichletForm, curves: CurveTensors, *, allowed: Sequence[float]
+) -> tuple[Lift | None, ...]:
+    """The minimal surfaces next to harmonic disks on one Ω, and their distances from Γ at the nodes and between them.
 
     φ = 2∂X/∂z on ∂Ω comes from X and its conjugate; p and q are its spinors there, and the model continues them into Ω:
     a power series on the unit disk, Cauchy's formula elsewhere. Where X is not quite conformal φ is not quite null, and
@@ -80,172 +91,227 @@ def lifted(
     lift.
 
     Args:
-        disk: X.
+        disks: X of each curve, all with the same number of nodes; they do not know of each other.
         form: Λ of Ω; of the unit disk where it has no kernel.
-        curve: Γ.
-        allowed: RMS distance from Γ that is near enough.
+        curves: Γ of each, as a batch.
+        allowed: RMS distance from Γ that is near enough, for each.
 
-    Raises:
-        SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
+    Returns:
+        Of each disk its surface; None where p and q change sign around ∂Ω, around a branch point of odd order.
     """
-    each = _POINTS_TOLD if len(disk.slide) <= _FEW_NODES else _POINTS_PER_NODE
-    sampled = _SampledBoundary.of(form, disk.slide, each, curve)
-    points = disk.points
+    slides = torch.stack([disk.slide for disk in disks])
+    points = torch.stack([disk.points for disk in disks])
+    limits = slides.new_tensor(allowed)
+    each = _POINTS_TOLD if slides.shape[1] <= _FEW_NODES else _POINTS_PER_NODE
+    every = sampled = _SampledBoundary.of(form, slides, each, curves)
+    number = torch.arange(len(slides), device=slides.device)
     best: _Placed | None = None
+    is_lifted = torch.zeros_like(number, dtype=torch.bool)
     for _ in range(_MOST_LIFTS):
-        try:
-            placed = sampled.placed(sampled.spinors(points), sampled.slide)
-        except SurfaceError:
-            if best is None:
-                raise
+        values, is_immersed = sampled.spinors(points)
+        placed = sampled.placed(values, sampled.slide)
+        far = (is_immersed & (placed.rms > limits[number])).nonzero()[:, 0]
+        if len(far):
+            placed = placed.replaced(far, sampled.at(far).settled(placed.at(far)))
+        better = is_immersed
+        if best is None:
+            best = placed
+        else:
+            better = better & (placed.rms < _WORTHWHILE * best.rms[number])
+            best = best.replaced(number[better], placed.at(better.nonzero()[:, 0]))
+        is_lifted[number[better]] = True
+        left = (better & (placed.rms > limits[number])).nonzero()[:, 0]
+        if not len(left):
             break
-        if placed.rms > allowed:
-            placed = sampled.settled(placed)
-        if best is not None and not placed.rms < _WORTHWHILE * best.rms:
-            break
-        best = placed
-        if best.rms <= allowed:
-            break
-        points = points - placed.error[::each]
+        points = points[left] - placed.error[left][..., ::each].mT
+        number, sampled = number[left], sampled.at(left)
     assert best is not None
+    told = best
     if each < _POINTS_TOLD:
-        sampled = _SampledBoundary.of(form, disk.slide, _POINTS_TOLD, curve)
-        told = sampled.placed(best.values, resampled(best.slide, len(sampled.slide)), rounds=1)
-    else:
-        told = best
-    return Lift(
-        model=sampled.model(told.values),
-        null_curve=told.null_curve,
-        slide=told.slide,
-        misfit=Misfit.of(told.null_curve.real, told.slide, curve),
-        area=0.5 * float((told.null_curve.real * told.velocity.imag).sum()) / len(told.slide),
-    )
+        every = _SampledBoundary.of(form, slides, _POINTS_TOLD, curves)
+        told = every.placed(best.values, torch.stack([resampled(row, every.slide.shape[1]) for row in best.slide]))
+    return every.lifts(told, is_lifted)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Placed:
-    """A surface with given p and q at the n nodes, as near to Γ as its constant can bring it; the rest at m points."""
+    """Surfaces with given p and q at the n nodes, as near to Γ as their constants bring them; the rest at m points."""
 
-    values: Tensor  # (n, 2)
-    fine: Tensor  # (m, 2), p and q
-    velocity: Tensor  # (m, 3), φ dz/dt
-    null_curve: Tensor  # (m, 3)
-    slide: Tensor  # (m,), of the point of Γ near each
-    error: Tensor  # (m, 3), r − Γ(slide)
-    rms: float
+    values: Tensor  # (b, 2, n), p and q
+    velocity: Tensor  # (b, 3, m), φ dz/dt
+    null_curve: Tensor  # (b, 3, m)
+    slide: Tensor  # (b, m), of the point of Γ near each
+    error: Tensor  # (b, 3, m), r − Γ(slide)
+    tangent: Tensor  # (b, 3, m), Γ'(slide)
+    rms: Tensor  # (b,)
+
+    def at(self, which: Int[Tensor, " k"]) -> _Placed:
+        return _Placed(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
+
+    def replaced(self, which: Int[Tensor, " k"], other: _Placed) -> _Placed:
+        """With some of them from another."""
+        return _Placed(
+            **{
+                field.name: getattr(self, field.name).index_copy(0, which, getattr(other, field.name))
+                for field in fields(self)
+            }
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _SampledBoundary:
-    """∂Ω at n nodes and at m = each·n points, the nodes and some between each two."""
+    """∂Ω at n nodes and at m = each·n points, the nodes and some between each two, for b curves."""
 
     form: DirichletForm
-    curve: CurveTensors
+    curves: CurveTensors
     each: int
     z: Tensor  # (m,)
     dz: Tensor  # (m,), dz/dt
-    slide: Tensor  # (m,), where the harmonic disk has its points on Γ
-    weights: Tensor  # (m,), arc length of Γ around each of them, of sum 1
+    slide: Tensor  # (b, m), where the harmonic disks have their points on Γ
+    weights: Tensor  # (b, m), arc length of Γ around each of them, of sum 1
 
     @classmethod
-    def of(cls, form: DirichletForm, nodes: Float[Tensor, " n"], each: int, curve: CurveTensors) -> _SampledBoundary:
-        slide = resampled(nodes, each * len(nodes))
-        z, dz, _ = (torch.tensor(row, device=slide.device) for row in form.boundary.grid(len(slide)))
-        step = torch.diff(slide, append=slide[:1] + 1)
-        weights = (step + step.roll(1)) * curve.point_and_derivative(slide)[1].norm(dim=-1)
-        return cls(form=form, curve=curve, each=each, z=z, dz=dz, slide=slide, weights=weights / weights.sum())
+    def of(cls, form: DirichletForm, nodes: Float[Tensor, "b n"], each: int, curves: CurveTensors) -> _SampledBoundary:
+        slide = torch.stack([resampled(row, each * len(row)) for row in nodes])
+        z, dz, _ = (torch.tensor(row, device=slide.device) for row in form.boundary.grid(slide.shape[1]))
+        step = torch.diff(slide, append=slide[:, :1] + 1)
+        weights = (step + step.roll(1, -1)) * curves.point_and_derivative(slide)[1].square().sum(-1).sqrt()
+        weights = weights / weights.sum(-1, keepdim=True)
+        return cls(form=form, curves=curves, each=each, z=z, dz=dz, slide=slide, weights=weights)
 
-    def spinors(self, points: Float[Tensor, "n 3"]) -> Complex[Tensor, "n 2"]:
-        """P and q at the nodes of the harmonic surface with given boundary values."""
+    def at(self, which: Int[Tensor, " k"]) -> _SampledBoundary:
+        """With some of the curves."""
+        return replace(self, curves=self.curves.at(which), slide=self.slide[which], weights=self.weights[which])
+
+    def spinors(self, points: Float[Tensor, "b n 3"]) -> tuple[Complex[Tensor, "b 2 n"], Bool[Tensor, " b"]]:
+        """P and q at the nodes of harmonic surfaces with given boundary values, and whether their signs close up."""
         velocity = torch.complex(_derivative(points), 2 * np.pi * self.form(points))
         p, q = spinors_from_phi(velocity / self.dz[:: self.each, None])
-        if spin_invariant(p, q) < 0:
-            raise SurfaceError(
-                "the harmonic disk over the loop has a branch point of odd order, p and q change sign around it; no "
-                "immersed minimal surface was found near it"
-            )
-        return torch.stack([p, q], dim=-1)
+        return torch.stack([p, q], dim=1), signs_close_up(p, q)
 
-    def model(self, values: Complex[Tensor, "n 2"]) -> PowerSeries | CauchyInterpolant:
-        """The model with given values at the nodes."""
-        if self.form.kernel is None:
-            return PowerSeries(_series(values))
-        return CauchyInterpolant(self.z[:: self.each], self.dz[:: self.each], values)
+    def placed(self, values: Complex[Tensor, "b 2 n"], slide: Float[Tensor, "b m"]) -> _Placed:
+        """The surfaces with given p and q at the nodes; the slides say where on Γ to look for the nearest points.
 
-    def placed(
-        self, values: Complex[Tensor, "n 2"], slide: Float[Tensor, " m"], *, rounds: int = _CONSTANT_STEPS
-    ) -> _Placed:
-        """The surface with given p and q at the nodes; the slide says where on Γ to look for the nearest points."""
+        Constant and slide are found together by Newton's method.
+        """
         m = len(self.z)
         if self.form.kernel is None:
-            fine = torch.fft.ifft(_series(values), n=m, dim=0) * m
+            fine = torch.fft.ifft(_series(values), n=m) * m
         else:
-            between = _between_nodes(values, self.form.kernel, self.each)
-            fine = torch.cat([values[:, None], between], dim=1).reshape(m, 2)
-        velocity = phi(fine[:, 0], fine[:, 1]) * self.dz[:, None]
+            fine = _with_between_nodes(values, self.form.kernel, self.each)
+        velocity = phi(fine[:, 0], fine[:, 1]).mT * self.dz
         null_curve = _integral(velocity)
-        weights = self.weights
-        error = null_curve.real - self.curve.point_and_derivative(slide)[0]
-        for _ in range(rounds):
-            shift = weights @ error
-            null_curve = null_curve - shift
-            slide = projected(null_curve.real, slide, self.curve, limit=1 / m)
-            error = null_curve.real - self.curve.point_and_derivative(slide)[0]
-            rms = float((weights * error.square().sum(-1)).sum().sqrt())
-            if float(shift.norm()) < _STILL * rms:
+        for step in itertools.count():
+            point, tangent, bend = (part.mT for part in self.curves.point_and_derivatives(slide))
+            error = null_curve.real - point
+            if step == _PLACING_STEPS:
                 break
+            # the mean first, which brings what lies anywhere to its place
+            shift = (self._normal_shift(error, tangent) if step else (self.weights[:, None] * error).sum(-1))[..., None]
+            null_curve, error = null_curve - shift, error - shift
+            speed2 = tangent.square().sum(1)
+            move = (error * tangent).sum(1) / torch.maximum(speed2 - (error * bend).sum(1), speed2 / 2)
+            slide = slide + move.clamp(-1 / m, 1 / m)
         return _Placed(
-            values=values, fine=fine, velocity=velocity, null_curve=null_curve, slide=slide, error=error, rms=rms
+            values=values,
+            velocity=velocity,
+            null_curve=null_curve,
+            slide=slide,
+            error=error,
+            tangent=tangent,
+            rms=(self.weights * error.square().sum(1)).sum(-1).sqrt(),
         )
 
+    def _normal_shift(self, error: Float[Tensor, "b 3 m"], tangent: Float[Tensor, "b 3 m"]) -> Float[Tensor, "b 3"]:
+        """The constant that takes most from the mean squared distance normal to Γ."""
+        unit = tangent / tangent.square().sum(1, keepdim=True).sqrt()
+        weighted = self.weights[:, None] * unit
+        along = (weighted[:, :, None] * unit[:, None]).sum(-1)
+        normal = (self.weights[:, None] * error).sum(-1) - (weighted * (unit * error).sum(1, keepdim=True)).sum(-1)
+        # a long straight curve hardly says where along it the constant is
+        identity = torch.eye(3, dtype=error.dtype, device=error.device)
+        return torch.linalg.solve((1 + _STIFFNESS) * identity - along, normal)
+
     def settled(self, placed: _Placed) -> _Placed:
-        """The surface with polynomials added to p and q that bring it nearer to Γ."""
-        basis = self._polynomials
+        """The surfaces with polynomials added to p and q that bring them nearer to Γ."""
+        number, sampled = torch.arange(len(placed.rms), device=placed.rms.device), self
         for _ in range(_SETTLING_STEPS):
-            change = self._gauss_newton_step(placed, basis)
-            nearer = self.placed(placed.values + basis[:: self.each] @ change, placed.slide)
-            if not nearer.rms < placed.rms:
+            before = placed.at(number)
+            values = before.values + sampled._gauss_newton_step(before)
+            nearer = sampled.placed(values, before.slide)
+            better = (nearer.rms < before.rms).nonzero()[:, 0]
+            placed = placed.replaced(number[better], nearer.at(better))
+            left = (nearer.rms <= _WORTHWHILE * before.rms).nonzero()[:, 0]
+            if not len(left):
                 break
-            enough = nearer.rms > _WORTHWHILE * placed.rms
-            placed = nearer
-            if enough:
-                break
+            number, sampled = number[left], sampled.at(left)
         return placed
 
     @cached_property
-    def _polynomials(self) -> Complex[Tensor, "m k"]:
-        hessenberg = arnoldi_hessenberg(self.z, self.dz.abs() / self.dz.abs().sum(), _SETTLING_DEGREE)
-        return arnoldi_polynomials(self.z, hessenberg)
+    def _polynomials(self) -> Complex[Tensor, "k n"]:
+        z, dz = self.z[:: self.each], self.dz[:: self.each]
+        if self.form.kernel is None:
+            return z ** torch.arange(_SETTLING_DEGREE + 1, device=z.device)[:, None]
+        hessenberg = arnoldi_hessenberg(z, dz.abs() / dz.abs().sum(), _SETTLING_DEGREE)
+        return arnoldi_polynomials(z, hessenberg).T
 
-    def _gauss_newton_step(self, placed: _Placed, basis: Complex[Tensor, "m k"]) -> Complex[Tensor, "k 2"]:
-        """Coefficients of the polynomials that lessen the distance normal to Γ, to first order."""
-        stride = max(1, len(self.z) // _SETTLING_ROWS)
-        by_p, by_q = (_integral(placed.fine[:, i : i + 1] * basis * self.dz[:, None])[::stride] for i in (0, 1))
-        _, tangent = self.curve.point_and_derivative(placed.slide[::stride])
-        root = self.weights[::stride].sqrt()[:, None]
+    def _gauss_newton_step(self, placed: _Placed) -> Complex[Tensor, "b 2 n"]:
+        """Changes of p and q by polynomials that lessen the distance normal to Γ at the nodes, to first order."""
+        basis, dz = self._polynomials, self.dz[:: self.each]
+        stride = max(1, len(dz) // _SETTLING_ROWS)
+        nodes = slice(None, None, self.each * stride)
+        by_p, by_q = (_integral(placed.values[:, i, None] * basis * dz)[..., ::stride] for i in (0, 1))
+        root, error = self.weights[:, None, nodes].sqrt(), placed.error[..., nodes]
         rows, right = [], []
-        for normal in normals_of(tangent):
-            e = root * normal
+        for normal in normals_of(placed.tangent[..., nodes].mT):
+            e = root * normal.mT
             along = torch.complex(e[:, :1], -e[:, 1:2])
             upright = e[:, 2:]
             row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
             rows.append(2 * torch.cat([row.real, -row.imag, e / 2], dim=1))
-            right.append(-(e * placed.error[::stride]).sum(1))
-        matrix, k = torch.cat(rows), basis.shape[1]
-        gram = matrix.T @ matrix
-        gram.diagonal().add_(_SETTLING_DAMPING * gram.diagonal().mean())
-        x = torch.linalg.solve(gram, matrix.T @ torch.cat(right))
-        return torch.complex(x[: 2 * k], x[2 * k : 4 * k]).reshape(2, k).T
+            right.append(-(e * error).sum(1))
+        matrix, k = torch.cat(rows, dim=2), len(basis)
+        # one after the other: BLAS rounds a loop's product otherwise when others are beside it
+        gram = torch.stack([one @ one.T for one in matrix])
+        diagonal = gram.diagonal(dim1=1, dim2=2)
+        diagonal.add_(_SETTLING_DAMPING * diagonal.mean(-1, keepdim=True))
+        x = torch.linalg.solve(gram, (matrix * torch.cat(right, dim=1)[:, None]).sum(-1))
+        change = torch.complex(x[:, : 2 * k], x[:, 2 * k : 4 * k]).unflatten(1, (2, k))
+        return torch.stack([one @ basis for one in change])
+
+    def lifts(self, placed: _Placed, is_lifted: Bool[Tensor, " b"]) -> tuple[Lift | None, ...]:
+        """What is kept of surfaces, apart from each other."""
+        r = placed.null_curve.real
+        areas = 0.5 * (r * placed.velocity.imag).sum((1, 2)) / len(self.z)
+        if self.form.kernel is None:
+            series = _series(placed.values)
+            large = (series.abs() > _ROUND_OFF * series.abs().amax((1, 2), keepdim=True)).any(1)
+            places = torch.arange(1, series.shape[2] + 1, device=series.device)
+            terms = (large * places).amax(-1).tolist()
+        return tuple(
+            None
+            if not whole
+            else Lift(
+                model=PowerSeries(series[i, :, : terms[i]].T)
+                if self.form.kernel is None
+                else CauchyInterpolant(self.z[:: self.each], self.dz[:: self.each], placed.values[i].T),
+                null_curve=placed.null_curve[i].T,
+                slide=placed.slide[i],
+                misfit=Misfit.of(r[i].T, placed.slide[i], self.curves.alone(i)),
+                area=area,
+            )
+            for i, (whole, area) in enumerate(zip(is_lifted.tolist(), areas.tolist(), strict=True))
+        )
 
 
-def surface_of(lift: Lift, boundary: FourierBoundary, *, order: int) -> SpinorSurface:
+def surface_of(lift: Lift, boundary: FourierBoundary) -> SpinorSurface:
     """The surface of a lift; its constant is the boundary's, continued to the root by Cauchy's formula.
 
     Raises:
         DomainError: the polygon of the boundary's vertices is not simple.
     """
     domain = PlaneDomain.inside(_with_vertices(boundary, len(lift.null_curve)))
-    surface = SpinorSurface(lift.model, domain, order=order).to(lift.null_curve.device)
+    surface = SpinorSurface(lift.model, domain).to(lift.null_curve.device)
     z, dz, _ = (torch.tensor(row, device=lift.null_curve.device) for row in boundary.grid(len(lift.null_curve)))
     unit = dz / (z - surface.root)
     with torch.no_grad():
@@ -266,59 +332,57 @@ def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
     return boundary if count == len(boundary.vertices) else FourierBoundary(boundary.coefficients, count)
 
 
-def _derivative(x: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
+def _derivative(x: Float[Tensor, "b n 3"]) -> Float[Tensor, "b n 3"]:
     """dX/dt of samples at t = j/n."""
-    n = len(x)
-    spectrum = torch.fft.rfft(x, dim=0)
-    spectrum[n // 2] = 0
+    n = x.shape[1]
+    # along rows, as in DirichletForm
+    spectrum = torch.fft.rfft(x.mT.contiguous())
+    spectrum[..., n // 2] = 0
     frequency = torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)
-    slope: Tensor = torch.fft.irfft(2j * np.pi * frequency[:, None] * spectrum, n=n, dim=0)
+    slope: Tensor = torch.fft.irfft(2j * np.pi * frequency * spectrum, n=n).mT
     return slope
 
 
-def _integral(velocity: Complex[Tensor, "n 3"]) -> Complex[Tensor, "n 3"]:
+def _integral(velocity: Complex[Tensor, "*rows n"]) -> Complex[Tensor, "*rows n"]:
     """∫ f dt from samples at t = j/n, of mean 0; the integral around the circle is taken to vanish."""
-    n = len(velocity)
-    spectrum = torch.fft.fft(velocity, dim=0)
+    n = velocity.shape[-1]
     frequency = torch.fft.fftfreq(n, 1 / n, dtype=velocity.real.dtype, device=velocity.device)
     frequency[0] = 1
-    spectrum = spectrum / (2j * np.pi * frequency[:, None])
-    spectrum[0] = spectrum[n // 2] = 0
-    integral: Tensor = torch.fft.ifft(spectrum, dim=0)
+    spectrum = torch.fft.fft(velocity.contiguous()) / (2j * np.pi * frequency)
+    spectrum[..., 0] = spectrum[..., n // 2] = 0
+    integral: Tensor = torch.fft.ifft(spectrum)
     return integral
 
 
-def _between_nodes(
-    values: Complex[Tensor, "n 2"], kernel: Complex[Tensor, "c c"], each: int
-) -> Complex[Tensor, "n between 2"]:
-    """What a `CauchyInterpolant` takes at the each − 1 equal steps between its nodes, from the parts of its kernel.
+def _with_between_nodes(
+    values: Complex[Tensor, "b 2 n"], kernel: Complex[Tensor, "c c"], each: int
+) -> Complex[Tensor, "b 2 m"]:
+    """What `CauchyInterpolant`s take at their nodes and each − 1 equal steps between them, from the kernel's parts.
 
     At a share δ of the way from one node to the next the sum with the cotangent is ½ sign(k) + ½i cot(πδ) on Fourier
     series; the smooth part acts on low frequencies only.
     """
-    n, count = len(values), len(kernel)
+    n, count = values.shape[-1], len(kernel)
     half = count // 2
     k = torch.fft.fftfreq(n, 1 / n, dtype=values.real.dtype, device=values.device)
-    spectrum = torch.fft.fft(torch.cat([values, torch.ones_like(values[:, :1])], dim=1), dim=0) / n
-    low = torch.zeros(count, 3, dtype=values.dtype, device=values.device)
-    low[:half], low[-half + 1 :] = spectrum[:half], spectrum[-half + 1 :]
-    smooth = torch.fft.fft(-1j * kernel @ (torch.fft.ifft(low, dim=0) * count), dim=0) / count
-    total = 0.5 * k.sign()[:, None] * spectrum
-    total[:half] += smooth[:half]
-    total[-half + 1 :] += smooth[-half + 1 :]
-    total[n // 2] = 0
-    between = []
-    for step in range(1, each):
-        share = step / each
-        turned = (total + 0.5j / np.tan(np.pi * share) * spectrum) * torch.exp(2j * np.pi * share / n * k)[:, None]
-        shifted = torch.fft.ifft(turned, dim=0) * n
-        between.append(shifted[:, :2] / shifted[:, 2:])
-    return torch.stack(between, dim=1)
+    spectrum = torch.fft.fft(torch.cat([values, torch.ones_like(values[:, :1])], dim=1)) / n
+    low = torch.zeros(len(values), 3, count, dtype=values.dtype, device=values.device)
+    low[..., :half], low[..., -half + 1 :] = spectrum[..., :half], spectrum[..., -half + 1 :]
+    smooth = torch.fft.fft(-1j * (torch.fft.ifft(low) * count) @ kernel.T) / count
+    total = 0.5 * k.sign() * spectrum
+    total[..., :half] += smooth[..., :half]
+    total[..., -half + 1 :] += smooth[..., -half + 1 :]
+    total[..., n // 2] = 0
+    share = torch.arange(1, each, dtype=k.dtype, device=k.device)[:, None] / each
+    cotangent = 0.5j / torch.tan(np.pi * share)
+    turned = (total[:, :, None] + cotangent * spectrum[:, :, None]) * torch.exp(2j * np.pi * share / n * k)
+    shifted = torch.fft.ifft(turned) * n
+    between = shifted[:, :2] / shifted[:, 2:]
+    return torch.cat([values[:, :, None], between], dim=2).mT.flatten(2)
 
 
-def _series(values: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
-    """Power series from values at the roots of unity, without what is rounding error."""
-    coefficients = torch.fft.fft(values, dim=0)[: len(values) // 2] / len(values)
-    large = (coefficients.abs() > _ROUND_OFF * coefficients.abs().max()).any(-1).nonzero()
-    kept: Tensor = coefficients[: int(large[-1]) + 1]
-    return kept
+def _series(values: Complex[Tensor, "b 2 n"]) -> Complex[Tensor, "b 2 k"]:
+    """Power series from values at the roots of unity."""
+    n = values.shape[-1]
+    coefficients: Tensor = torch.fft.fft(values)[..., : n // 2] / n
+    return coefficients

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
@@ -29,11 +29,6 @@ _SMALL_NETWORK = 200
 _SMOOTH_TURN = np.radians(12.0)
 _FEWEST_NODES_PER_PANEL = 4
 _MAX_FEATURES = 420
-# Units are dropped that change p and q, all together, by less than so many times the residual: over half an edge, which
-# is a hundredth of the loop or less, that moves the boundary by far less than the residual.
-_IDLE = 3.0
-# Relative ridge of their Gram matrix.
-_IDLE_RIDGE = 1e-13
 # Degree of the polynomials in the fields that move Ω.
 _FIELD_DEGREE = 8
 
@@ -146,26 +141,22 @@ class Discretisation:
             problem=PlateauProblem.on_panels(panels, network, curves, pairs, way),
         )
 
-    def refined(self, fit: Fit, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
-        """More poles and shorter panels where the residual is, fewer poles where they do nothing.
-
-        None where nothing more may be added.
+    def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
+        """More poles and shorter panels where the residual is; None where nothing more may be added.
 
         Args:
-            fit: the fit whose residual it is.
             energy: integral of the squared residual over each panel, as a share of the whole boundary.
             goal: panels matter until those left out have less than half of goal² together.
         """
         order = np.argsort(energy)
         matter = np.empty(len(energy), dtype=bool)
         matter[order] = np.cumsum(energy[order]) > 0.5 * goal**2
-        kept = self.poles[~self.idle_poles(fit, _IDLE * float(energy.sum()) ** 0.5)]
-        room = (_MAX_FEATURES - self.degree - len(kept.positions)) // 2
+        room = (_MAX_FEATURES - self.degree - len(self.poles.positions)) // 2
         if room <= 0 or not matter.any():
             return None
         matter[order[: max(0, len(energy) - room)]] = False
         chosen = self.panels.ends[matter]
-        poles = kept + refining_poles(self.domain, chosen)
+        poles = self.poles + refining_poles(self.domain, chosen)
         small = self.degree + len(poles.positions) < _SMALL_NETWORK
         middle = chosen.mean(axis=1)
         return self._of(
@@ -182,39 +173,6 @@ class Discretisation:
             at_corner=self.at_corner,
             branch=self.branch,
         )
-
-    def idle_poles(self, fit: Fit, allowed: float) -> Bool[np.ndarray, " k"]:
-        """Poles without which the others make p and q of a fit just as well.
-
-        One unit after the other is left out, the least needed first, until the rest would miss p and q on ∂Ω by more
-        than a given RMS distance. That grows with unit k by |c_k|²/(G⁻¹)_kk, with G the Gram matrix of those left.
-
-        Source: Hassibi & Stork, "Second order derivatives for network pruning: Optimal Brain Surgeon", NIPS 5 (1992).
-        """
-        mixing, readout = self.network.mixing.cpu().numpy(), fit.readout.cpu().numpy()
-        # the mixing's columns are the Gram matrix's eigenvectors over the roots of its eigenvalues
-        root = 1 / np.linalg.norm(mixing, axis=0)
-        vectors = mixing * root
-        ridge = _IDLE_RIDGE * root.max() ** 2
-        inverse = (vectors * (1 / (root**2 + ridge) - 1 / ridge)) @ vectors.conj().T
-        inverse[np.diag_indices_from(inverse)] += 1 / ridge
-        coefficients = vectors @ ((root / (root**2 + ridge))[:, None] * readout)
-        first = len(mixing) - len(self.poles.positions)
-        idle = np.zeros(len(self.poles.positions), dtype=bool)
-        missed = 0.0
-        while not idle.all():
-            needed = (np.abs(coefficients[first:]) ** 2).sum(axis=1) / inverse.diagonal()[first:].real
-            needed[idle] = np.inf
-            least = int(needed.argmin())
-            missed += needed[least]
-            if missed > allowed**2:
-                break
-            idle[least] = True
-            column = inverse[:, first + least] / inverse[first + least, first + least].real
-            coefficients -= column[:, None] * coefficients[first + least]
-            inverse -= np.outer(column, inverse[first + least])
-            inverse[first + least, first + least] = 1.0
-        return idle
 
     @property
     def branch(self) -> complex | None:

@@ -12,18 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.minimal_surface import Disk, finer_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.panels import Panels
-from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, SplineBoundary, panel_breaks, sampled
+from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
 from spinor_geom.errors import DomainError, OptionError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.poles import Poles
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.corners import CornerPairs
@@ -32,6 +30,7 @@ from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual
+from spinor_geom.plateau.roughness import roughness
 from spinor_geom.plateau.solution import Iteration
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.surface.formulas import phi
@@ -42,9 +41,6 @@ _LONGEST_RIM = 240
 _MAX_ROUNDS = 3
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
-# Ω's polygon comes no nearer to a pole than this share of what ∂Ω does beside it, at so many points of a chord; pieces
-# of ∂Ω where it would are halved, so many times at most.
-_CLEARANCE_OF_CHORD, _POINTS_OF_A_CHORD, _HALVINGS = 0.5, 9, 4
 # ∂Ω is checked for crossings at so many points of each piece.
 _POINTS_OF_A_PIECE = 4
 # A loop counts as ragged or as rough where one of its points in ten turns by more.
@@ -186,12 +182,6 @@ class NetworkSolver:
             )
 
 
-def roughness(loop: BoundaryLoop) -> float:
-    """Turning angle that nine in ten of a loop's points do not exceed, corners aside."""
-    turning = turning_angles(loop.points)[~loop.corners]
-    return float(np.quantile(turning, 0.9)) if len(turning) else 0.0
-
-
 def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
     """Indices of the points that stand for the loop in the first fill, in Ω and for the poles; corners stay."""
     if len(loop) <= _LONGEST_RIM:
@@ -317,7 +307,7 @@ def fit_and_refine(
         excess = residual.misfit.excess(allowed=budget.allowed, tolerance=budget.tolerance)
         if excess <= 1 or budget.is_spent(history):
             break
-        finer = stage.refined(fit, residual.energy, residual.misfit.rms / excess)
+        finer = stage.refined(residual.energy, residual.misfit.rms / excess)
         if finer is None:
             break
         readout, slide = finer.transferred(stage, fit)
@@ -376,9 +366,8 @@ def fitted_surface(fitted: Fitted) -> tuple[SpinorSurface, float]:
     network, device = stage.network, fit.readout.device
     with torch.no_grad():
         network.readout.copy_(fit.readout)
-    domain = _clear_of_poles(stage.domain, stage.poles)
-    surface = SpinorSurface(network, domain, order=_PATH_ORDER * fitted.rounds).to(device)
-    if domain.holes:
+    surface = SpinorSurface(network, stage.domain, order=_PATH_ORDER * fitted.rounds).to(device)
+    if stage.domain.holes:
         close_period(surface)
     some = torch.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order, device=device)
     boundary = (stage.problem.positions(network.readout.detach()) + fit.constant)[some]
@@ -408,34 +397,3 @@ def close_period(surface: SpinorSurface) -> None:
             rows = torch.stack([torch.cat([by_p, -by_q]), -1j * torch.cat([by_p, by_q]), torch.cat([by_q, by_p])])
             change = -rows.mH @ torch.linalg.solve((rows @ rows.mH).real, gap).to(rows.dtype)
             network.readout.add_(change.reshape(2, -1).T)
-
-
-def _clear_of_poles(domain: PlaneDomain, poles: Poles) -> PlaneDomain:
-    """Ω with so many vertices that their polygon, where paths may run, keeps clear of the poles as ∂Ω does."""
-    tree = cKDTree(np.column_stack([poles.positions.real, poles.positions.imag]))
-    clear = [_clear_boundary(boundary, tree) for boundary in domain.boundaries]
-    if all(new is old for new, old in zip(clear, domain.boundaries, strict=True)):
-        return domain
-    scales = np.split(domain.log_scale, np.cumsum([len(boundary.vertices) for boundary in domain.boundaries])[:-1])
-    log_scale = [
-        np.interp(new.parameters[:-1], old.parameters[:-1], scale, period=1.0)
-        for new, old, scale in zip(clear, domain.boundaries, scales, strict=True)
-    ]
-    return PlaneDomain.inside(clear[0], np.concatenate(log_scale), holes=tuple(clear[1:]))
-
-
-def _clear_boundary(boundary: Boundary, tree: cKDTree) -> Boundary:
-    assert isinstance(boundary, SplineBoundary)
-    share = np.linspace(0.0, 1.0, _POINTS_OF_A_CHORD)
-    for _ in range(_HALVINGS):
-        t, v = boundary.parameters, boundary.vertices
-        arc = boundary.point(t[:-1, None] + np.diff(t)[:, None] * share)
-        chord = v[:, None] + (np.roll(v, -1) - v)[:, None] * share
-        at_arc, at_chord = (
-            np.asarray(tree.query(np.stack([z.real, z.imag], axis=-1))[0]).min(axis=1) for z in (arc, chord)
-        )
-        too_near = at_chord < _CLEARANCE_OF_CHORD * at_arc
-        if not too_near.any():
-            break
-        boundary = boundary.halved(too_near)
-    return boundary

@@ -28,10 +28,15 @@ _SHARES = (0.4, 0.3, 0.3)
 # Two parts of a loop face each other where the way along the loop is so many times their distance; samples for each
 # point at which that is looked for, and most nodes, in multiples of the usual number, that a narrow place gets.
 _FACING, _FACING_SAMPLES, _MOST_IN_NARROW = 2.0, 4, 8.0
-# Where ∂Ω comes as near to itself as so many of its steps, Λ is never resolved; the way round is so many times longer.
-_STEPS_ACROSS, _WAY_AROUND = 1.0, 3.0
+# And where the way along ∂Ω is so many times their distance; a step apart, Λ is never resolved.
+_WAY_AROUND = 3.0
 # Most steps of ∂Ω: Λ takes 16 bytes for each pair of them, and as much again several times while it is made.
 _MOST_STEPS = 4096
+# Steps of ∂Ω for each point that it is made from, and the width, in points, of the Gaussian that rounds it, because it
+# has to be analytic: the coarsest that is resolved. On the first narrow fingers close up.
+_SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
+# Width of a loop, as a density of nodes, from which its fingers want the finer ones.
+_NARROW = 1.7
 # Rows of a table of distances made at once.
 _ROWS = 512
 
@@ -72,6 +77,11 @@ class NodeDensity:
         self._s = self._t + np.append(smooth, smooth[0]) - smooth[0]
         self._s_at_0 = smooth[0]
 
+    @property
+    def is_narrow(self) -> bool:
+        """Whether fingers of the loop want a fine ∂Ω."""
+        return self.narrowest > _NARROW
+
     def parameter(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
         """t(s), continued around the circle."""
         s = s - self._s_at_0
@@ -110,53 +120,63 @@ class Shape:
 
     Attributes:
         density: of its nodes.
-        steps_per_point: steps for each of the points that it is made from.
-        rounding: width, in points, of the Gaussian that rounds it.
+        count: number of its vertices.
+        steps: that resolve it.
+        width: standard deviation of the Gaussian that rounds it, as a share of ∂Ω.
     """
 
     density: NodeDensity
-    steps_per_point: int
-    rounding: float
-
-    @property
-    def points(self) -> int:
-        """Points that ∂Ω is made from."""
-        return self.density.points
-
-    @property
-    def steps(self) -> int:
-        """Steps that resolve ∂Ω."""
-        return self.steps_per_point * self.points
-
-    @property
-    def rounding_width(self) -> float:
-        """Of the Gaussian, as a share of ∂Ω."""
-        return self.rounding / self.points
-
-    def unevenness(self, slide: Float[Tensor, " n"]) -> float:
-        """Largest distance of neighbouring nodes over what the density asks for."""
-        t = self.density.parameter(slide.cpu().numpy())
-        return float(np.diff(np.append(t, t[0] + 1)).max()) * len(t)
+    count: int
+    steps: int
+    width: float
 
 
-def rounded_boundary(
-    polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], *, steps: int, width: float, count: int
-) -> FourierBoundary:
+def resolved(
+    polygon: Complex[np.ndarray, " k"],
+    t: Float[np.ndarray, " k"],
+    density: NodeDensity,
+    is_fine: bool,
+    *,
+    count: int,
+    device: torch.device,
+) -> tuple[Shape, DirichletForm]:
+    """The smooth Ω next to a polygon, as coarse as it may be, and its Λ.
+
+    Args:
+        polygon: vertices, counter-clockwise.
+        t: their parameters, increasing.
+        density: of the nodes on ∂Ω.
+        is_fine: whether the polygon is to be followed closely, as at the vertices of rough loops; it is in fingers.
+        count: number of vertices of ∂Ω.
+        device: of Λ.
+
+    Raises:
+        DomainError: Ω is not simple, or too narrow.
+    """
+    n = density.points
+    for steps, rounding in _SHAPES[is_fine or density.is_narrow :]:
+        shape = Shape(density=density, count=count, steps=steps * n, width=rounding / n)
+        try:
+            return shape, resolved_form(rounded_boundary(polygon, t, shape), shape.steps, device)
+        except DomainError as error:
+            failure = error
+    raise failure
+
+
+def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], shape: Shape) -> FourierBoundary:
     """An analytic curve near to a polygon: a spline through its vertices, rounded off.
 
     Args:
         polygon: vertices, counter-clockwise.
         t: their parameters, increasing.
-        steps: that shall resolve the curve; it has a quarter as many frequencies of either sign.
-        width: standard deviation of the Gaussian that rounds it, as a share of the whole curve.
-        count: number of vertices of the result.
+        shape: of the curve; it has a quarter as many frequencies of either sign as steps.
     """
     spline = CubicSpline(np.append(t, t[0] + 1), np.append(polygon, polygon[0]), bc_type="periodic")
-    highest = steps // 4
+    highest = shape.steps // 4
     n = 2 * _OVERSAMPLING * highest
     k = np.arange(-highest, highest + 1)
     coefficients = np.fft.fft(spline(np.arange(n) / n))[k] / n
-    return FourierBoundary(coefficients * np.exp(-0.5 * (2 * np.pi * k * width) ** 2), count)
+    return FourierBoundary(coefficients * np.exp(-0.5 * (2 * np.pi * k * shape.width) ** 2), shape.count)
 
 
 def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
@@ -178,7 +198,7 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> Di
         )
     polygon = boundary.grid(n)[0]
     # the quick tests first: Λ costs n³
-    is_wide = _steps_across(polygon) > _STEPS_ACROSS
+    is_wide = _steps_across(polygon) > 1
     if is_wide and not is_simple(polygon):
         raise DomainError("the rounded domain crosses itself", vertices=len(boundary.vertices))
     form = DirichletForm.of(boundary, n, device) if is_wide else None
@@ -206,51 +226,42 @@ def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
     return least
 
 
-def reflattened(
-    disk: HarmonicDisk,
-    form: DirichletForm,
-    density: NodeDensity,
-    *,
-    share: float,
-    steps: int,
-    width: float,
-    count: int,
-) -> tuple[FourierBoundary, Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
-    """∂Ω for which a harmonic disk has the same scale all along its boundary: its surface flattened.
+def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[DirichletForm, Float[Tensor, " n"]]:
+    """A harmonic disk's surface flattened: the Ω over which its scale is the same all along ∂Ω, and its slide there.
 
     With u = log |ds/dz| on ∂Ω, s the length along Γ, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz
     maps Ω conformally onto the flattening (`flatten` does the same for triangles). Equal lengths of Γ become equal
-    lengths of the new ∂Ω, whose perimeter is 1. Nothing crowds there, whatever Ω was.
+    lengths of the new ∂Ω, whose perimeter is 1. Nothing crowds there, whatever Ω was. Where the slide is too uneven to
+    smooth, or the flattening is not simple, Ω stays as it is.
 
     Args:
         disk: a harmonic disk over Ω.
         form: Λ of Ω.
-        density: parameter of the new ∂Ω.
-        share: of u: 1 for perimeter 1 and constant scale, less to stay nearer to the old Ω.
-        steps: that shall resolve the new ∂Ω.
-        width: of the Gaussian that smooths the scale, as a share of ∂Ω.
-        count: number of vertices.
-
-    Returns:
-        The boundary, and pairs (t, s) of the same disk over it; None where the slide is too uneven to smooth.
+        shape: of the new ∂Ω; its Gaussian smooths the scale, too.
     """
     n = len(disk.slide)
-    t = np.arange(n) / n
-    slide = disk.slide.cpu().numpy()
+    even = np.arange(n) / n
+    s = disk.slide.cpu().numpy()
     k = np.fft.fftfreq(n, 1 / n)
-    damping = np.exp(-0.5 * (2 * np.pi * k * width) ** 2)
-    smooth = t + np.fft.ifft(np.fft.fft(slide - t) * damping).real
-    offset = np.fft.fft(density.curve.length_share(slide) - t) * damping
+    damping = np.exp(-0.5 * (2 * np.pi * k * shape.width) ** 2)
+    smooth = even + np.fft.ifft(np.fft.fft(s - even) * damping).real
+    offset = np.fft.fft(shape.density.curve.length_share(s) - even) * damping
     stretch = 1 + np.fft.ifft(2j * np.pi * k * offset).real
     if stretch.min() <= 0:
-        return None
+        return form, disk.slide
     _, dz, _ = form.boundary.grid(n)
-    u = share * np.fft.ifft(np.fft.fft(np.log(stretch / np.abs(dz))) * damping).real
+    u = np.fft.ifft(np.fft.fft(np.log(stretch / np.abs(dz))) * damping).real
     slope = np.fft.fft(form(torch.tensor(u, device=disk.slide.device)[:, None])[:, 0].cpu().numpy())
     v = _integral(2 * np.pi * slope).real
     image = _integral(np.fft.fft(dz * np.exp(u + 1j * v)))
-    parameter = density.parameter(smooth)
-    return rounded_boundary(image, parameter, steps=steps, width=width, count=count), parameter, slide
+    t = shape.density.parameter(smooth)
+    slide = np.interp(even, np.concatenate([t - 1, t, t + 1]), np.concatenate([s - 1, s, s + 1]))
+    device = disk.slide.device
+    try:
+        new = resolved_form(rounded_boundary(image, t, shape), shape.steps, device)
+    except DomainError:
+        return form, disk.slide
+    return new, torch.tensor(slide, device=device)
 
 
 def _integral(spectrum: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:

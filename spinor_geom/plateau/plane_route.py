@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Complex, Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
+from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -31,30 +32,24 @@ _PER_PIECE = 4
 _LIMIT = "it is at rounding error"
 
 
-def plane_disk(
-    loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, clock: Clock, *, allowed: float
-) -> Found | None:
+def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, clock: Clock) -> Found:
     """The region that a plane loop bounds, with itself as Ω and constant p and q; it is the only minimal disk over it.
 
     Args:
-        loop: at unit size.
+        loop: at unit size, in a plane: see `is_plane`.
         curve: Γ.
         device: of the surface.
         clock: of the stages.
-        allowed: RMS distance from Γ; loops that were rounded to float32 lie in a plane if it is not less than that.
 
-    Returns:
-        The disk; None where the loop does not lie in a plane to round-off, or Γ crosses itself between the points.
+    Raises:
+        DomainError: Γ crosses itself between the points.
 
     Source: the convex hull property of minimal surfaces (Osserman, "A Survey of Minimal Surfaces" (1986), section 7).
     """
-    plane = loop.plane
-    if not is_plane(loop, allowed=allowed):
-        return None
     with clock.stage("surface"):
         if len(loop_crossings(_between(curve, _PER_PIECE))):
-            return None
-        frame = _PlaneFrame.across(plane.normal, plane.centroid)
+            raise DomainError("the curve through a plane loop crosses itself between the points", vertices=len(loop))
+        frame = _PlaneFrame.across(loop.plane.normal, loop.plane.centroid)
         boundary = frame.boundary(curve)
         surface = frame.surface(PlaneDomain.inside(boundary))
         return Found(
@@ -74,7 +69,8 @@ def is_plane(loop: BoundaryLoop, *, allowed: float) -> bool:
 
     Args:
         loop: of any size.
-        allowed: RMS distance from Γ, in diagonals; see `plane_disk`.
+        allowed: RMS distance from Γ, in diagonals: loops that were rounded to float32 lie in a plane if it is not less
+            than that.
     """
     return bool(loop.plane.rms_distance <= _round_off(allowed) * loop.diagonal)
 
@@ -89,7 +85,7 @@ def plane_between(
     Args:
         curves: at unit size, each as it was given and reversed.
         device: of the surface.
-        allowed: RMS distance from them, as for `plane_disk`.
+        allowed: RMS distance from them, as for `is_plane`.
 
     Returns:
         The surface; None where the loops do not lie in one plane to round-off, or bound no such region.

@@ -84,6 +84,14 @@ class CurveTensors:
         slopes = None if self.slopes is None else self.slopes[:, which]
         return CurveTensors(breaks=self.breaks[which], coefficients=self.coefficients[:, which], slopes=slopes)
 
+    def alone(self, which: int) -> CurveTensors:
+        """One curve of a batch."""
+        slopes = None if self.slopes is None else self.slopes[:, which]
+        count = int((self.breaks[which] <= 1).sum())
+        return CurveTensors(
+            breaks=self.breaks[which, :count], coefficients=self.coefficients[:, which, : count - 1], slopes=slopes
+        )
+
     @cached_property
     def _last_piece(self) -> Int[Tensor, "*batch 1"]:
         return (self.breaks <= 1).sum(-1, keepdim=True) - 2
@@ -99,6 +107,14 @@ class CurveTensors:
     def _starts(self) -> Float[Tensor, " k"]:
         return self.breaks[..., :-1].flatten()
 
+    @cached_property
+    def _pieces(self) -> Float[Tensor, "k d1 3"]:
+        return _by_piece(self.coefficients)
+
+    @cached_property
+    def _slope_pieces(self) -> Float[Tensor, "k d1 3"] | None:
+        return None if self.slopes is None else _by_piece(self.slopes)
+
     def point_and_derivatives(
         self, s: Float[Tensor, "*pts"]
     ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
@@ -106,11 +122,11 @@ class CurveTensors:
         s = torch.remainder(s, 1.0)
         piece = torch.minimum((torch.searchsorted(self.breaks, s, right=True) - 1).clamp(min=0), self._last_piece)
         piece = piece + self._first_piece
-        h = (s - self._starts[piece])[..., None]
-        value, first, second = _horner(self.coefficients, piece, h)
-        if self.slopes is None:
+        h = s - self._starts[piece]
+        value, first, second = _horner(self._pieces, piece, h)
+        if self._slope_pieces is None:
             return value, first, second
-        first, second, _ = _horner(self.slopes, piece, h)
+        first, second, _ = _horner(self._slope_pieces, piece, h)
         return value, first, second
 
     def point_and_derivative(self, s: Float[Tensor, "*pts"]) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
@@ -130,18 +146,25 @@ class CurveTensors:
         return local[piece.clamp(0, len(edge) - 1)]
 
 
+def _by_piece(coefficients: Float[Tensor, "d1 *batch m 3"]) -> Float[Tensor, "k d1 3"]:
+    """Coefficients of all pieces of all curves, piece after piece."""
+    return coefficients.flatten(1, -2).transpose(0, 1).contiguous()
+
+
 def _horner(
-    coefficients: Float[Tensor, "d1 *batch m 3"], piece: Int[Tensor, "*pts"], h: Float[Tensor, "*pts 1"]
+    pieces: Float[Tensor, "k d1 3"], piece: Int[Tensor, "*pts"], h: Float[Tensor, "*pts"]
 ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
     """Value, first and second derivative of polynomials at h."""
-    local = coefficients.reshape(len(coefficients), -1, 3)[:, piece]
-    value = local[0]
-    first = second = torch.zeros_like(value)
+    # rows are gathered whole, and coordinates kept apart then: with three numbers in a row everything is far slower
+    local = pieces.flatten(1).index_select(0, piece.flatten()).T.contiguous()
+    local = local.unflatten(1, piece.shape).unflatten(0, (-1, 3))
+    value = local[0].clone()
+    first, second = torch.zeros_like(value), torch.zeros_like(value)
     for coefficient in local[1:]:
-        second = second * h + first
-        first = first * h + value
-        value = value * h + coefficient
-    return value, first, 2 * second
+        second.mul_(h).add_(first)
+        first.mul_(h).add_(value)
+        value.mul_(h).add_(coefficient)
+    return value.movedim(0, -1), first.movedim(0, -1), second.mul_(2).movedim(0, -1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

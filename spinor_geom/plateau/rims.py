@@ -38,6 +38,8 @@ from spinor_geom.plateau.lift_rims import Lift, lifted, lifted_surface
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.network_route import Budget
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.plan import minimal_disk, plan
 from spinor_geom.plateau.plane_route import beside_in_plane, plane_between
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between, start_over
@@ -51,7 +53,7 @@ from spinor_geom.plateau.solution import (
     RimDisks,
     RimMatch,
 )
-from spinor_geom.plateau.task import Options, Task, sampled_formula
+from spinor_geom.plateau.task import Task, sampled_formula
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Nodes on each rim where an annulus is sought, most for which matrices are factored, most of all, and most an edge.
@@ -575,7 +577,8 @@ def _disks_over(
 ) -> tuple[PlateauSolution, ...] | None:
     """The minimal disks over loops that are known to be simple; None where one was not found."""
     try:
-        return tuple(Task.over(*rim, options).solved() for rim in zip(loops, curves, strict=True))
+        tasks = [Task.over(*rim, options) for rim in zip(loops, curves, strict=True)]
+        return tuple(minimal_disk(task, plan(task)) for task in tasks)
     except SpinorGeomError:
         return None
 

@@ -23,7 +23,7 @@ from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-Route = Literal[
+RouteName = Literal[
     "plane",
     "disk",
     "vertices",
@@ -31,7 +31,6 @@ Route = Literal[
     "annular network",
     "circles",
     "unfolded",
-    "deformed",
     "flattened",
     "network",
     "trained",
@@ -247,13 +246,12 @@ class PlateauSolution(Shown):
         area: ½∮ r·Im(φ dz), in squared mesh units.
         route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "vertices": of
             the surfaces through a rough loop's points the one nearest to a discrete minimal disk; Γ between the points
-            is the surface's own boundary. "disk", "unfolded", "deformed", "flattened": Douglas's slide on the unit
-            disk, on the unfolded least-area triangulation, on a domain that grew with the loop from an average of it,
-            or on a flattened discrete disk; p and q are a power series or Cauchy's formula. "network": Gauss-Newton for
-            a Cauchy network. "trained": training of a complex-valued network. "annulus": Douglas's slides of two rims
-            and the modulus between them, "circles" those of more and the moduli of a disk with round holes; p and q are
-            Laurent series. "annular network": Gauss-Newton for a Cauchy
-            network on a flattened discrete annulus.
+            is the surface's own boundary. "disk", "unfolded", "flattened": Douglas's slide on the unit disk, on the
+            unfolded least-area triangulation, or on a flattened discrete disk; p and q are a power series or Cauchy's
+            formula. "network": Gauss-Newton for a Cauchy network. "trained": training of a complex-valued network.
+            "annulus": Douglas's slides of two rims and the modulus between them, "circles" those of more and the moduli
+            of a disk with round holes; p and q are Laurent series. "annular network": Gauss-Newton for a Cauchy network
+            on a flattened discrete annulus.
         history: the steps.
         solve_timings: wall time of each stage of the solve, in seconds.
         tolerance: RMS residual per mean edge that was asked for.
@@ -269,7 +267,7 @@ class PlateauSolution(Shown):
     domain: PlaneDomain
     boundary_residual: BoundaryResidual
     area: float
-    route: Route
+    route: RouteName
     history: tuple[Iteration, ...]
     solve_timings: Mapping[str, float]
     tolerance: float

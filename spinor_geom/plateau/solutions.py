@@ -6,36 +6,36 @@ minimal disk, saddles of the area included, as Gauss-Newton on the boundary does
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import LinearNDInterpolator
 
-from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.area_descent import descend_area, harmonic_extension
 from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
-from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError
+from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
-from spinor_geom.plateau.solution import Iteration, PlateauSolution
+from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import lowest_modes
+from spinor_geom.plateau.steps import Steps
 
 # Growth of the triangles inwards: finer than a first fill, whose area may have no descent where the surface's has.
 _GROWTH = 0.1
+# Relative change of the area at which its descent ends: what a disk and its neighbour differ by is far more.
 _CHANGE = 1e-8
-_MOST_STEPS = 200
-# Displacements along an eigenvector, in diagonals: those among which the least area is sought, and those that are tried
-# where that leads nowhere. From beyond a new disk Newton's method goes to it, from short of it back to the old one.
+# Displacements along an eigenvector, in diagonals, among which the least area is sought. Where that leads nowhere some
+# large ones are tried: from beyond a new disk Newton's method goes to it, from short of it back to the old one.
 _AMPLITUDES = 0.5 ** np.arange(1, 7, 0.5)
-_LARGE_AMPLITUDES = (0.2, 0.1, 0.05)
-MOST_DEPARTURES = 4
+# Unstable disks that are left for a better one, one after the other: seams and Enneper's disks take one.
+_MOST_DEPARTURES = 4
 # Harmonic steps take the average of two disks near to a minimal one; more of them would slide off the ridge.
 _RIDGE_STEPS = 3
 # Two disks of one area and of one normal along Γ are the same (a minimal surface is determined by its normal along a
@@ -45,15 +45,11 @@ _SAME_NORMAL, _NORMAL_PER_RESIDUAL = 0.03, 15.0
 # Starts in all: a bound, not a number that loops come near to.
 _MOST_STARTS = 24
 # What a start may fail at.
-_FAILURES = (DomainError, FirstFillError, SingularMatrixError)
+_FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
 
 
-class Solve(Protocol):
-    """Makes a solution from a discrete disk over the rim, its steps after those of a history."""
-
-    def __call__(self, disk: Disk, history: tuple[Iteration, ...] = ()) -> PlateauSolution:
-        """Raises DomainError or SingularMatrixError where the disk leads to no solution."""
-        ...
+# Makes a solution from a discrete disk over the rim; raises one of the failures where that leads to none.
+Solve: TypeAlias = Callable[[Disk], PlateauSolution]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,51 +121,72 @@ class Rim:
         m = mesh.boundary_size
         circle = target.points[:m]
         # harmonic onto a convex domain, with a Delaunay mesh's positive weights: one to one
-        plane = _harmonic(mesh, np.column_stack([circle.real, circle.imag]))
+        plane = _harmonic(mesh, plane_coordinates(circle))
         x = self.positions(solution, mesh)
         moved = LinearNDInterpolator(plane, x)(target.points[m:].real, target.points[m:].imag)
         return np.concatenate([self.points, moved])
 
 
-def leave_unstable(solution: PlateauSolution, rim: Rim, solve: Solve, *, max_iterations: int) -> PlateauSolution:
-    """A better disk than an unstable one, where one is found along an eigenvector of its second variation.
-
-    The disk is moved along the eigenvector to the least area, the area descends from there, and the solver starts from
-    the discrete disk that this leads to. This is repeated until a disk is not unstable.
+def leave_unstable(
+    solution: PlateauSolution, lower: Callable[[PlateauSolution], PlateauSolution | None], where: str
+) -> PlateauSolution:
+    """The last of the disks to which an unstable one is left, one of less area after the other.
 
     Args:
         solution: it comes back as it is unless its verdict is "unstable".
-        rim: of its loop.
-        solve: the solver.
-        max_iterations: limit on its steps, those of the solution included.
+        lower: finds a disk of less area than an unstable one; none where it does not.
+        where: it looks, as the end of a sentence.
 
     Returns:
-        The last disk. History and timings are those of all tries, the reason says what was left.
+        A disk that is not unstable, or one that could not be left; its reason says what was left.
     """
-    if solution.stability.verdict != "unstable":
-        return solution
     left: list[float] = []
-    tries = _Tries(solve=solve, history=solution.history, timings=dict(solution.solve_timings), limit=max_iterations)
-    while solution.stability.verdict == "unstable" and len(left) < MOST_DEPARTURES:
-        better = tries.first_better(solution, rim)
+    while solution.stability.verdict == "unstable" and len(left) < _MOST_DEPARTURES:
+        better = lower(solution)
         if better is None:
             break
         left.append(solution.area)
-        tries.add(solution.evidence.clock.seconds)
         solution = better
-    solution = with_departures(replace(solution, history=tries.history, solve_timings=tries.timings), left)
+    reason = solution.reason
+    if left:
+        reason += "; left an unstable disk of area " + ", then one of ".join(f"{area:.6g}" for area in left)
     if solution.stability.verdict == "unstable":
-        reason = f"{solution.reason}; the disk is unstable, and no better one was found along its eigenvectors"
-        return replace(solution, reason=reason)
-    return solution
+        reason += f"; the disk is unstable, and no better one was found {where}"
+    return solution if reason == solution.reason else replace(solution, reason=reason)
 
 
-def with_departures(solution: PlateauSolution, areas: Sequence[float]) -> PlateauSolution:
-    """A solution whose reason says which unstable disks were left for it, by their areas."""
-    if not areas:
-        return solution
-    told = ", then one of ".join(f"{area:.6g}" for area in areas)
-    return replace(solution, reason=f"{solution.reason}; left an unstable disk of area {told}")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Beside:
+    """Disks beside unstable ones.
+
+    The disk is moved along an eigenvector of its second variation to the least area, the area descends from there, and
+    the solver starts from the discrete disk that this leads to.
+
+    Attributes:
+        rim: of the loop.
+        solve: the solver.
+        steps: that it takes.
+    """
+
+    rim: Rim
+    solve: Solve
+    steps: Steps
+
+    def lower(self, solution: PlateauSolution) -> PlateauSolution | None:
+        """The first solution of less area than an unstable one, no farther from Γ; None where no try leads to one."""
+        for direction in _departures(solution, self.rim):
+            for disk in direction:
+                if self.steps.are_spent:
+                    return None
+                try:
+                    again = self.solve(disk)
+                except _FAILURES:
+                    continue
+                if _is_lower(again, solution):
+                    if again.converged or again.boundary_residual.rms <= solution.boundary_residual.rms:
+                        return again
+                    break  # from farther along the solver would only come here again
+        return None
 
 
 def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
@@ -205,45 +222,6 @@ def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
 
 
 @dataclass(kw_only=True, eq=False)
-class _Tries:
-    """Solutions beside an unstable one, with the steps and the time of all tries."""
-
-    solve: Solve
-    history: tuple[Iteration, ...]
-    timings: dict[str, float]
-    limit: int
-
-    def first_better(self, solution: PlateauSolution, rim: Rim) -> PlateauSolution | None:
-        """The first solution of less area; None where no try leads to one."""
-        start, before = time.perf_counter(), sum(self.timings.values())
-        better = next(self._better(solution, rim), None)
-        own = time.perf_counter() - start - (sum(self.timings.values()) - before)
-        self.add({"leaving": own})
-        return better
-
-    def add(self, timings: Mapping[str, float]) -> None:
-        """Counts the time of more stages."""
-        for stage, seconds in timings.items():
-            self.timings[stage] = self.timings.get(stage, 0.0) + seconds
-
-    def _better(self, solution: PlateauSolution, rim: Rim) -> Iterator[PlateauSolution]:
-        for direction in _departures(solution, rim):
-            for disk in direction:
-                if len(self.history) >= self.limit or is_out_of_time():
-                    return
-                try:
-                    again = self.solve(disk, self.history)
-                except _FAILURES:
-                    continue
-                self.history = again.history
-                self.add(again.solve_timings)
-                if _is_lower(again, solution):
-                    if again.converged or again.boundary_residual.rms <= solution.boundary_residual.rms:
-                        yield again
-                    break  # from farther along the solver would only come here again
-
-
-@dataclass(kw_only=True, eq=False)
 class _Entry:
     """A disk that was found, its normals at the rim's points, and whether it was left along its eigenvectors."""
 
@@ -274,7 +252,7 @@ class _Search:
     solve: Solve
     entries: list[_Entry] = field(default_factory=list)
     poor: list[PlateauSolution] = field(default_factory=list)
-    errors: list[DomainError | FirstFillError | SingularMatrixError] = field(default_factory=list)
+    errors: list[SpinorGeomError] = field(default_factory=list)
     starts: int = 0
 
     def start(self, make_disk: Callable[[], Disk]) -> None:
@@ -330,14 +308,14 @@ class _Search:
     def mirrored(self) -> Disk:
         """The first disk mirrored in the harmonic one, its area descended: a way into another valley."""
         first = self.rim.round_positions(self.entries[0].solution)
-        return self._descended(2 * self.rim.round_disk().vertices - first, _MOST_STEPS)
+        return self._descended(2 * self.rim.round_disk().vertices - first)
 
     def ridge(self, first: _Entry, second: _Entry) -> Disk:
         """The average of two disks, nearly minimal."""
         positions = [self.rim.round_positions(entry.solution) for entry in (first, second)]
         return self._descended((positions[0] + positions[1]) / 2, _RIDGE_STEPS)
 
-    def _descended(self, vertices: Float[np.ndarray, "n 3"], steps: int) -> Disk:
+    def _descended(self, vertices: Float[np.ndarray, "n 3"], steps: int = 100) -> Disk:
         mesh = self.rim.round_mesh
         descent = descend_area(vertices, mesh.faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=steps)
         return Disk(vertices=descent.vertices, faces=mesh.faces, areas=descent.areas, converged=descent.converged)
@@ -394,14 +372,12 @@ def _beside(
     if areas.min() < face_areas(x, faces).sum():
         start = x + _AMPLITUDES[areas.argmin()] * displacement
         try:
-            descent = descend_area(
-                start, faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=_MOST_STEPS
-            )
+            descent = descend_area(start, faces, mesh.boundary_size, relative_change=_CHANGE)
         except SingularMatrixError:  # triangles collapsed on the way
             pass
         else:
             yield _disk(descent.vertices, mesh)
-    for amplitude in _LARGE_AMPLITUDES:
+    for amplitude in _AMPLITUDES[2:7:2]:
         yield _disk(x + amplitude * displacement, mesh)
 
 
@@ -418,8 +394,7 @@ def _area_error(a: PlateauSolution, b: PlateauSolution) -> float:
 
 def _harmonic(mesh: PlaneTriangulation, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
     """Values at a plane mesh's vertices, harmonic inside."""
-    flat = np.column_stack([mesh.points.real, mesh.points.imag, np.zeros(len(mesh.points))])
-    return harmonic_extension(cotangent_laplacian(flat, mesh.faces), boundary)
+    return harmonic_extension(cotangent_laplacian(plane_coordinates(mesh.points), mesh.faces), boundary)
 
 
 def _disk(vertices: Float[np.ndarray, "n 3"], mesh: PlaneTriangulation) -> Disk:

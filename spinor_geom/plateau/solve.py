@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Literal, overload
+from typing import Literal, TypeAlias, overload
 
 import torch
 
@@ -16,15 +16,18 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Cauchy
+from spinor_geom.plateau.options import Model, Options
+from spinor_geom.plateau.plan import OnUnitDisk, Route, all_disks, minimal_disk, plan
 from spinor_geom.plateau.rims import RimsTask
 from spinor_geom.plateau.solution import Iteration, NoConnectedSurface, PlateauSolution
-from spinor_geom.plateau.solutions import find_disks
-from spinor_geom.plateau.task import Model, Options, Task
+from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.trained_route import Optimizer
 
 # Loops whose slides are found together.
 _TOGETHER = 64
+
+Planned: TypeAlias = tuple[Task, tuple[Route, ...]]
 
 
 @overload
@@ -94,23 +97,16 @@ def solve_plateau(
 
     It is exactly minimal, its boundary on Γ as nearly as the model allows. Γ is the curve through all of the loop's
     points, with its corners kept (`BoundaryCurve`). A plane loop bounds the plane region inside it, exactly. Loops
-    without corners take Douglas's route: the slide along Γ that makes the harmonic disk over Ω conformal, by Newton's
-    method, and p and q from its boundary; Ω is the unit disk where that serves the loop, else a domain made for it.
-    Loops with corners, and those that route does not bring near to Γ, take a Cauchy network: a discrete disk over the
-    loop is flattened with its boundary lengths kept, which gives Ω; p and q start from the disk's frames along ∂Ω and
-    are fitted by Gauss-Newton with the slide along Γ eliminated, in rounds, each with more Cauchy units where the
-    residual is. Minimal disks need not be minima of the area: one that is unstable is left along an eigenvector of its
-    second variation for one of less area.
+    without corners take Douglas's route; those with corners, and those that it does not bring near to Γ, a Cauchy
+    network, by Gauss-Newton: `spinor_geom.plateau` tells the way, `plateau.plan` the order. Minimal disks need not be
+    minima of the area: one that is unstable is left along an eigenvector of its second variation for one of less area.
 
-    Two curves and more take Douglas's route on the unit disk less round holes: all slides and the moduli, by Newton's
-    method, then p and q as Laurent series; curves in one plane, one with the others inside it, bound the plane region
-    between them. Where a round annulus between two would take too many nodes, as for a small hole near the end of a
-    long one, a discrete annulus between the curves is flattened to an Ω of their lengths, and p and q are a Cauchy
-    network on it with poles in the hole too, by Gauss-Newton with the modulus and the closed period among its
-    conditions. Which point lies opposite to which, and the directions of the curves after the first, come from the
-    energy and not from the order of the points. The area is set against that of the disks: see
-    `PlateauSolution.annulus` and `is_area_minimum`. Curves too far from each other have no surface of one piece, and
-    the answer says so.
+    Two curves and more take Douglas's route on the unit disk less round holes: all slides and the moduli, then p and q
+    as Laurent series; curves in one plane, one with the others inside it, bound the plane region between them. Where
+    that takes too many nodes, as for a small hole near the end of a long one, a Cauchy network on a flattened annulus
+    does. Which point lies opposite to which, and the directions of the curves after the first, come from the energy and
+    not from the order of the points. The area is set against that of the disks: see `PlateauSolution.annulus` and
+    `is_area_minimum`. Curves too far from each other have no surface of one piece, and the answer says so.
 
     Args:
         loop: the curve, or several of them, from a mesh or `BoundaryLoop.from_points`; or a curve in formulas, which no
@@ -167,10 +163,7 @@ def solve_plateau(
             several = RimsTask.of(_several_of(loop), options, on_iteration)
             return several.every() if all_solutions else several.solved()
         task = Task.of(loop, options, on_iteration)
-        if not all_solutions:
-            return task.solved()
-        plane = task.in_plane()
-        return find_disks(task.rim, task.from_disk) if plane is None else (plane,)
+        return all_disks(task) if all_solutions else minimal_disk(task, plan(task))
 
 
 def _require_model_for_all(model: Model, *, rims: int) -> None:
@@ -240,29 +233,34 @@ def _side_by_side(
     loops: Iterator[BoundaryLoop], options: Options, seconds: float
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     while chunk := list(itertools.islice(loops, _TOGETHER)):
-        answers: list[PlateauSolution | SpinorGeomError | None] = []
-        tasks: dict[int, Task] = {}
         with one_thread():
-            for place, loop in enumerate(chunk):
-                try:
-                    task = Task.of(loop, options)
-                    answers.append(task.in_plane())
-                except SpinorGeomError as error:
-                    answers.append(error)
-                if answers[-1] is None:
-                    tasks[place] = task
-            harmonic = [place for place, task in tasks.items() if task.is_harmonic]
-            with deadline.time_limit(seconds * len(harmonic)):
-                started = HarmonicSolver.side_by_side([tasks[place].harmonic for place in harmonic])
-            for place, solver in zip(harmonic, started, strict=True):
-                tasks[place] = replace(tasks[place], harmonic=solver)
-        for place, answer in enumerate(answers):
-            yield _curved(tasks[place], seconds) if answer is None else answer
+            answers = [_planned(loop, options) for loop in chunk]
+            _fit_together(answers, seconds)
+        for answer in answers:
+            yield answer if isinstance(answer, SpinorGeomError) else _solved(*answer, seconds)
 
 
-def _curved(task: Task, seconds: float) -> PlateauSolution | SpinorGeomError:
+def _planned(loop: BoundaryLoop, options: Options) -> Planned | SpinorGeomError:
+    try:
+        task = Task.of(loop, options)
+        return task, plan(task)
+    except SpinorGeomError as error:
+        return error
+
+
+def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> None:
+    """Hands their fits to the tasks whose plan begins on the unit disk, made side by side."""
+    planned = [(place, *answer) for place, answer in enumerate(answers) if not isinstance(answer, SpinorGeomError)]
+    first = [(place, task, routes) for place, task, routes in planned if routes[0] == OnUnitDisk()]
+    with deadline.time_limit(seconds * len(first)):
+        fits = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in first])
+    for (place, task, routes), fit in zip(first, fits, strict=True):
+        answers[place] = replace(task, on_disk=fit), routes
+
+
+def _solved(task: Task, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:
     with one_thread(), deadline.time_limit(seconds):
         try:
-            return task.curved()
+            return minimal_disk(task, routes)
         except SpinorGeomError as error:
             return error

@@ -19,17 +19,12 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Points on ∂Ω for the total curvature, at least, and how often they are doubled while 2π lies within the error.
 _FEWEST_SAMPLES, _DOUBLINGS = 400, 3
-# Total curvature that is not surely below this share of 2π leaves the verdict to the eigenvalues.
-_SURE, _SURE_ON_MESHES = 0.999, 0.98
+# Total curvature, as a share of 2π, from which on the eigenvalues decide: meshes tell it to about a percent.
+_SURE = 0.98
 # Where refinement changes the total curvature by a larger share, the eigenvalues do not yet converge at their order.
 _RESOLVED = 0.05
-_FEWEST_INNER_VERTICES = 6
-# Pairs of meshes that are tried until one decides, and vertices after which no finer one is.
-_FINER_TRIES, _MANY_VERTICES = 2, 10_000
-_FEWEST_EIGENVALUES = 2
-# Smaller problems are solved as dense ones.
-_DENSE = 60
-_EIGENVALUE_TOLERANCE = 1e-7
+# Inner vertices of the coarsest mesh, and vertices after which no finer one is tried.
+_FEWEST_INNER_VERTICES, _MANY_VERTICES = 6, 5000
 # A triangle that following ∂Ω would shrink below this share of its area keeps its straight side.
 _THIN = 0.1
 
@@ -69,23 +64,22 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     if curvature + error < _SURE * 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvature)
     mesh = _Mesh.of(surface.domain)
-    while len(mesh.inner) < _FEWEST_INNER_VERTICES:
-        mesh = mesh.refined(surface.domain)
-    for _ in range(_FINER_TRIES):
+    while True:
         mesh, coarse = mesh.refined(surface.domain), mesh
+        if len(coarse.inner) < _FEWEST_INNER_VERTICES:
+            continue
         stability = _on_meshes(coarse, mesh, surface.spinors(mesh.points))
         if stability.index is not None or len(mesh.points) > _MANY_VERTICES:
-            break
-    return stability
+            return stability
 
 
 def _on_meshes(coarse: _Mesh, fine: _Mesh, spinors: Complex[np.ndarray, "n 2"]) -> Stability:
     """The verdict of two meshes for given (p, q) at the vertices of the finer one."""
     curvatures = [float(gauss_image_areas(spinors, mesh.faces).sum()) for mesh in (coarse, fine)]
     resolved = abs(curvatures[1] - curvatures[0]) <= _RESOLVED * curvatures[1]
-    if resolved and max(curvatures) < _SURE_ON_MESHES * 2 * np.pi:
+    if resolved and max(curvatures) < _SURE * 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvatures[1])
-    count = _FEWEST_EIGENVALUES
+    count = 2
     while True:
         few = coarse.smallest_eigenvalues(spinors, count)
         many = fine.smallest_eigenvalues(spinors, count)[: len(few)]
@@ -263,12 +257,10 @@ def _smallest_eigenpairs(
     s, m = csc_array(stiffness[inner][:, inner]), csc_array(mass[inner][:, inner])
     count = min(count, len(inner))
     # as M u = (1/μ) S u: S is always definite, M need not be
-    if len(inner) <= max(_DENSE, 2 * count):
+    if len(inner) <= 2 * count:
         inverse, functions = eigh(m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1])
     else:
         solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
-        inverse, functions = spl.eigsh(
-            m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=_EIGENVALUE_TOLERANCE
-        )
+        inverse, functions = spl.eigsh(m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)))
     order = np.argsort(inverse)[::-1]
     return 1 / np.maximum(inverse[order], 1e-300), functions[:, order]

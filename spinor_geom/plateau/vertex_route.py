@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
@@ -44,6 +44,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Gauss-Legendre nodes on each edge while p and q are sought: poles lie at least 0.35 edges away, so the first integrate
 # φ to 1e-4 where p and q are tame, which is told with the last; where that does not do, the second.
 _NODES, _NODES_TOLD = (10, 16), 24
+# Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
+_NORM_DEGREE = 6
 # Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
 _DEGREE, _MOST_UNITS = 24, 800
 # The Gram matrix's diagonal is raised by this share of its mean: units with neighbouring poles are nearly dependent.
@@ -268,7 +270,7 @@ class _Basis:
         weight = _shares(polygon)[:, None] * torch.tensor(rule("gauss", nodes).weights, device=device)
         hessenberg = arnoldi_hessenberg(z.reshape(-1), weight.reshape(-1), min(_DEGREE, max(2, n // 2)))
         features = raw_features(z, hessenberg, positions, scales)
-        root = _norm_of_edge(nodes, device).T.to(features) * _shares(polygon).sqrt()[:, None, None]
+        root = _norm_of_edge(nodes, device).to(features) * _shares(polygon).sqrt()[:, None, None]
         matrix = gram((root @ features).flatten(0, 1))
         matrix.diagonal().add_(_RIDGE * matrix.diagonal().real.mean())
         return cls(
@@ -299,7 +301,7 @@ class _Basis:
         ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
         wanted = (1 - back - ahead) * spinors[:, None] + back * before + ahead * after
         factor = _norm_of_edge(self.nodes, wanted.device).to(wanted)
-        weighted = (factor @ (factor.mT @ wanted) * edge).flatten(0, 1)
+        weighted = (factor.mT @ (factor @ wanted) * edge).flatten(0, 1)
         nearest: Tensor = torch.linalg.solve_triangular(
             self.norm, self.features.flatten(0, 1).mH @ weighted, upper=False
         )
@@ -453,9 +455,16 @@ def _shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
     return edge / edge.sum()
 
 
-def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "g g"]:
-    """L with LLᵀ the matrix of ∫ |f|² + |f′|² for values at an edge's nodes, the edge as the unit of length."""
-    nodes, weights = (torch.tensor(part) for part in rule("gauss", count))
-    slope = torch.diff(torch.eye(count, dtype=torch.float64), dim=0) / torch.diff(nodes).sqrt()[:, None]
-    factor: Tensor = torch.linalg.cholesky(torch.diag(weights) + slope.T @ slope)
-    return factor.to(device)
+@lru_cache
+def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
+    """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of low degree, from its values at an edge's nodes.
+
+    The edge is the unit of length; of other functions it is their projection's.
+    """
+    places, weights = rule("gauss", count)
+    x, degrees = 2 * places - 1, np.arange(_NORM_DEGREE + 1)
+    values = np.polynomial.legendre.legvander(x, _NORM_DEGREE)
+    slopes = 2 * np.polynomial.legendre.legval(x, np.polynomial.legendre.legder(np.eye(_NORM_DEGREE + 1))).T
+    both = np.diag(1 / (2 * degrees + 1)) + slopes.T @ (weights[:, None] * slopes)
+    projection = (2 * degrees[:, None] + 1) * (values * weights[:, None]).T
+    return torch.tensor(np.linalg.cholesky(both).T @ projection, device=device)

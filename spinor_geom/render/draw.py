@@ -1,89 +1,148 @@
-"""The process that draws a scene: `python -m spinor_geom.render.draw SCENE.npz PICTURE.png WIDTH HEIGHT`."""
+"""The process that draws: `python -m spinor_geom.render.draw JOB`, a file with the arguments of `draw`, pickled."""
 
 from __future__ import annotations
 
+import pickle
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR
-from spinor_geom.render.draw_surface import add_lights
+from spinor_geom.render.layers import Camera, Faces, Lines, View, turned
 
-RIM_WIDTH, LABEL_SIZE = 6, 14
-# two windows side by side share the width; a margin keeps the mesh off the frame
-MARGIN = 1.12
+COLOURS, LABEL_SIZE, TUBE_SIDES, MARGIN = "viridis", 14, 10, 1.06
+_THICKNESS = 1 / 250  # radius of a line of one pixel, per half the height of what is shown
+# direction to the light in the camera's frame (right, up, to the eye), and its strength: all from before the picture
+LIGHTS = (((-0.5, 0.7, 0.8), 0.55), ((0.9, 0.1, 0.6), 0.25), ((0.1, -0.7, 0.7), 0.2), ((0.0, 0.0, 1.0), 0.2))
+LOOK = {"ambient": 0.38, "diffuse": 0.72, "specular": 0.18, "specular_power": 25}
+_KEYS = "w wireframe, s surface, r reset, q quit"
+_WITHOUT_WINDOW = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 
 
-def draw(arrays: Path, picture: Path, width: int, height: int) -> None:
-    """Draws the mesh twice, side by side, on the right with its patches.
+def draw(
+    views: Sequence[View], size: tuple[int, int], angles: Sequence[float], folder: str | None, title: str = ""
+) -> None:
+    """Draws views side by side, or opens a window with them and waits until it is closed.
 
     Args:
-        arrays: an npz file with the arrays of a `PairScene`; "cameras" holds focus, direction and up of each as rows.
-        picture: the PNG to write.
-        width: of the picture, in pixels.
-        height: of the picture, in pixels.
+        views: from left to right.
+        size: in pixels.
+        angles: of the associate family, in radians; a picture for each.
+        folder: of the pictures 0000.png, 0001.png, …; without one there is a window.
+        title: of the window and its scale of colours.
     """
     import pyvista
 
-    scene = dict(np.load(arrays))
-    mesh = pyvista.PolyData.from_regular_faces(scene["vertices"], scene["faces"])
-    rims = pyvista.PolyData(scene["vertices"], lines=_cells(scene["rim_edges"])) if len(scene["rim_edges"]) else None
-    mesh.compute_normals(
-        cell_normals=False, split_vertices=False, consistent_normals=False, auto_orient_normals=False, inplace=True
-    )
     plotter: Any = pyvista.Plotter(
-        off_screen=True, shape=(1, 2), window_size=[width, height], border=False, lighting="none"
+        off_screen=folder is not None,
+        shape=(1, len(views)),
+        window_size=list(size),
+        border=False,
+        lighting="light kit" if folder is None else "none",
+        title=title,
     )
-    plotter.enable_anti_aliasing("ssaa", all_renderers=True)
-    soft = {"ambient": 0.42, "diffuse": 0.8, "specular": 0.08}
-    for column, title in enumerate(scene["titles"].tolist()):
+    turning = []
+    for column, view in enumerate(views):
         plotter.subplot(0, column)
-        focus, direction, up = scene["cameras"][column]
-        add_lights(plotter, focus, np.cross(up, direction), up, direction)
         plotter.set_background("white")
-        inside = {"color": INSIDE_COLOUR, **soft}
-        plotter.add_mesh(
-            mesh, color=MESH_COLOUR, backface_params=inside, smooth_shading=True, split_sharp_edges=False, **soft
-        )
-        if column == 1 and len(scene["patch_faces"]):
-            patch = pyvista.PolyData.from_regular_faces(scene["vertices"], scene["patch_faces"])
-            plotter.add_mesh(patch, color=PATCH_COLOUR, show_edges=True, edge_opacity=0.4, **soft)
-        if rims is not None:
-            plotter.add_mesh(rims, color=RIM_COLOUR, line_width=RIM_WIDTH, render_lines_as_tubes=True)
-        plotter.add_text(title, font_size=LABEL_SIZE, color="black")
-        _look(plotter, scene["cameras"][column], float(scene["radii"][column]), aspect=width / 2 / height)
-        numbers = np.flatnonzero(scene["number_sides"] == column)
-        if len(numbers):
-            plotter.add_point_labels(
-                scene["numbers"][numbers],
-                numbers.astype(str).tolist(),
-                font_size=LABEL_SIZE,
-                text_color="black",
-                shape_color="white",
-                shape_opacity=0.8,
-                show_points=False,
-                always_visible=True,
-            )
-    plotter.screenshot(str(picture))
+        height = view.camera.radius if view.camera else float(np.ptp(view.layers[0].vertices, axis=0).max()) / 2
+        values = [own for layer in view.layers if isinstance(layer, Faces) for own in layer.fields.values()]
+        known = np.concatenate([np.zeros(0), *values])
+        known = known[np.isfinite(known)]
+        scale = {"clim": [known.min(), known.max()]} if len(known) else {}
+        for layer in view.layers:
+            if isinstance(layer, Faces) and len(layer.faces):
+                moved = _add_faces(plotter, layer, title, scale)
+            elif isinstance(layer, Lines) and len(layer.edges):
+                moved = _add_lines(plotter, layer, _THICKNESS * layer.width * height)
+            else:
+                continue
+            if layer.conjugate is not None:
+                turning.append((layer, moved))
+        plotter.add_text(view.title, font_size=LABEL_SIZE, color="black")
+        if view.labels:
+            points, texts = zip(*view.labels, strict=True)
+            boxes = {"text_color": "black", "shape_color": "white", "shape_opacity": 0.8, "show_points": False}
+            plotter.add_point_labels(np.array(points), list(texts), font_size=LABEL_SIZE, always_visible=True, **boxes)
+        if view.camera is not None:
+            _look(plotter, view.camera, np.concatenate([layer.vertices for layer in view.layers]))
+    if folder is None:
+        if plotter.render_window.GetClassName() in _WITHOUT_WINDOW:
+            # the drawing package takes another way when the display does not answer, and shows nothing
+            sys.exit("bad X server")
+        plotter.add_text(_KEYS, font_size=8, color="black")
+        plotter.show()
+        return
+    plotter.enable_anti_aliasing("ssaa", all_renderers=True)
+    for number, angle in enumerate(angles):
+        if number or angle:
+            for layer, moved in turning:
+                moved(turned(layer, angle))
+        for renderer in plotter.renderers:
+            renderer.ResetCameraClippingRange()
+        plotter.render()
+        plotter.screenshot(str(Path(folder) / f"{number:04d}.png"))
     plotter.close()
 
 
-def _cells(rows: Any) -> Any:
-    """Index rows in VTK's flat form: each preceded by its length."""
-    return np.column_stack([np.full(len(rows), rows.shape[1]), rows]).ravel()
+def _add_faces(plotter: Any, layer: Faces, told: str, scale: dict[str, Any]) -> Callable[[Any], None]:
+    """Adds a surface; what is returned moves its vertices, with normals that stay, as those of a family do."""
+    import pyvista
+
+    mesh: Any = pyvista.PolyData.from_regular_faces(layer.vertices, layer.faces)
+    mesh.compute_normals(
+        cell_normals=False, split_vertices=False, consistent_normals=False, auto_orient_normals=False, inplace=True
+    )
+    normals = np.array(mesh.point_data["Normals"])
+    look: dict[str, Any] = {**LOOK, "smooth_shading": not layer.edges, "split_sharp_edges": False}
+    if layer.fields:
+        (mesh.point_data[told or "values"],) = layer.fields.values()
+        plotter.add_mesh(mesh, scalars=told or "values", cmap=COLOURS, show_scalar_bar=bool(told), **scale, **look)
+    else:
+        inside = {"color": layer.inside or layer.colour, **LOOK}
+        look |= {"show_edges": bool(layer.edges), "edge_opacity": 0.4}
+        plotter.add_mesh(mesh, color=layer.colour, backface_params=inside, **look)
+
+    def move(points: Any) -> None:
+        mesh.points = points
+        mesh.point_data["Normals"] = normals
+
+    return move
 
 
-def _look(plotter: Any, camera: Any, radius: float, aspect: float) -> None:
-    focus, direction, up = camera
+def _add_lines(plotter: Any, layer: Lines, radius: float) -> Callable[[Any], None]:
+    """Adds lines, joined as long as possible; what is returned moves their vertices."""
+    import pyvista
+
+    cells = np.column_stack([np.full(len(layer.edges), 2), layer.edges]).ravel()
+    curve: Any = pyvista.PolyData(layer.vertices, lines=cells).strip(join=True, max_length=100_000)
+    tube = curve.tube(radius=radius, n_sides=TUBE_SIDES)
+    plotter.add_mesh(tube, color=layer.colour, ambient=0.3, diffuse=0.75, specular=0.2, smooth_shading=True)
+
+    def move(points: Any) -> None:
+        curve.points = points
+        tube.copy_from(curve.tube(radius=radius, n_sides=TUBE_SIDES))
+
+    return move
+
+
+def _look(plotter: Any, camera: Camera, points: Any) -> None:
+    """Looks at points, in soft light from several sides."""
+    import pyvista
+
+    right, reach = np.cross(camera.up, camera.direction), np.linalg.norm(points - camera.focus, axis=1).max()
+    for (x, y, z), strength in LIGHTS:
+        place = camera.focus + x * right + y * camera.up + z * camera.direction
+        light = pyvista.Light(position=place, focal_point=camera.focus, intensity=strength, light_type="scene light")
+        plotter.add_light(light, only_active=True)
     plotter.enable_parallel_projection()
-    plotter.camera.focal_point = focus
-    plotter.camera.position = focus + 10 * radius * direction
-    plotter.camera.up = up
-    plotter.camera.parallel_scale = MARGIN * radius / min(aspect, 1.0)
-    plotter.reset_camera_clipping_range()
+    plotter.camera.focal_point = camera.focus
+    plotter.camera.position = camera.focus + 10 * max(camera.radius, reach) * camera.direction
+    plotter.camera.up = camera.up
+    plotter.camera.parallel_scale = MARGIN * camera.radius
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
+    draw(*pickle.loads(Path(sys.argv[1]).read_bytes()))

@@ -22,8 +22,7 @@ from spinor_geom.measures.hausdorff import distances_to_mesh
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR
-from spinor_geom.render.scene import Camera
-from spinor_geom.render.viewer import ALWAYS, Dots, Faces, Lines
+from spinor_geom.render.layers import ALWAYS, Camera, Dots, Faces, Layer, Lines
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 MEAN, DISTANCE, GAUSS = "mean curvature", "distance to the discrete minimal surface", "Gauss curvature"
@@ -74,7 +73,7 @@ class LoopViews:
     def _rim(self) -> Int[np.ndarray, "m 2"]:
         return np.stack([np.arange(self.patch.boundary_size), rim_successors(self.patch.rims)], axis=1)
 
-    def in_space(self, *, edges: str) -> list[Faces | Lines]:
+    def in_space(self, *, edges: str) -> list[Layer]:
         """The patch in the mesh's space; its edges are shown by a switch of that name."""
         vertices = self.patch.vertices
         tips = vertices + _NORMAL_LENGTH * self.outcome.loop.mean_edge_length * self.normals
@@ -87,7 +86,7 @@ class LoopViews:
             Lines(vertices=hairs, edges=pairs, colour=_NORMAL_COLOUR, switch=NORMALS),
         ]
 
-    def in_plane(self, *, edges: str) -> list[Faces | Lines | Dots]:
+    def in_plane(self, *, edges: str) -> list[Layer]:
         """The patch in Ω, its grid, the poles of the network, and the zeros of p and q."""
         loop = str(self.outcome.index)
         p_zeros, q_zeros = _zeros(self.surface)
@@ -122,7 +121,7 @@ class LoopViews:
             radius=_MARGIN * float((high - low).max()) / 2,
         )
 
-    def on_sphere(self, *, edges: str) -> list[Faces | Lines | Dots]:
+    def on_sphere(self, *, edges: str) -> list[Layer]:
         """The unit normals of the patch on the unit sphere, with its circles of latitude and longitude."""
         loop = str(self.outcome.index)
         known = np.nan_to_num(self.normals)
@@ -225,7 +224,7 @@ def loop_views(outcome: LoopOutcome, *, exact: bool = False) -> LoopViews:
     )
 
 
-def surroundings(result: FillResult, *, edges: str) -> tuple[list[Faces | Lines | Dots], int]:
+def surroundings(result: FillResult, *, edges: str) -> tuple[list[Layer], int]:
     """The open mesh and its rims, and how many triangles, far from all loops, are left out of a very large one."""
     mesh, loops = result.original, [outcome.loop for outcome in result.loops]
     faces, left_out = mesh.faces, max(len(mesh.faces) - MOST_FACES, 0)
@@ -236,7 +235,7 @@ def surroundings(result: FillResult, *, edges: str) -> tuple[list[Faces | Lines 
     elif left_out:
         faces = faces[:MOST_FACES]
     used, renumbered = np.unique(faces, return_inverse=True)
-    layers: list[Faces | Lines | Dots] = [
+    layers: list[Layer] = [
         Faces(
             vertices=mesh.vertices[used],
             faces=renumbered.reshape(-1, 3),
@@ -341,7 +340,7 @@ def _zeros(surface: SpinorSurface) -> list[Complex[np.ndarray, " k"]]:
         return [np.zeros(0, dtype=np.complex128)] * 2
 
 
-def _sphere(loop: str) -> list[Faces | Lines]:
+def _sphere(loop: str) -> list[Layer]:
     """The unit sphere with its circles of latitude and longitude, every 30°."""
     across, around = 24, 48
     t, s = np.meshgrid(np.linspace(0, np.pi, across + 1), np.linspace(0, 2 * np.pi, around + 1), indexing="ij")

@@ -14,9 +14,10 @@ from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
 from spinor_geom.render.colours import GRID_COLOUR, RIM_COLOUR
 from spinor_geom.render.family import AssociateFamily, associate_family
+from spinor_geom.render.layers import Faces, Lines, Scale
 from spinor_geom.render.page import document
 from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.viewer import STYLE, Faces, Lines, Scale, Scene, Views
+from spinor_geom.render.viewer import STYLE, Scene, Views
 from spinor_geom.surface import SpinorSurface
 
 SUFFIXES = (".gif", ".html", ".mp4")

@@ -1,64 +1,72 @@
-"""Writes a scene as a PNG, without a display."""
+"""Draws scenes as PNGs, without a display."""
 
 from __future__ import annotations
 
 import os
+import pickle
+import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from spinor_geom.errors import RenderError
 from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
-from spinor_geom.render.scene import PairScene
+from spinor_geom.render.layers import View
 
 WIDTH, HEIGHT = 1600, 800
 TIME_LIMIT = 300.0  # seconds; software rendering of a million triangles takes a few
+TIME_OF_FRAME = 5.0  # seconds that each frame may take besides
 
 
-def write_png(scene: PairScene, path: str | os.PathLike[str]) -> None:
-    """Draws a scene off-screen, its two pictures side by side, patches in another colour.
-
-    The drawing runs in a process of its own: where the system has no OpenGL library the drawing package ends its
-    process instead of raising.
+def write_png(views: Sequence[View], path: str | os.PathLike[str]) -> None:
+    """Draws views off-screen, side by side.
 
     Args:
-        scene: what to draw.
+        views: from left to right.
         path: the PNG, replaced as a whole.
 
     Raises:
         MissingPackageError: pyvista is not installed.
         RenderError: the drawing failed.
     """
-    require("pyvista", extra="render")
-    with tempfile.TemporaryDirectory() as folder, atomic_path(path) as target:
-        arrays = Path(folder) / "scene.npz"
-        picture = Path(folder) / "picture.png"
-        np.savez(
-            arrays,
-            vertices=scene.vertices,
-            faces=scene.faces,
-            patch_faces=scene.patch_faces,
-            rim_edges=scene.rim_edges,
-            numbers=scene.numbers,
-            number_sides=scene.number_sides,
-            cameras=np.stack([[camera.focus, camera.direction, camera.up] for camera in scene.cameras]),
-            radii=np.array([camera.radius for camera in scene.cameras]),
-            titles=np.array(scene.titles),
-        )
-        draw_apart("spinor_geom.render.draw", str(arrays), str(picture), str(WIDTH), str(HEIGHT))
-        Path(target).write_bytes(picture.read_bytes())
+    with drawn(views, size=(WIDTH, HEIGHT)) as (picture,), atomic_path(path) as target:
+        shutil.copyfile(picture, target)
 
 
-def draw_apart(module: str, *arguments: str, time_limit: float | None = TIME_LIMIT) -> None:
-    """Runs a module that draws in a process of its own, with what it takes to draw without a display.
+@contextmanager
+def drawn(views: Sequence[View], *, size: tuple[int, int], angles: Sequence[float] = (0.0,)) -> Iterator[list[Path]]:
+    """Draws views side by side.
 
     Args:
-        module: its name.
-        arguments: its command line.
+        views: from left to right.
+        size: width and height in pixels.
+        angles: of the associate family, a picture for each.
+
+    Yields:
+        The PNGs; they go with the block.
+
+    Raises:
+        MissingPackageError: pyvista is not installed.
+        RenderError: the drawing failed.
+    """
+    require("pyvista", extra="render")
+    with tempfile.TemporaryDirectory() as folder:
+        draw_apart(views, size, angles, folder, time_limit=TIME_LIMIT + TIME_OF_FRAME * len(angles))
+        yield [Path(folder) / f"{number:04d}.png" for number in range(len(angles))]
+
+
+def draw_apart(*job: Any, time_limit: float | None) -> None:
+    """Draws in a process of its own, with what it takes to draw without a display.
+
+    Where the system has no OpenGL library the drawing package ends its process instead of raising.
+
+    Args:
+        job: the arguments of `draw`.
         time_limit: in seconds; None for a window, which stays as long as it is looked at.
 
     Raises:
@@ -69,13 +77,16 @@ def draw_apart(module: str, *arguments: str, time_limit: float | None = TIME_LIM
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [package_root, environment.get("PYTHONPATH", "")]))
     if sys.platform.startswith("linux") and not environment.get("DISPLAY"):
         environment.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    command = [sys.executable, "-m", module, *arguments]
-    try:
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, errors="replace", timeout=time_limit, check=False
-        )
-    except subprocess.TimeoutExpired as error:
-        raise RenderError(f"no picture was drawn: the drawing took longer than {time_limit:.0f} s") from error
+    with tempfile.NamedTemporaryFile() as file:
+        file.write(pickle.dumps(job))
+        file.flush()
+        command = [sys.executable, "-m", "spinor_geom.render.draw", file.name]
+        try:
+            done = subprocess.run(
+                command, env=environment, capture_output=True, text=True, errors="replace", timeout=time_limit
+            )
+        except subprocess.TimeoutExpired as error:
+            raise RenderError(f"no picture was drawn: the drawing took longer than {time_limit:.0f} s") from error
     if done.returncode != 0:
         raise RenderError(_explanation(done.returncode, done.stderr))
 

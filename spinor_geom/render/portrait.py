@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,16 +14,16 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.files import atomic_path
-from spinor_geom.optional import require
+from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR
 from spinor_geom.render.family import AssociateFamily, associate_family
-from spinor_geom.render.png import TIME_LIMIT, draw_apart
+from spinor_geom.render.layers import Camera, Faces, Layer, Lines, View, turned
+from spinor_geom.render.png import drawn
 from spinor_geom.surface import SpinorSurface
 
 # from the surface to the eye: in front of it and above, the third axis upwards
 EYE = (1.0, -2.0, 1.3)
 SIZE = (900, 720)
-# seconds that each frame may take besides
-_TIME_OF_FRAME = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,20 +31,10 @@ class Portrait:
     """What a picture shows.
 
     Attributes:
-        vertices: of the triangles and of the lines.
-        conjugate: the same vertices on the conjugate surface, where there is one.
-        faces: triangles.
-        rims: edges of the boundary, drawn as tubes.
-        lines: edges of lines on the surface, drawn as thin tubes.
-        values: what the colour of a vertex tells; without, each side has a colour of its own.
+        layers: surfaces and lines; those with a conjugate can turn through their family.
     """
 
-    vertices: Float[np.ndarray, "n 3"]
-    conjugate: Float[np.ndarray, "n 3"] | None = None
-    faces: Int[np.ndarray, "f 3"]
-    rims: Int[np.ndarray, "r 2"]
-    lines: Int[np.ndarray, "l 2"]
-    values: Float[np.ndarray, " n"] | None = None
+    layers: tuple[Layer, ...]
 
     @classmethod
     def of(cls, surface: SpinorSurface | AssociateFamily) -> Portrait:
@@ -57,31 +46,25 @@ class Portrait:
         """
         family = associate_family(surface) if isinstance(surface, SpinorSurface) else surface
         rim = np.arange(family.boundary_size)
+        places = {"vertices": family.vertices, "conjugate": family.conjugate}
         return cls(
-            vertices=family.vertices,
-            conjugate=family.conjugate,
-            faces=family.faces,
-            rims=np.stack([rim, np.roll(rim, -1)], axis=1),
-            lines=family.lines,
+            layers=(
+                Faces(**places, faces=family.faces, colour=FRONT_COLOUR, inside=BACK_COLOUR),
+                Lines(**places, edges=np.stack([rim, np.roll(rim, -1)], axis=1), width=2.5),
+                Lines(**places, edges=family.lines, colour=GRID_COLOUR, width=0.75),
+            )
         )
 
     def moved(self, matrix: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Portrait:
         """The picture of x ↦ matrix·x + shift, without the family."""
-        linear = np.asarray(matrix, dtype=np.float64)
-        return replace(self, vertices=self.vertices @ linear.T + np.asarray(shift, dtype=np.float64), conjugate=None)
+        linear, by = np.asarray(matrix, dtype=np.float64), np.asarray(shift, dtype=np.float64)
+        moved = [replace(layer, vertices=layer.vertices @ linear.T + by, conjugate=None) for layer in self.layers]
+        return Portrait(layers=tuple(moved))
 
     def beside(self, *others: Portrait) -> Portrait:
-        """One picture of several, as they lie in space, without families; colours by values need all to have some."""
-        pieces = (self, *others)
-        starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)]).tolist()
-        values = [piece.values for piece in pieces if piece.values is not None]
-        return Portrait(
-            vertices=np.concatenate([piece.vertices for piece in pieces]),
-            faces=np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)]),
-            rims=np.concatenate([piece.rims + start for piece, start in zip(pieces, starts, strict=False)]),
-            lines=np.concatenate([piece.lines + start for piece, start in zip(pieces, starts, strict=False)]),
-            values=np.concatenate(values) if len(values) == len(pieces) else None,
-        )
+        """One picture of several, as they lie in space, without families."""
+        layers = [replace(layer, conjugate=None) for one in (self, *others) for layer in one.layers]
+        return Portrait(layers=tuple(layers))
 
     def write(self, path: str | os.PathLike[str], *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE) -> None:
         """Draws a PNG.
@@ -116,41 +99,22 @@ class Portrait:
             MissingPackageError: pyvista is not installed.
             RenderError: the drawing failed.
         """
-        require("pyvista", extra="render")
-        conjugate = self.vertices if self.conjugate is None else self.conjugate
-        middle = self.vertices.mean(axis=0)
-        own, other = self.vertices - middle, conjugate - middle
-        turned = [np.cos(a) * own + np.sin(a) * other for a in angles] if any(angles) else [own]
         frame = _frame(np.asarray(eye, dtype=np.float64))
-        seen = np.concatenate([points @ frame.T for points in turned])
+        seen = np.concatenate([turned(layer, angle) for layer in self.layers for angle in angles]) @ frame.T
         low, high = seen.min(axis=0), seen.max(axis=0)
-        focus = middle + (low + high) / 2 @ frame
-        width, height = size
-        with tempfile.TemporaryDirectory() as folder:
-            arrays = Path(folder) / "scene.npz"
-            np.savez(
-                arrays,
-                vertices=self.vertices,
-                conjugate=conjugate,
-                middle=middle,
-                faces=self.faces,
-                rims=self.rims,
-                lines=self.lines,
-                values=np.zeros(0) if self.values is None else self.values,
-                camera=np.concatenate([focus[None], frame]),
-                radius=np.array(np.linalg.norm(seen - (low + high) / 2, axis=1).max()),
-                half_height=np.array(max(high[1] - low[1], (high[0] - low[0]) * height / width) / 2),
-                angles=np.asarray(angles, dtype=np.float64),
-            )
-            draw_apart(
-                "spinor_geom.render.draw_surface",
-                str(arrays),
-                folder,
-                str(width),
-                str(height),
-                time_limit=TIME_LIMIT + _TIME_OF_FRAME * len(angles),
-            )
-            yield [Path(folder) / f"{number:04d}.png" for number in range(len(angles))]
+        radius = max(high[1] - low[1], (high[0] - low[0]) * size[1] / size[0]) / 2
+        camera = Camera(focus=(low + high) / 2 @ frame, direction=frame[2], up=frame[1], radius=float(radius))
+        with drawn([View(layers=self.layers, camera=camera)], size=size, angles=angles) as pictures:
+            yield pictures
+
+
+def plain_portrait(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], values: Float[np.ndarray, " n"] | None
+) -> Portrait:
+    """Triangles with their rims; colours tell the values at the vertices, else each side has a colour of its own."""
+    fields = {} if values is None else {"": values}
+    surface = Faces(vertices=vertices, faces=faces, colour=FRONT_COLOUR, inside=BACK_COLOUR, fields=fields)
+    return Portrait(layers=(surface, Lines(vertices=vertices, edges=boundary_edges(faces), width=2.5)))
 
 
 def _frame(eye: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:

@@ -18,6 +18,7 @@ from spinor_geom.files import atomic_path
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.render.domain_colouring import domain_colours
+from spinor_geom.render.layers import Scale
 from spinor_geom.render.loop_views import (
     DISTANCE,
     EXACT,
@@ -33,7 +34,7 @@ from spinor_geom.render.loop_views import (
 from spinor_geom.render.page import document, picture, table
 from spinor_geom.render.plots import inline_svg, log_log
 from spinor_geom.render.scene import camera_on, shown_loop
-from spinor_geom.render.viewer import STYLE, Scale, Scene, Views
+from spinor_geom.render.viewer import STYLE, Scene, Views
 
 # of how many filled loops, the longest first, Ω and its functions are shown
 MOST_LOOPS = 8

@@ -1,67 +1,26 @@
-"""What a picture shows: plain arrays, decided here; drawing them is another module's work."""
+"""Pictures of fills and of rims: what is in them, and from where it is seen."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR
+from spinor_geom.render.layers import Camera, Faces, Layer, Lines, View
 
 ALONG_Y = np.cos(np.pi / 4)  # a view along the y axis, or nearly, has the z axis upright instead
 MARGIN_OF_HOLE = 2.2  # radius shown around a small hole, in radii of the hole
 CLOSE_UP = 0.5  # a hole that would fill less of the mesh's radius than this is shown close up
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Camera:
-    """A parallel projection.
-
-    Attributes:
-        focus: (3,) the point in the middle of the picture, in mesh units.
-        direction: (3,) unit vector from the focus to the eye.
-        up: (3,) unit vector that points up in the picture.
-        radius: half the height that is shown, in mesh units.
-    """
-
-    focus: Float[np.ndarray, "3"]
-    direction: Float[np.ndarray, "3"]
-    up: Float[np.ndarray, "3"]
-    radius: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PairScene:
-    """A mesh in two pictures side by side, with its rims; patches are in the right one only.
-
-    Attributes:
-        vertices: (V + K, 3) float64, the mesh's, then the patches'.
-        faces: (F, 3) the open mesh.
-        patch_faces: (T, 3) the patches.
-        rim_edges: (E, 2) the edges of all boundary loops of the open mesh.
-        numbers: (L, 3) where in space the number of each rim stands; no rows where they are not shown.
-        number_sides: (L,) the picture that it stands in, 0 left and 1 right.
-        cameras: of the left picture and of the right one.
-        titles: of both.
-    """
-
-    vertices: Float[np.ndarray, "v 3"]
-    faces: Int[np.ndarray, "f 3"]
-    patch_faces: Int[np.ndarray, "t 3"]
-    rim_edges: Int[np.ndarray, "e 2"]
-    numbers: Float[np.ndarray, "l 3"]
-    number_sides: Int[np.ndarray, " l"]
-    cameras: tuple[Camera, Camera]
-    titles: tuple[str, str]
-
-
-def fill_scene(result: FillResult) -> PairScene:
+def fill_scene(result: FillResult) -> tuple[View, ...]:
     """The scene of a fill: the open mesh beside the filled one, with its largest patch face on.
 
     A hole that is small against the mesh is shown close up, else the whole mesh is shown. Where nothing was filled the
@@ -70,19 +29,17 @@ def fill_scene(result: FillResult) -> PairScene:
     original, extension = result.original, result.extension
     # a patch that goes on with the mesh may reach far beyond it
     camera = camera_on(np.concatenate([_used(original), extension.vertices]), shown_loop(result.loops))
-    return PairScene(
+    mesh = _layers(original, [outcome.loop for outcome in result.loops])
+    patch = Faces(
         vertices=np.concatenate([original.vertices, extension.vertices]),
-        faces=original.faces,
-        patch_faces=extension.faces,
-        rim_edges=_edges([outcome.loop for outcome in result.loops]),
-        numbers=np.empty((0, 3)),
-        number_sides=np.empty(0, dtype=np.int64),
-        cameras=(camera, camera),
-        titles=("open", "filled"),
+        faces=extension.faces,
+        colour=PATCH_COLOUR,
+        edges=True,
     )
+    return View(layers=mesh, camera=camera, title="open"), View(layers=[*mesh, patch], camera=camera, title="filled")
 
 
-def loops_scene(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> PairScene:
+def loops_scene(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> tuple[View, ...]:
     """The scene of a mesh's rims, from before the longest one and from behind.
 
     The number of a rim stands at its vertex nearest to its centroid, in the picture in which the mesh there is seen.
@@ -91,15 +48,16 @@ def loops_scene(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> PairScene:
     points = _used(mesh)
     places = [int(loop.vertex_ids[np.argmin(np.linalg.norm(loop.points - loop.centroid, axis=1))]) for loop in loops]
     normals = vertex_normals(mesh.vertices, mesh.faces)[places]
-    return PairScene(
-        vertices=mesh.vertices,
-        faces=mesh.faces,
-        patch_faces=np.empty((0, 3), dtype=np.int64),
-        rim_edges=_edges(loops),
-        numbers=mesh.vertices[places],
-        number_sides=(normals @ direction < 0).astype(np.int64),
-        cameras=(whole_mesh(points, direction, up), whole_mesh(points, -direction, up)),
-        titles=("rims", "from behind"),
+    is_behind = normals @ direction < 0
+    layers = _layers(mesh, loops)
+    return tuple(
+        View(
+            layers=layers,
+            camera=whole_mesh(points, towards, up),
+            title=title,
+            labels=[(mesh.vertices[places[k]], str(k)) for k in np.flatnonzero(is_behind == behind)],
+        )
+        for towards, title, behind in ((direction, "rims", False), (-direction, "from behind", True))
     )
 
 
@@ -115,9 +73,13 @@ def _used(mesh: TriangleMesh) -> Float[np.ndarray, "v 3"]:
     return np.asarray(mesh.vertices[referenced_vertices(mesh.faces, vertices=len(mesh.vertices))])
 
 
-def _edges(loops: Sequence[BoundaryLoop]) -> Int[np.ndarray, "e 2"]:
+def _layers(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> list[Layer]:
     rims = [np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1) for loop in loops]
-    return np.concatenate([np.empty((0, 2), dtype=np.int64), *rims])
+    edges = np.concatenate([np.empty((0, 2), dtype=np.int64), *rims])
+    return [
+        Faces(vertices=mesh.vertices, faces=mesh.faces, colour=MESH_COLOUR, inside=INSIDE_COLOUR),
+        Lines(vertices=mesh.vertices, edges=edges, width=2.0),
+    ]
 
 
 def camera_on(points: Float[np.ndarray, "v 3"], outcome: LoopOutcome | None) -> Camera:

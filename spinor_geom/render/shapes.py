@@ -24,9 +24,10 @@ from spinor_geom.meshing.surface_mesh import mesh_surface
 from spinor_geom.optional import require
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR, UNKNOWN_COLOUR, VIRIDIS
+from spinor_geom.render.layers import Faces, Layer, Lines, Scale
 from spinor_geom.render.page import document
-from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.viewer import STYLE, Faces, Lines, Scale, Scene, Views
+from spinor_geom.render.portrait import Portrait, plain_portrait
+from spinor_geom.render.viewer import STYLE, Scene, Views
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 if TYPE_CHECKING:
@@ -188,7 +189,7 @@ def shape_page(shape: Shape, *, title: str) -> str:
     curvature = shape.values[shape.curvature]
     name = f"{shape.curvature.replace('_', ' ')}, 1/unit{'²' * (shape.curvature == GAUSS)}"
     parts = [(~ours, MESH_COLOUR, INSIDE_COLOUR), (ours, PATCH_COLOUR, None)]
-    layers: list[Faces | Lines] = [
+    layers: list[Layer] = [
         Faces(
             vertices=shape.vertices,
             faces=shape.faces[chosen],
@@ -215,13 +216,7 @@ def portrait_of(shape: Shape, *, curvature: bool, up: Literal["y", "z"]) -> Port
         curvature: whether colours tell the curvature, over its `Scale`; else each side has a colour of its own.
         up: the axis that points upwards.
     """
-    portrait = Portrait(
-        vertices=shape.vertices,
-        faces=shape.faces,
-        rims=shape.rims,
-        lines=np.zeros((0, 2), dtype=np.int64),
-        values=shape.told if curvature else None,
-    )
+    portrait = plain_portrait(shape.vertices, shape.faces, shape.told if curvature else None)
     return portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "y" else portrait
 
 

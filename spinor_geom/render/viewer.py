@@ -10,15 +10,9 @@ from dataclasses import dataclass, field
 from importlib.resources import files
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from spinor_geom.render.colours import PLAIN_COLOUR, RIM_COLOUR, UNKNOWN_COLOUR, VIRIDIS
-from spinor_geom.render.scene import Camera
-
-# share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
-_TAIL = 0.03
-# name of the loop choice for what is shown for every loop
-ALWAYS = ""
+from spinor_geom.render.colours import UNKNOWN_COLOUR, VIRIDIS
+from spinor_geom.render.layers import Camera, Dots, Faces, Layer, Lines, Scale
 
 STYLE = """figure.view { width: 282px }
 figure.view canvas { width: 280px; height: 280px; border: 1px solid var(--faint); display: block; touch-action: none }
@@ -34,128 +28,6 @@ form.panel { font-size: 13px; display: flex; flex-wrap: wrap; gap: .5rem 1rem; a
 form.panel fieldset { border: 1px solid var(--faint); border-radius: 4px } form.panel label { display: block }
 form.panel output { width: 16rem; min-height: 2.2rem } canvas:focus-visible,
 form.panel :focus-visible { outline: 2px solid var(--link) }"""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Faces:
-    """A surface in a view.
-
-    Attributes:
-        vertices: positions.
-        faces: triangles.
-        colour: where no field is shown.
-        inside: colour of the side that faces run clockwise on; that of the other side if none is given.
-        fields: values at the vertices that it may be coloured by, by name; NaN is grey.
-        edges: whether the triangles' edges are drawn, or the switch of the view's panel that says so.
-        switch: the switch of the view's panel that shows it; without one it is always shown.
-        loop: the loop of the view's panel for which it is shown; `ALWAYS` for each.
-        conjugate: positions on the conjugate surface; with them a slider turns through the associate family, cos θ of
-            the vertices and sin θ of these, both from the middle of the vertices.
-    """
-
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
-    colour: str = PLAIN_COLOUR
-    inside: str | None = None
-    fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
-    edges: bool | str = False
-    switch: str | None = None
-    loop: str = ALWAYS
-    conjugate: Float[np.ndarray, "n 3"] | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Lines:
-    """Straight pieces of lines in a view; what is not explained here is as in `Faces`.
-
-    Attributes:
-        vertices: their ends.
-        edges: pairs of ends.
-        colour: of all.
-        width: in pixels.
-        halo: colour of their edges, where they are to be seen on light and on dark.
-        switch: see `Faces`.
-        loop: see `Faces`.
-        conjugate: see `Faces`.
-    """
-
-    vertices: Float[np.ndarray, "n 3"]
-    edges: Int[np.ndarray, "e 2"]
-    colour: str = RIM_COLOUR
-    width: float = 1.5
-    halo: str | None = None
-    switch: str | None = None
-    loop: str = ALWAYS
-    conjugate: Float[np.ndarray, "n 3"] | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Dots:
-    """Points in a view; what is not explained here is as in `Faces`.
-
-    Attributes:
-        vertices: the points.
-        colour: of all.
-        size: their diameter in pixels.
-        loop: see `Faces`.
-    """
-
-    vertices: Float[np.ndarray, "n 3"]
-    colour: str = RIM_COLOUR
-    size: float = 7.0
-    loop: str = ALWAYS
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scale:
-    """What the ends of the colour scale stand for.
-
-    Attributes:
-        low: value of the violet end.
-        high: value of the yellow end.
-        unit: of the values.
-    """
-
-    low: float
-    high: float
-    unit: str = ""
-
-    @classmethod
-    def of(cls, values: Float[np.ndarray, " n"], unit: str = "") -> Scale:
-        """The range of the values but for three in a hundred at each end; 0 to 1 where none is known."""
-        known = values[np.isfinite(values)]
-        low, high = np.quantile(known, [_TAIL, 1 - _TAIL]).tolist() if len(known) else (0.0, 1.0)
-        return cls(low=low, high=high, unit=unit)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MeshView:
-    """A mesh to be looked at, alone and turning.
-
-    Attributes:
-        title: below which it stands.
-        vertices: positions.
-        faces: triangles.
-        fields: values at the vertices that it may be coloured by, by name; NaN is grey. The first is shown first.
-        edges: whether the triangles' edges are drawn.
-    """
-
-    title: str
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
-    fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
-    edges: bool = True
-
-    def scene(self) -> Scene:
-        """The mesh as the one layer of a view."""
-        layer = Faces(
-            vertices=self.vertices,
-            faces=self.faces,
-            fields=self.fields,
-            edges=self.edges,
-        )
-        scales = {name: Scale.of(values) for name, values in self.fields.items()}
-        return Scene(title=self.title, layers=(layer,), scales=scales, spins=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,7 +47,7 @@ class Scene:
     """
 
     title: str
-    layers: Sequence[Faces | Lines | Dots]
+    layers: Sequence[Layer]
     scales: Mapping[str, Scale] = field(default_factory=dict)
     panel: str | None = None
     cameras: Mapping[str, Camera] = field(default_factory=dict)
@@ -183,6 +55,13 @@ class Scene:
     flat: bool = False
     spins: bool = False
     shape: str = ""
+
+
+def turning_mesh(title: str, mesh: Faces) -> Scene:
+    """A mesh to be looked at, alone and turning, coloured by its first field at first."""
+    return Scene(
+        title=title, layers=(mesh,), scales={name: Scale.of(own) for name, own in mesh.fields.items()}, spins=True
+    )
 
 
 class Views:
@@ -194,9 +73,8 @@ class Views:
         # each array once, however many layers have it
         self._places: dict[str, int] = {}
 
-    def figure(self, view: MeshView | Scene) -> str:
+    def figure(self, scene: Scene) -> str:
         """The element in which the view will stand."""
-        scene = view.scene() if isinstance(view, MeshView) else view
         place = f"view-{len(self._views)}"
         data = {
             "place": place,
@@ -269,29 +147,26 @@ class Views:
             ]
         )
 
-    def _layer(self, layer: Faces | Lines | Dots) -> dict[str, object]:
+    def _layer(self, layer: Layer) -> dict[str, object]:
         """A layer in JSON's types; arrays as their places among all."""
         data: dict[str, object] = {
             "kind": type(layer).__name__.lower(),
             "vertices": self._array(layer.vertices, "<f4"),
             "colour": layer.colour,
             "loop": layer.loop,
+            "switch": layer.switch,
         }
-        if isinstance(layer, Dots):
-            return {**data, "size": layer.size}
-        data |= {"switch": layer.switch}
         if layer.conjugate is not None:
             data["conjugate"] = self._array(layer.conjugate, "<f4")
-        if isinstance(layer, Lines):
-            elements = self._array(layer.edges, "<u4")
-            return {**data, "elements": elements, "width": layer.width, "halo": layer.halo}
-        return {
-            **data,
-            "elements": self._array(layer.faces, "<u4"),
-            "inside": layer.inside,
-            "edges": layer.edges,
-            "fields": {name: self._array(values, "<f4") for name, values in layer.fields.items()},
-        }
+        if isinstance(layer, Dots):
+            data |= {"size": layer.size}
+        elif isinstance(layer, Lines):
+            data |= {"elements": self._array(layer.edges, "<u4"), "width": layer.width, "halo": layer.halo}
+        elif isinstance(layer, Faces):
+            fields = {name: self._array(values, "<f4") for name, values in layer.fields.items()}
+            elements = self._array(layer.faces, "<u4")
+            data |= {"elements": elements, "inside": layer.inside, "edges": layer.edges, "fields": fields}
+        return data
 
     def _array(self, values: np.ndarray, kind: str) -> int:
         """The place of an array: its little-endian bytes in base 64."""

@@ -10,7 +10,7 @@ from jaxtyping import Complex, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.domain.delaunay import plane_coordinates, rim_successors
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import DomainError
 
@@ -36,13 +36,13 @@ class Anchors:
         self._corners = mesh.points[mesh.faces]
         self._on_boundary = mesh.faces < mesh.boundary_size
         centres = self._corners.mean(axis=1)
-        self._centres = cKDTree(np.stack([centres.real, centres.imag], axis=1))
+        self._centres = cKDTree(plane_coordinates(centres))
         start, end = mesh.faces, np.roll(mesh.faces, -1, axis=1)
         after = rim_successors(mesh.rims)
         on_rim = start < mesh.boundary_size
         self._rim_faces, side = np.nonzero(on_rim & (end == after[np.where(on_rim, start, 0)]))
         rim = (mesh.points[start] + mesh.points[end])[self._rim_faces, side] / 2
-        self._rim = cKDTree(np.stack([rim.real, rim.imag], axis=1))
+        self._rim = cKDTree(plane_coordinates(rim))
 
     def nearest(self, z: Complex[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Index of the anchor of each point.
@@ -52,7 +52,7 @@ class Anchors:
         """
         if not np.isfinite(z).all():
             raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
-        plane = np.stack([z.real, z.imag], axis=1)
+        plane = plane_coordinates(z)
         k = min(_CANDIDATES, len(self._faces))
         candidates = self._centres.query(plane, k=k)[1].reshape(len(z), k)
         face = self._containing(z, candidates)

@@ -6,7 +6,7 @@ so that p = 1, q = 0 is the plane r = (x, y, 0) with n = +e₃, and p = 0 gives 
 where the surface bends towards n (the sphere with its inner normal).
 
 Every function works point by point on tensors of any shape and is differentiable; at a branch point (p = q = 0) the
-quotients are NaN.
+quotients are NaN. dp and dq are the derivatives p′ and q′ by z. A tensor that is not complex is a `DtypeError`.
 
 Source: Sun & Chern (2026), minimal surfaces from a pair of holomorphic functions.
 """
@@ -21,11 +21,7 @@ from spinor_geom.errors import DtypeError
 
 
 def phi(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
-    """The null curve's derivative φ = (p² − q², −i(p² + q²), 2pq), with φ·φ = 0 for any p, q.
-
-    Raises:
-        DtypeError: p or q is not complex.
-    """
+    """The null curve's derivative φ = (p² − q², −i(p² + q²), 2pq), with φ·φ = 0 for any p, q."""
     _require_complex(p=p, q=q)
     return null_vector(p * p, q * q, p * q)
 
@@ -42,9 +38,6 @@ def conformal_factor(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> 
 
     The first fundamental form is λ²(dx² + dy²); λ = 0 exactly at branch points.
 
-    Raises:
-        DtypeError: p or q is not complex.
-
     Source: Sun & Chern (2026), r_x·r_x = r_y·r_y = ½|φ|².
     """
     _require_complex(p=p, q=q)
@@ -52,11 +45,7 @@ def conformal_factor(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> 
 
 
 def normal(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
-    """Unit normal n = (r_x × r_y)/λ² = (−2 Re(p q̄), −2 Im(p q̄), |p|² − |q|²)/λ.
-
-    Raises:
-        DtypeError: p or q is not complex.
-    """
+    """Unit normal n = (r_x × r_y)/λ² = (−2 Re(p q̄), −2 Im(p q̄), |p|² − |q|²)/λ."""
     _require_complex(p=p, q=q)
     pq = p * q.conj()
     n = torch.stack([-2 * pq.real, -2 * pq.imag, _square(p) - _square(q)], dim=-1)
@@ -67,9 +56,6 @@ def gauss_map(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Complex
     """Gauss map g = φ₃/(φ₁ − iφ₂) = −p/q: the normal, projected from the north pole e₃.
 
     It is (n₁ + i n₂)/(1 − n₃): meromorphic, with its poles where q = 0, that is n = +e₃ (there the value is infinite).
-
-    Raises:
-        DtypeError: p or q is not complex.
     """
     _require_complex(p=p, q=q)
     return -p / q
@@ -81,9 +67,6 @@ def weierstrass_data(
     """Weierstrass-Enneper data f = φ₁ − iφ₂ = −2q² and g = −p/q.
 
     They give φ back as (f(1 − g²)/2, i f(1 + g²)/2, f g).
-
-    Raises:
-        DtypeError: p or q is not complex.
     """
     _require_complex(p=p, q=q)
     return -2 * q * q, gauss_map(p, q)
@@ -95,17 +78,7 @@ def hopf_differential(
     dp: Complex[Tensor, "*pts"],
     dq: Complex[Tensor, "*pts"],
 ) -> Complex[Tensor, "*pts"]:
-    """Q = φ′·n = 2(p q′ − p′ q), the coefficient of II = Re(Q dz²).
-
-    Args:
-        p: spinor p.
-        q: spinor q.
-        dp: derivative p′ by z.
-        dq: derivative q′ by z.
-
-    Raises:
-        DtypeError: an argument is not complex.
-    """
+    """Q = φ′·n = 2(p q′ − p′ q), the coefficient of II = Re(Q dz²)."""
     _require_complex(p=p, q=q, dp=dp, dq=dq)
     return 2 * (p * dq - dp * q)
 
@@ -116,26 +89,12 @@ def gauss_curvature(
     dp: Complex[Tensor, "*pts"],
     dq: Complex[Tensor, "*pts"],
 ) -> Float[Tensor, "*pts"]:
-    """Gauss curvature K = −4|p′q − pq′|²/(|p|² + |q|²)⁴ ≤ 0, in 1/length².
-
-    Args:
-        p: spinor p.
-        q: spinor q.
-        dp: derivative p′ by z.
-        dq: derivative q′ by z.
-
-    Raises:
-        DtypeError: an argument is not complex.
-    """
+    """Gauss curvature K = −4|p′q − pq′|²/(|p|² + |q|²)⁴ ≤ 0, in 1/length²."""
     return -_square(hopf_differential(p, q, dp, dq)) / conformal_factor(p, q) ** 4
 
 
 def first_fundamental_form(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 2 2"]:
-    """First fundamental form λ²·identity in the coordinates x, y of Ω.
-
-    Raises:
-        DtypeError: p or q is not complex.
-    """
+    """First fundamental form λ²·identity in the coordinates x, y of Ω."""
     square = conformal_factor(p, q).square()
     return square[..., None, None] * torch.eye(2, dtype=square.dtype, device=square.device)
 
@@ -149,15 +108,6 @@ def second_fundamental_form(
     """Second fundamental form ((r_xx·n, r_xy·n), (r_xy·n, r_yy·n)) = ((Re Q, −Im Q), (−Im Q, −Re Q)).
 
     Q is the Hopf differential; the trace is 0 because the surface is minimal by construction.
-
-    Args:
-        p: spinor p.
-        q: spinor q.
-        dp: derivative p′ by z.
-        dq: derivative q′ by z.
-
-    Raises:
-        DtypeError: an argument is not complex.
     """
     hopf = hopf_differential(p, q, dp, dq)
     return torch.stack(

@@ -18,11 +18,10 @@ from __future__ import annotations
 from typing import Literal
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from spinor_geom.errors import DtypeError, OptionError
-from spinor_geom.surface import formulas
 
 # how far R·Rᵀ may be from the identity: matrices typed with 9 digits pass
 _ORTHOGONAL = 1e-8
@@ -102,7 +101,13 @@ def spin_invariant(
         p: p at the samples of a closed curve, in order (the last is followed by the first).
         q: q at the same samples.
     """
-    return 1 if bool(_signs(p, q).prod() > 0) else -1
+    return 1 if bool(signs_close_up(p, q)) else -1
+
+
+def signs_close_up(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Bool[Tensor, "*batch"]:
+    """Whether the spinors of closed sequences come back to themselves, and not to their negatives."""
+    closed: Tensor = _signs(p, q).prod(-1) > 0
+    return closed
 
 
 def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tensor, " n"]) -> Literal[0, 1]:
@@ -141,19 +146,8 @@ def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Fl
     return torch.where(overlap.real < 0, -1.0, 1.0).to(p.real.dtype)
 
 
-def rotation_from_su2(unitary: Complex[Tensor, "2 2"]) -> Float[Tensor, "3 3"]:
-    """Rotation R(U) of space that (p, q) → U(p, q) causes: φ(U(p, q)) = R(U) φ(p, q).
-
-    Args:
-        unitary: U in SU(2); R(U) = R(−U).
-    """
-    turned = formulas.phi(unitary[0, 0], unitary[1, 0])  # p = 1, q = 0 has φ = e₁ − i e₂
-    first, second = turned.real, -turned.imag
-    return torch.stack([first, second, torch.linalg.cross(first, second)], dim=-1)
-
-
 def su2_from_rotation(rotation: Float[Tensor, "3 3"]) -> Complex[Tensor, "2 2"]:
-    """One of the two U in SU(2) with R(U) equal to the rotation.
+    """One of the two U in SU(2) for which φ(U(p, q)) is φ(p, q) turned by the rotation.
 
     Raises:
         OptionError: the matrix is not a rotation: not orthogonal to 1e-8, or with determinant −1.

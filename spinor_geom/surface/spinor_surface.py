@@ -303,15 +303,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         Raises:
             StorageError: the model or the boundary is of a kind that cannot be loaded again.
         """
-        parts = storage.SurfaceParts(
-            model=self.model,
-            domain=self.domain,
-            constant=self.constant.detach(),
-            spinor_map=self.spinor_map,
-            quadrature=self.quadrature,
-            order=self.order,
-        )
-        storage.write(parts, path)
+        storage.write(self, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SpinorSurface:
@@ -320,15 +312,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         Raises:
             StorageError: the file is missing, damaged, not a saved surface, or of an unknown version.
         """
-        parts = storage.read(path)
-        return cls(
-            parts.model,
-            parts.domain,
-            parts.constant,
-            spinor_map=parts.spinor_map,
-            quadrature=parts.quadrature,
-            order=parts.order,
-        )
+        return cls(**storage.read(path))
 
     # --- on tensors ---------------------------------------------------------------------------------------------------
 

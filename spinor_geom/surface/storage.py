@@ -9,77 +9,57 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import safetensors
 import torch
-from jaxtyping import Complex, Float
 from safetensors.torch import save as to_bytes
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import Boundary, FourierBoundary, PlaneDomain, SplineBoundary
-from spinor_geom.domain.quadrature import RuleName, rule
+from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import StorageError
 from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, rebuild
 
+if TYPE_CHECKING:
+    from spinor_geom.surface.spinor_surface import SpinorSurface
+
 FORMAT = "spinor_geom.surface"
 VERSION = 6
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SurfaceParts:
-    """What a surface consists of, as it is written.
-
-    Attributes:
-        model: a holomorphic model of a kind in `MODELS`.
-        domain: Ω.
-        constant: c.
-        spinor_map: matrix on the model's (p, q).
-        quadrature: name of the rule.
-        order: its size.
-    """
-
-    model: torch.nn.Module
-    domain: PlaneDomain
-    constant: Float[Tensor, "3"]
-    spinor_map: Complex[Tensor, "2 2"]
-    quadrature: RuleName
-    order: int
-
-
-def write(parts: SurfaceParts, path: str | os.PathLike[str]) -> None:
+def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
     """Writes a surface; the file appears whole or not at all.
 
     Raises:
         StorageError: the model or the boundary is of a kind that cannot be read again.
     """
-    kind = getattr(parts.model, "kind", type(parts.model).__name__)
-    if kind not in MODELS or not isinstance(parts.model, MODELS[kind]):
+    kind = getattr(surface.model, "kind", type(surface.model).__name__)
+    if kind not in MODELS or not isinstance(surface.model, MODELS[kind]):
         raise StorageError(f"a model of kind {kind!r} cannot be saved; known: {', '.join(sorted(MODELS))}", kind=kind)
-    described = [_describe_boundary(boundary) for boundary in parts.domain.boundaries]
-    mesh = parts.domain.triangulation
+    described = [_describe_boundary(boundary) for boundary in surface.domain.boundaries]
+    mesh = surface.domain.triangulation
     tensors = {
-        **{f"model/{name}": tensor for name, tensor in parts.model.state_dict().items()},
+        **{f"model/{name}": tensor for name, tensor in surface.model.state_dict().items()},
         **{
             f"boundary{number}/{name}": tensor
             for number, (_, some) in enumerate(described)
             for name, tensor in some.items()
         },
-        "constant": parts.constant,
-        "spinor_map": parts.spinor_map,
+        "constant": surface.constant,
+        "spinor_map": surface.spinor_map,
         "domain/points": torch.tensor(mesh.points),
         "domain/faces": torch.tensor(mesh.faces),
-        "domain/log_scale": torch.tensor(parts.domain.log_scale),
+        "domain/log_scale": torch.tensor(surface.domain.log_scale),
     }
     description = {
-        "model": {"kind": kind, "config": cast(HolomorphicModel, parts.model).config()},
+        "model": {"kind": kind, "config": cast(HolomorphicModel, surface.model).config()},
         "boundaries": [boundary for boundary, _ in described],
-        "quadrature": parts.quadrature,
-        "order": parts.order,
+        "quadrature": surface.quadrature,
+        "order": surface.order,
         "complex": sorted(name for name, tensor in tensors.items() if tensor.is_complex()),
     }
     metadata = {"format": FORMAT, "version": str(VERSION), "description": json.dumps(description)}
@@ -88,8 +68,8 @@ def write(parts: SurfaceParts, path: str | os.PathLike[str]) -> None:
         temporary.write_bytes(data)
 
 
-def read(path: str | os.PathLike[str]) -> SurfaceParts:
-    """Reads what `write` wrote.
+def read(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The arguments of the `SpinorSurface` that `write` wrote.
 
     Raises:
         StorageError: the file is missing, damaged, not a saved surface, or of an unknown version.
@@ -130,7 +110,7 @@ def read_tensors(name: str, kind: str) -> tuple[dict[str, Tensor], dict[str, str
         raise StorageError(f"{name} cannot be read as {kind}: {error}", path=name) from error
 
 
-def _parts(description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> SurfaceParts:
+def _parts(description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> dict[str, Any]:
     data = {
         name: torch.view_as_complex(tensor) if name in description["complex"] else tensor
         for name, tensor in tensors.items()
@@ -139,14 +119,14 @@ def _parts(description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> Sur
     if data["constant"].shape != (3,) or data["spinor_map"].shape != (2, 2):
         raise ValueError("its constant or its matrix has the wrong shape")
     state = {name.removeprefix("model/"): tensor for name, tensor in data.items() if name.startswith("model/")}
-    return SurfaceParts(
-        model=rebuild(description["model"]["kind"], description["model"]["config"], state),
-        domain=_read_domain(description, data),
-        constant=data["constant"],
-        spinor_map=data["spinor_map"],
-        quadrature=description["quadrature"],
-        order=description["order"],
-    )
+    return {
+        "model": rebuild(description["model"]["kind"], description["model"]["config"], state),
+        "domain": _read_domain(description, data),
+        "constant": data["constant"],
+        "spinor_map": data["spinor_map"],
+        "quadrature": description["quadrature"],
+        "order": description["order"],
+    }
 
 
 def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> PlaneDomain:

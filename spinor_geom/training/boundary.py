@@ -94,13 +94,11 @@ class Placed:
         position: (n, 3), r at the nodes.
         slide: (n,), parameter of the point of Γ near each node.
         error: (n, 3), r − Γ(slide).
-        rms: root of the mean of |error|² over t.
     """
 
     position: Float[Tensor, "n 3"]
     slide: Float[Tensor, " n"]
     error: Float[Tensor, "n 3"]
-    rms: float
 
 
 def placed(
@@ -125,9 +123,7 @@ def placed(
     for _ in range(0 if held else _CONSTANT_STEPS):
         slide = projected(position, slide, curve, limit=1 / len(nodes.t))
         position = position - nodes.weights @ (position - curve.point_and_derivative(slide)[0])
-    error = position - curve.point_and_derivative(slide)[0]
-    rms = float((nodes.weights @ error.square().sum(1)).sqrt())
-    return Placed(position=position, slide=slide, error=error, rms=rms)
+    return Placed(position=position, slide=slide, error=position - curve.point_and_derivative(slide)[0])
 
 
 def move_to(surface: SpinorSurface, z: Complex[Tensor, " n"], position: Float[Tensor, "n 3"]) -> None:

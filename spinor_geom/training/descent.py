@@ -7,14 +7,13 @@ however large the network is, in which J itself never appears; see `Linearisatio
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, TypeVar
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
@@ -31,24 +30,29 @@ _LEAST_DAMPING = 1e-16
 _PATIENCE, _GAIN = 12, 0.1
 
 
+SomeFit = TypeVar("SomeFit", bound="Fit")
+
+
 class Fit(Protocol):
     """How far a network is from what it should be."""
 
     @property
-    def rms(self) -> float:
-        """The distance that steps lessen."""
+    def linear(self) -> Linearisation:
+        """The network."""
         ...
 
-    def at(self, linear: Linearisation) -> Fit:
-        """The same for other parameters."""
+    @property
+    def losses(self) -> Float[Tensor, " k"]:
+        """The mean squared distance of p and that of q, where each has its own, or that of both together."""
         ...
 
-    def step(self, damping: float) -> Complex[Tensor, "n 2"]:
+    def at(self: SomeFit, linear: Linearisation) -> SomeFit:
+        """The same for other parameters; its losses are NaN where the network overflows."""
+        ...
+
+    def step(self, damping: Float[Tensor, " k"]) -> Complex[Tensor, "n 2"]:
         """The v whose Jᴴ v is the change of the parameters; NaN where rounding leaves the system indefinite."""
         ...
-
-
-SomeFit = TypeVar("SomeFit", bound=Fit)
 
 
 def descend(
@@ -75,28 +79,42 @@ def descend(
     Returns:
         The distance where it was left.
     """
-    linear, reference, since = network.linearised(z), fit.rms, 0
+    reference, since = rms(fit), 0
+    shares = torch.full_like(fit.losses, damping)
     for _ in range(max_steps):
-        if is_out_of_time() or since == _PATIENCE or fit.rms <= tolerance:
+        if is_out_of_time() or since == _PATIENCE or rms(fit) <= tolerance:
             break
-        before = copy.deepcopy(network.state_dict())
-        with torch.no_grad():
-            for parameter, change in zip(network.parameters(), linear.pulled_back(fit.step(damping)), strict=True):
-                parameter.add_(change)
-        trial_linear = network.linearised(z)
-        # a step that is far too long overflows
-        trial = fit.at(trial_linear) if bool(trial_linear.value.isfinite().all()) else None
-        if trial is not None and trial.rms < fit.rms:
-            linear, fit, damping = trial_linear, trial, max(damping * _LESS, _LEAST_DAMPING)
-        else:
-            network.load_state_dict(before)
-            damping *= _MORE
+        before = [parameter.detach().clone() for parameter in network.parameters()]
+        changes = fit.linear.pulled_back(fit.step(shares))
+        _move(network, before, changes, where=torch.ones_like(shares, dtype=torch.bool))
+        trial = fit.at(network.linearised(z))
+        better = trial.losses < fit.losses
+        if not bool(better.all()):
+            # p, q, or both go back
+            _move(network, before, changes, where=better)
+            trial = fit.at(network.linearised(z)) if bool(better.any()) else fit
+        fit = trial
+        shares = (shares * torch.where(better, _LESS, _MORE)).clamp(min=_LEAST_DAMPING)
         since += 1
-        if fit.rms < (1 - _GAIN) * reference:
-            reference, since = fit.rms, 0
+        if rms(fit) < (1 - _GAIN) * reference:
+            reference, since = rms(fit), 0
         if on_step is not None:
-            on_step(fit.rms)
+            on_step(rms(fit))
     return fit
+
+
+def rms(fit: Fit) -> float:
+    """The distance, p and q together."""
+    return float(fit.losses.sum().sqrt())
+
+
+def _move(
+    network: ComplexMLP, before: Sequence[Tensor], changes: Sequence[Tensor], *, where: Bool[Tensor, " k"]
+) -> None:
+    """Sets the parameters to what they were, and changes those of p, of q, or of both."""
+    with torch.no_grad():
+        for parameter, old, change in zip(network.parameters(), before, changes, strict=True):
+            parameter.copy_(torch.where(where.reshape(-1, *[1] * (old.ndim - 1)), old + change, old))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,15 +138,15 @@ class Distillation:
         return self.values - self.linear.value
 
     @cached_property
-    def rms(self) -> float:
-        """Root of the mean |difference|², p and q together."""
-        return float(self._residual.norm()) / len(self.values) ** 0.5
+    def losses(self) -> Float[Tensor, "2"]:
+        """The mean |difference|² of p and that of q."""
+        return self._residual.abs().square().mean(0)
 
     @cached_property
     def _kernel(self) -> Complex[Tensor, "2 n n"]:
         return self.linear.kernel()
 
-    def step(self, damping: float) -> Complex[Tensor, "n 2"]:
+    def step(self, damping: Float[Tensor, " k"]) -> Complex[Tensor, "n 2"]:
         """Each of p and q has a system of its own."""
         return _damped_solution(self._kernel, damping, self._residual.mT).mT
 
@@ -165,9 +183,9 @@ class Polish:
         return placed(self.nodes, self.linear.value, self.slide, self.curve, held=self.held)
 
     @property
-    def rms(self) -> float:
-        """RMS distance."""
-        return self.near.rms
+    def losses(self) -> Float[Tensor, "1"]:
+        """The mean squared distance."""
+        return self.nodes.weights @ self.near.error.square().sum(1, keepdim=True)
 
     @cached_property
     def _system(self) -> tuple[Complex[Tensor, "2 m n"], Float[Tensor, "m m"], Float[Tensor, " m"]]:
@@ -188,15 +206,15 @@ class Polish:
         kernel = kernel + kernel.diagonal().mean() / e.square().sum(1).mean() * (e @ e.mT)
         return rows, kernel, -(e * self.near.error.repeat(len(directions), 1)).sum(1)
 
-    def step(self, damping: float) -> Complex[Tensor, "n 2"]:
+    def step(self, damping: Float[Tensor, " k"]) -> Complex[Tensor, "n 2"]:
         """One real system for p and q together."""
         rows, kernel, right = self._system
-        return (rows.mH @ _damped_solution(kernel, damping, right).to(rows.dtype)).mT
+        return (rows.mH @ _damped_solution(kernel, damping[0], right).to(rows.dtype)).mT
 
 
 def _damped_solution(
     kernel: Float[Tensor, "*batch n n"] | Complex[Tensor, "*batch n n"],
-    damping: float,
+    damping: Float[Tensor, "*#batch"],
     right: Float[Tensor, "*batch n"] | Complex[Tensor, "*batch n"],
 ) -> Tensor:
     """The solution of (kernel + μ) u = right, μ the damping as a share of the kernel's mean diagonal entry."""

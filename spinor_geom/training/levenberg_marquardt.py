@@ -15,7 +15,7 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import OptionError
-from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
+from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP, disk_around
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
@@ -144,8 +144,10 @@ class _Training:
         self.start, self.options, self.on_step = start, options, on_step
         self.device = torch.device(device)
         self.domain = PlaneDomain.disk() if start is None else start.domain
-        self.network = ComplexMLP.on(
-            self.domain,
+        center, radius = disk_around(self.domain)
+        self.network = ComplexMLP(
+            center=center,
+            radius=radius,
             depth=options.depth,
             width=options.width,
             activation=options.activation,

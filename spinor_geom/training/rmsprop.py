@@ -66,7 +66,7 @@ class RMSprop:
         learning_rate: of RMSprop.
         batch: samples of [0, 1] in each update.
         points: samples drawn for each epoch, anew for the surface and for the homeomorphism.
-        epochs: most of them; the paper takes 800, and 2,000 and 4,000 for prescribed surfaces.
+        epochs: most of them, 0 for the start; the paper takes 800, and 2,000 and 4,000 for prescribed surfaces.
         tangent_weight: λ.
         quadrature: rule on the ray from 0 to a point.
         order: its intervals ("trapezoid", "simpson") or nodes ("gauss").
@@ -104,10 +104,10 @@ class RMSprop:
         """Raises OptionError for values out of range."""
         rule(self.quadrature, self.order)
         patience = 1 if self.patience is None else self.patience
-        if min(self.batch, self.epochs, patience, self.checkpoint_every) < 1 or self.points < self.batch:
+        if min(self.batch, patience, self.checkpoint_every) < 1 or self.epochs < 0 or self.points < self.batch:
             raise OptionError(
-                "batch, epochs, patience and checkpoint_every must be at least 1, and points at least one batch, got "
-                f"{self.batch}, {self.epochs}, {self.patience}, {self.checkpoint_every} and {self.points}"
+                "batch, patience and checkpoint_every must be at least 1, epochs not negative, and points at least one "
+                f"batch, got {self.batch}, {self.patience}, {self.checkpoint_every}, {self.epochs} and {self.points}"
             )
         if not self.learning_rate > 0 or not self.tangent_weight >= 0:
             raise OptionError(

@@ -10,11 +10,13 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from spinor_geom.adapters import read_mesh
+from spinor_geom.cli import batch as batch_command
 from spinor_geom.cli import console
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.errors import FirstFillError
@@ -449,9 +451,16 @@ def test_mistaken_options_of_a_batch_are_usage_errors(text: str, capsys: pytest.
 def test_the_progress_of_a_batch_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
     for stream, shown in ((Terminal(), True), (io.StringIO(), False)):
         monkeypatch.setattr(sys, "stderr", stream)
-        with console.batch_progress() as show:
-            show(3, 10, "loops: 7 done", 125.0)
-        assert ("loops: 7 done, ready in 2 min" in stream.getvalue()) == shown
+        with console.progress("listing the inputs") as show:
+            show(3, 10, "loops: 7 done")
+        assert ("loops: 7 done" in stream.getvalue()) == shown
+
+
+@pytest.mark.parametrize(
+    ("done", "seconds", "said"), [(2, 9.0, ""), (4, 50.0, ", ready in 2 min"), (9, 7.0, ", ready in 1 s")]
+)
+def test_the_progress_of_a_batch_says_when_it_will_be_ready(done: int, seconds: float, said: str) -> None:
+    assert batch_command._ready(SimpleNamespace(files=done, files_before=2, files_total=10, seconds=seconds)) == said
 
 
 def test_loops_says_what_does_not_fit_together_beside_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -460,8 +469,8 @@ def test_loops_says_what_does_not_fit_together_beside_them(tmp_path: Path, capsy
     path = write_obj(tmp_path / "fin.obj", np.vstack([vertices, [[3.0, 0, 0]]]), np.vstack([faces, fin]))
     assert main(["loops", str(path)]) == 0
     said = capsys.readouterr().out
-    assert said.count("no patch: edge (17, 0) has 3 faces (0, 16, 64)") == 1
-    assert said.count("beside the loop edge (17, 0) has 3 faces") == 1  # it ends at the rim
+    assert said.count("no patch: edge (17, 0) has the faces (0, 16, 64)") == 1
+    assert said.count("beside the loop edge (17, 0) has the faces") == 1  # it ends at the rim
     assert main(["loops", str(path), "--json"]) == 0
     entries = json.loads(capsys.readouterr().out)
     assert [entry["obstacle"] is None for entry in entries] == [True, True, False]

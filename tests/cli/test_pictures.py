@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -100,17 +101,14 @@ def test_a_display_that_does_not_answer_is_said(
 def test_a_window_gets_the_mesh_its_rims_and_its_curvature(
     saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown = {}
-
-    def keep(module: str, path: str, *, time_limit: float | None) -> None:
-        assert (module, time_limit) == ("spinor_geom.render.window", None)
-        shown.update(np.load(path))
-
+    shown: list[tuple[Any, ...]] = []
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr("spinor_geom.render.png.draw_apart", keep)
+    monkeypatch.setattr(window, "draw_apart", lambda *job, time_limit: shown.append(job))
     assert main(["view", str(saved), "--curvature"]) == 0
-    assert str(shown["title"]) == "enneper.safetensors, gauss curvature"
-    assert len(shown["values"]) == len(shown["vertices"])
-    assert len(shown["rims"]) > 40
+    mesh, rims = shown[0][0][0].layers
+    assert shown[0][-1] == "enneper.safetensors, gauss curvature"
+    (values,) = mesh.fields.values()
+    assert len(values) == len(mesh.vertices)
+    assert len(rims.edges) > 40
     assert main(["view", str(MESH)]) == 0
-    assert len(shown["values"]) == 0
+    assert not shown[1][0][0].layers[0].fields

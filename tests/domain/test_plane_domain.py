@@ -122,19 +122,6 @@ def test_corners_tell_the_side_by_both_of_their_edges():
         np.testing.assert_array_equal(DOMAINS["L"].distance_outside(z) < 0, inside)
 
 
-def test_halved_pieces_leave_the_curve_as_it_is():
-    boundary = DOMAINS["L"].boundary
-    pieces = np.arange(len(boundary.vertices)) % 3 == 1
-    halved = boundary.halved(pieces)
-    assert len(halved.vertices) == len(pieces) + np.count_nonzero(pieces)
-    t = np.linspace(0, 1, 997)
-    np.testing.assert_allclose(halved.point(t), boundary.point(t), atol=1e-14)
-    np.testing.assert_allclose(halved.derivative(t), boundary.derivative(t), atol=1e-12)
-    np.testing.assert_array_equal(halved.vertices[halved.corners], boundary.vertices[boundary.corners])
-    middles = (boundary.parameters[:-1] + boundary.parameters[1:])[pieces] / 2
-    np.testing.assert_allclose(np.setdiff1d(halved.parameters, boundary.parameters), middles, atol=1e-15)
-
-
 def test_samples_are_the_vertices_and_equal_steps_between_them():
     boundary = DOMAINS["ellipse"].boundary
     points = sampled(boundary, 4).reshape(-1, 4)

@@ -171,7 +171,6 @@ def test_graded_size_is_the_local_edge_at_the_boundary_and_grows():
     size = graded_size(boundary, growth=0.5)
     assert size(boundary) == pytest.approx(np.full(60, edge))
     assert size(np.array([0j])) == pytest.approx([edge + 0.5])
-    assert graded_size(boundary, cap=0.2)(np.array([0j])) == pytest.approx([0.2])
 
 
 @pytest.mark.parametrize(

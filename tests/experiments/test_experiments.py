@@ -6,7 +6,7 @@ import base64
 import json
 import math
 import re
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ from spinor_geom.experiments import (
     timing,
     twisted_circle,
 )
-from spinor_geom.experiments.experiment import Outcome, as_json, experiment, fitted_slope, keeping
+from spinor_geom.experiments.experiment import Outcome, experiment, fitted_slope, keeping
 from spinor_geom.experiments.report import Done, report, reproduce
 from spinor_geom.files import finite
 from spinor_geom.holomorphic import PowerSeries
@@ -56,8 +56,8 @@ def test_every_name_is_an_experiment_that_quick_shortens(name):
     assert all(long != short for long, short in shortened.values())
     assert {name.split(".")[0] for name in shortened} <= {entry.name for entry in fields(one.full)}
     # by its settings a run knows what an earlier one finished
-    told = finite(as_json(one.full))
-    assert json.loads(json.dumps(told)) == told != finite(as_json(one.quick))
+    told = finite(asdict(one.full))
+    assert json.loads(json.dumps(told)) == told != finite(asdict(one.quick))
 
 
 def test_slopes_are_fitted_above_the_floor_only():

@@ -26,7 +26,7 @@ def flat(points: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def disk() -> Patch:
     rim = np.exp(2j * np.pi * np.arange(60) / 60) * (1 + 0.2 * np.cos(6 * np.pi * np.arange(60) / 60))
-    return patch_of(triangulate_polygon(rim, graded_size(rim, cap=0.12)))
+    return patch_of(triangulate_polygon(rim, lambda z: np.minimum(graded_size(rim)(z), 0.12)))
 
 
 class FlatSurface:

@@ -19,10 +19,10 @@ from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.mesh.validate import validate
 from spinor_geom.plateau import Cauchy, solve_plateau
 from tests.fill.shapes import as_mesh, folded_quad, tube
 from tests.strategies import RigidMotion, rigid_motions
+from tests.validity import validate
 
 DATA = Path(__file__).parents[2] / "data"
 

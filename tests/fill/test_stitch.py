@@ -15,10 +15,10 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.mesh.validate import validate
 from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import as_mesh, cone, fan, folded_quad, on_circle, tube, undirected_edges
 from tests.strategies import holed_disks, ragged_meshes
+from tests.validity import validate
 
 
 def flat_position(points: np.ndarray) -> np.ndarray:

@@ -21,7 +21,9 @@ from spinor_geom.holomorphic import (
 )
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.mlp import disk_around
 from spinor_geom.surface import SpinorSurface
+from spinor_geom.training import RMSprop
 
 STEP = 1e-5
 CIRCLE = torch.from_numpy(np.exp(2j * np.pi * np.arange(1000) / 1000))
@@ -67,7 +69,7 @@ EVERY_KIND = {
     "mlp": ComplexMLP(generator=seeded()),
 }
 NETWORKS = {
-    "paper": ComplexMLP.paper(generator=seeded()),
+    "paper": ComplexMLP(depth=10, generator=seeded()),
     "one layer": ComplexMLP(depth=1, width=7, generator=seeded()),
     "sin": ComplexMLP(activation="sin", generator=seeded()),
     "sinh": ComplexMLP(depth=4, activation="sinh", generator=seeded()),
@@ -127,17 +129,9 @@ def test_cauchy_riemann_check_fails_on_activations_that_are_not_holomorphic(acti
     assert cauchy_riemann_error(Perceptron(activation).value, inner_points()) > 1e-2
 
 
-@pytest.mark.parametrize(
-    ("activation", "reason"),
-    [
-        ("relu", "real and the imaginary part"),
-        ("modReLU", "no complex derivative"),
-        ("tanh", "poles"),
-        ("x", "unknown"),
-    ],
-)
-def test_activations_that_are_not_entire_are_refused_with_the_reason(activation, reason):
-    with pytest.raises(OptionError, match=rf"{reason}.*exp, sin, sinh"):
+@pytest.mark.parametrize("activation", ["relu", "modReLU", "tanh", "x"])
+def test_activations_that_are_not_entire_are_refused(activation):
+    with pytest.raises(OptionError, match=rf"{activation}.*only if it is entire.*exp, sin, sinh"):
         ComplexMLP(activation=activation)
 
 
@@ -162,7 +156,7 @@ def test_units_are_bounded_on_the_whole_disk_at_every_depth(seed, depth, width, 
 
 
 def test_a_start_of_large_weights_overflows():
-    network = ComplexMLP.paper(generator=seeded())
+    network = ComplexMLP(depth=10, generator=seeded())
     with torch.no_grad():
         for weight in network.weights:
             weight.mul_(10)
@@ -171,12 +165,12 @@ def test_a_start_of_large_weights_overflows():
 
 def test_deep_networks_depend_on_z_at_the_start():
     with torch.no_grad():
-        value = ComplexMLP.paper(generator=seeded()).value(CIRCLE)
+        value = ComplexMLP(depth=10, generator=seeded()).value(CIRCLE)
     assert float((value - value.mean(0)).abs().amax(0).min()) > 0.2
 
 
 def test_the_paper_has_ten_layers_of_twenty_units():
-    network = ComplexMLP.paper()
+    network = ComplexMLP(depth=RMSprop().depth)
     assert (network.depth, network.width, network.activation) == (10, 20, "exp")
     assert [tuple(weight.shape) for weight in network.weights] == [(2, 20, 1), *[(2, 20, 20)] * 9, (2, 1, 20)]
 
@@ -190,7 +184,8 @@ def test_the_same_seed_gives_the_same_network():
 def test_networks_on_a_domain_are_scaled_to_it():
     angle = 2 * np.pi * np.arange(60) / 60
     domain = PlaneDomain.from_boundary(5 + 3j + 2 * np.cos(angle) + 1j * np.sin(angle))
-    network = ComplexMLP.on(domain, depth=2, generator=seeded())
+    center, radius = disk_around(domain)
+    network = ComplexMLP(center=center, radius=radius, depth=2, generator=seeded())
     assert abs(network.center - (5 + 3j)) < 1e-12
     assert abs(network.radius - 2) < 1e-12
     straight = ComplexMLP(depth=2, generator=seeded())
@@ -252,8 +247,8 @@ def test_points_of_any_shape(shape):
 
 
 def test_single_precision_agrees_with_double():
-    double = ComplexMLP.paper(generator=seeded())
-    single = ComplexMLP.paper(generator=seeded(), dtype=torch.complex64)
+    double = ComplexMLP(depth=10, generator=seeded())
+    single = ComplexMLP(depth=10, generator=seeded(), dtype=torch.complex64)
     z = inner_points()
     with torch.no_grad():
         assert single.value(z.to(torch.complex64)).dtype == torch.complex64
@@ -331,6 +326,6 @@ def test_real_parameters_are_refused():
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_devices_agree():
-    here, there = ComplexMLP.paper(generator=seeded()), ComplexMLP.paper(generator=seeded(), device="cuda")
+    here, there = ComplexMLP(depth=10, generator=seeded()), ComplexMLP(depth=10, generator=seeded(), device="cuda")
     with torch.no_grad():
         torch.testing.assert_close(there.value(CIRCLE.cuda()).cpu(), here.value(CIRCLE), rtol=0, atol=1e-10)

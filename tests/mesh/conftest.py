@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinor_geom.mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 DATA = Path(__file__).parents[2] / "data"
 

@@ -14,7 +14,7 @@ from spinor_geom.errors import (
     OptionError,
     RepeatedPointError,
 )
-from spinor_geom.mesh import BoundaryLoop, detect_corners, turning_angles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, turning_angles
 from tests.strategies import RigidMotion, rigid_motions, rough_loops, smooth_loops
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from spinor_geom import gallery
 from spinor_geom.errors import CurveError
-from spinor_geom.mesh import BoundaryCurve, ClosedCurve
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 
 CURVES = [
     gallery.twisted_circle(),

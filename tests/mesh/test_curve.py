@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from spinor_geom import gallery
 from spinor_geom.errors import RepeatedPointError
-from spinor_geom.mesh import BoundaryCurve, BoundaryLoop
 from spinor_geom.mesh import interpolation as rules
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
 from tests.strategies import SEEDS, RigidMotion, rigid_motions, rough_loops, smooth_loops
 
 L_SHAPE = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0]])
@@ -384,11 +385,6 @@ class TestCorners:
         assert curve.length() == pytest.approx(8, rel=1e-14)
         middle = curve.point((curve.breaks[:-1] + curve.breaks[1:]) / 2)
         np.testing.assert_allclose(middle, (L_SHAPE + np.roll(L_SHAPE, -1, axis=0)) / 2, atol=1e-14)
-
-    def test_corner_parameters(self) -> None:
-        curve = curve_of(L_SHAPE, [1, 3])
-        np.testing.assert_allclose(curve.corner_parameters, [2 / 8, 4 / 8])
-        assert len(curve_of(circle(20)).corner_parameters) == 0
 
     @pytest.mark.parametrize("corners", [[0], [7], [3, 20], [0, 1, 2, 12], [39]])
     def test_tangent_jumps_at_corners_only(self, corners: list[int]) -> None:

@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.measures import self_intersections as exported
-from spinor_geom.mesh import TriangleMesh
 from spinor_geom.mesh.intersections import (
     intersections_between,
     is_graph,
     loop_crossings,
     self_intersections,
 )
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.strategies import SEEDS, RigidMotion, rigid_motions, rough_loops, smooth_loops
 
 Point: TypeAlias = tuple[Fraction, ...]

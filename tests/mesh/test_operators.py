@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from spinor_geom.mesh import cotangent_laplacian, face_areas, internal_angles, mass_matrix
-from spinor_geom.mesh.operators import intrinsic_angles, mollified_edge_lengths, mollified_laplacian
+from spinor_geom.mesh.operators import (
+    cotangent_laplacian,
+    face_areas,
+    internal_angles,
+    intrinsic_angles,
+    mass_matrix,
+    mollified_edge_lengths,
+    mollified_laplacian,
+)
 from tests.strategies import HoledDisk, holed_disks
 
 RIGHT_TRIANGLE = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0]])

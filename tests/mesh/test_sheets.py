@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import NonManifoldEdgeError
-from spinor_geom.mesh import BoundaryLoop, TriangleMesh, find_boundary_loops
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube
 
 SIDES, RINGS = 12, 6
@@ -69,7 +71,7 @@ def test_a_defect_far_away_changes_no_loop_and_is_told_at_none(defect: Callable[
         (copied, r"first faces \(0, 120\) with the same vertices"),
         (copied_backwards, r"first faces \(0, 120\) with the same vertices"),
         (with_a_vertex_twice, r"first face 120 \(0, 1, 1\)"),
-        (with_a_fin, r"edge \(13, 0\) has 3 faces"),
+        (with_a_fin, r"edge \(13, 0\) has the faces"),
     ],
 )
 def test_a_defect_at_a_loop_changes_it_not_and_is_told_there_alone(defect: Callable[[int], Pair], words: str) -> None:

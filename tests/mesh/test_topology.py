@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.mesh import (
+from spinor_geom.mesh.topology import (
     HalfEdges,
     boundary_edges,
     coincident_vertices,

@@ -1,12 +1,17 @@
 import numpy as np
 import pytest
 
-from spinor_geom.meshing.size_field import patch_size_field
+from spinor_geom.meshing.size_field import size_field
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
 
 def circle(n):
     return np.exp(2j * np.pi * np.arange(n) / n)
+
+
+def patch_size_field(surface, boundary, target):
+    samples = surface.domain.triangulation.points
+    return size_field(samples, surface.conformal_factor(samples), boundary, target)
 
 
 def test_size_is_target_over_stretch_inside():

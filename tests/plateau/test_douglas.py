@@ -193,7 +193,8 @@ def test_curves_of_a_batch_do_not_know_of_each_other(seed, tolerance):
         DISK,
         even(256).expand(len(curves), -1),
         tolerances=[tolerance] * len(curves),
-        max_steps=25,
+        max_steps=[25] * len(curves),
+        negligible=[0.0] * len(curves),
         on_step=[gradients.append for gradients in told],
     )
     for curve, disk, gradients in zip(curves, together, told, strict=True):

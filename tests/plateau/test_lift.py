@@ -13,7 +13,7 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy
-from spinor_geom.plateau.lift import _between_nodes, lifted, surface_of
+from spinor_geom.plateau.lift import _with_between_nodes, lifted, surface_of
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.formulas import phi
@@ -66,7 +66,7 @@ def test_p_and_q_of_a_known_surface_come_back_up_to_their_sign(form, coefficient
     sign = np.sign((found * np.conj(expected)).sum().real)
     assert np.abs(sign * found - expected).max() < 1e-10
     assert abs(lift.area / known.area() - 1) < 1e-10
-    surface = surface_of(lift, form.boundary, order=16)
+    surface = surface_of(lift, form.boundary)
     assert np.abs(surface.position(z) - known.position(z)).max() < 1e-9
 
 
@@ -76,7 +76,7 @@ def test_null_curve_is_the_surface_at_the_nodes_and_between_them(form):
     lift = lifted(disk, form, curve, allowed=1e-8)
     assert lift.null_curve.shape == (512, 3)
     assert lift.slide.shape == (512,)
-    surface = surface_of(lift, form.boundary, order=16)
+    surface = surface_of(lift, form.boundary)
     z, dz, _ = form.boundary.grid(512)
     assert np.abs(surface.position(z) - lift.null_curve.real.numpy()).max() < 1e-10
     gap = lift.null_curve.real - curve.point_and_derivative(lift.slide)[0]
@@ -135,7 +135,7 @@ def test_distance_from_the_curve_is_measured_on_the_surface_itself(n):
     form = form_of(ellipse(2.0), 128)
     curve, disk = rough_disk(form, n)
     lift = lifted(disk, form, curve, allowed=0.0)
-    surface = surface_of(lift, form.boundary, order=16)
+    surface = surface_of(lift, form.boundary)
     exact = BoundaryCurve(
         breaks=curve.breaks.numpy(), coefficients=curve.coefficients.numpy(), corners=np.zeros(80, dtype=bool)
     )
@@ -186,7 +186,9 @@ def test_values_between_the_nodes_are_those_of_the_interpolant(name, n, each):
     with torch.no_grad():
         fine = torch.tensor(form.boundary.grid(each * n)[0]).reshape(n, each)
         expected = CauchyInterpolant(z, dz, values).value(fine[:, 1:])
-    torch.testing.assert_close(_between_nodes(values, form.kernel, each), expected, rtol=0, atol=1e-11)
+    found = _with_between_nodes(values.mT[None], form.kernel, each)[0].mT.reshape(n, each, 2)
+    torch.testing.assert_close(found[:, 0], values, rtol=0, atol=0)
+    torch.testing.assert_close(found[:, 1:], expected, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", ["ellipse", "bent"])
@@ -194,4 +196,5 @@ def test_values_of_entire_functions_between_the_nodes(name):
     form = FORMS[name]
     z, middle = torch.tensor(form.boundary.grid(256)[0]).reshape(128, 2).T
     values, expected = (torch.stack([torch.exp(z), z**2 - 1], dim=1) for z in (z, middle))
-    torch.testing.assert_close(_between_nodes(values, form.kernel, 2)[:, 0], expected, rtol=0, atol=1e-12)
+    found = _with_between_nodes(values.mT[None], form.kernel, 2)[0, :, 1::2].mT
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-12)

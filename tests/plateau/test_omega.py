@@ -17,7 +17,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import minimise_dirichlet_energy
-from spinor_geom.plateau.omega import NodeDensity, _steps_across, reflattened, resolved_form, rounded_boundary
+from spinor_geom.plateau.omega import NodeDensity, Shape, _steps_across, reflattened, resolved_form, rounded_boundary
 from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse, planar
 from tests.plateau.slides import CPU, PEANUT, ellipse
@@ -39,11 +39,15 @@ def density_of(loop):
     return NodeDensity(BoundaryCurve.from_loop(loop), POINTS)
 
 
+def shape_of(loop, width=WIDTH, count=None):
+    return Shape(density=density_of(loop), count=count or len(loop), steps=STEPS, width=width)
+
+
 def unfolded(loop):
     """∂Ω from the unfolded least-area triangulation."""
     curve, density = BoundaryCurve.from_loop(loop), density_of(loop)
     polygon = unfolded_loop(curve.point(density.slide(EVEN)))
-    return polygon, rounded_boundary(polygon, EVEN, steps=STEPS, width=WIDTH, count=len(loop))
+    return polygon, rounded_boundary(polygon, EVEN, shape_of(loop))
 
 
 def solved(loop, form, slide):
@@ -60,15 +64,11 @@ def log_scale(disk, form):
     return scale - scale.mean()
 
 
-def flattened(loop, disk, form, share):
+def flattened(loop, disk, form):
     """The disk over Ω flattened anew."""
-    made = reflattened(disk, form, density_of(loop), share=share, steps=STEPS, width=WIDTH, count=len(loop))
-    assert made is not None
-    boundary, t, s = made
-    again = resolved_form(boundary, STEPS, CPU)
-    even = np.arange(len(t)) / len(t)
-    slide = np.interp(even, np.concatenate([t - 1, t, t + 1]), np.concatenate([s - 1, s, s + 1]))
-    return solved(loop, again, slide), again
+    again, slide = reflattened(disk, form, shape_of(loop))
+    assert again is not form
+    return solved(loop, again, slide.numpy()), again
 
 
 # --- density of the nodes ---------------------------------------------------------------------------------------------
@@ -122,14 +122,14 @@ def test_rounded_boundary_is_simple_and_stays_near_its_polygon(loop):
 
 def test_rounding_leaves_an_ellipse_an_ellipse_and_rounds_a_square_off():
     exact = ellipse(2.0).point(EVEN)
-    round_ = rounded_boundary(exact, EVEN, steps=STEPS, width=0.02, count=64)
+    round_ = rounded_boundary(exact, EVEN, shape_of(LOOPS["Enneper"], 0.02, 64))
     expected = ellipse(2.0).coefficients * np.exp(-0.5 * (2 * np.pi * np.array([-1, 0, 1]) * 0.02) ** 2)
     # what is left of a cubic spline's error
     np.testing.assert_allclose(round_.point(EVEN), FourierBoundary(expected, 64).point(EVEN), atol=1e-7)
     square = planar(((0, 0), (1, 0), (1, 1), (0, 1)), 128).points @ np.array([1, 1j, 0])
     gaps = []
     for width in (0.01, 0.02, 0.04):
-        boundary = rounded_boundary(square, EVEN, steps=STEPS, width=width, count=64)
+        boundary = rounded_boundary(square, EVEN, shape_of(LOOPS["Enneper"], width, 64))
         gaps.append(np.abs(boundary.point(EVEN) - square).max())
         assert is_simple(boundary.grid(STEPS)[0])
     # the corner is cut off by the width times 4 sides times 2^½ times the mean of |x|/2 of a Gaussian
@@ -175,9 +175,9 @@ def test_after_flattening_the_scale_is_constant_along_the_boundary(name, most):
     loop = LOOPS[name]
     form = resolved_form(unfolded(loop)[1], STEPS, CPU)
     first = solved(loop, form, density_of(loop).slide(np.arange(STEPS) / STEPS))
-    second, again = flattened(loop, first, form, share=1.0)
+    second, again = flattened(loop, first, form)
     assert np.abs(log_scale(second, again)).max() < most
-    third, again = flattened(loop, second, again, share=1.0)
+    third, again = flattened(loop, second, again)
     # |φ| = √2·scale: constant to half a percent but for what is smoothed out at sharp bends
     assert np.abs(log_scale(third, again)).max() < max(0.006, 0.9 * most * (name == "saddle 8:1"))
     # the same surface over all domains, its boundary at the steps that the loop asks for
@@ -187,21 +187,11 @@ def test_after_flattening_the_scale_is_constant_along_the_boundary(name, most):
         assert np.abs(np.diff(t) * STEPS - 1).max() < 0.05
 
 
-def test_share_of_the_flattening_is_taken_off_the_scale():
-    loop = LOOPS["Enneper"]
-    form = resolved_form(unfolded(loop)[1], STEPS, CPU)
-    disk, form = flattened(loop, solved(loop, form, density_of(loop).slide(np.arange(STEPS) / STEPS)), form, share=0.5)
-    for share in (0.5, 0.7):
-        before = log_scale(disk, form).std()
-        disk, form = flattened(loop, disk, form, share=share)
-        assert log_scale(disk, form).std() == pytest.approx((1 - share) * before, rel=0.1)
-
-
 def test_flattening_of_a_noisy_loop_keeps_the_scale_within_a_factor():
     loop = LOOPS["noisy"]
     form = resolved_form(unfolded(loop)[1], STEPS, CPU)
     first = solved(loop, form, density_of(loop).slide(np.arange(STEPS) / STEPS))
-    second, again = flattened(loop, first, form, share=1.0)
+    second, again = flattened(loop, first, form)
     assert log_scale(second, again).std() < 0.3
     assert is_simple(again.boundary.grid(STEPS)[0])
 
@@ -215,5 +205,4 @@ def test_slide_that_stands_still_cannot_be_flattened():
     disk = minimise_dirichlet_energy(
         CurveTensors.of(BoundaryCurve.from_loop(loop), CPU), form, slide, tolerance=1.0, max_steps=0
     )
-    made = reflattened(disk, form, density_of(loop), share=1.0, steps=STEPS, width=WIDTH, count=len(loop))
-    assert made is None
+    assert reflattened(disk, form, shape_of(loop)) == (form, disk.slide)

@@ -9,7 +9,7 @@ import torch
 from spinor_geom import gallery
 from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.mesh import ClosedCurve
+from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.surface.formulas import phi
 

@@ -12,8 +12,9 @@ from spinor_geom import gallery
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, solutions, solve, solve_plateau, task
-from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable
+from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, plan, solutions, solve_plateau
+from spinor_geom.plateau.solutions import Beside, Rim, find_disks, leave_unstable
+from spinor_geom.plateau.steps import Steps
 from tests.exact_solutions import ENNEPER, exact_solution, with_stability
 from tests.loops import noisy_ellipse
 from tests.plateau.solved import distance_to_surface
@@ -39,13 +40,13 @@ def start_round(monkeypatch: pytest.MonkeyPatch) -> None:
     def round_disk(points):
         return Rim(loop=BoundaryLoop.from_points(points), indices=np.arange(len(points))).round_disk()
 
-    monkeypatch.setattr(task, "first_disk", round_disk)
+    monkeypatch.setattr(plan, "first_disk", round_disk)
 
 
 def solver_of(loop: BoundaryLoop, monkeypatch: pytest.MonkeyPatch):
     """The rim of a loop, and the function that solves from a discrete disk over it."""
     handed = []
-    monkeypatch.setattr(solve, "find_disks", lambda rim, function: handed.extend([rim, function]) or ())
+    monkeypatch.setattr(plan, "find_disks", lambda rim, function: handed.extend([rim, function]) or ())
     solve_plateau(loop, all_solutions=True)
     return handed
 
@@ -144,18 +145,15 @@ def test_mirrored_disk_and_ridge_lead_to_the_other_stable_disk_and_to_the_saddle
 
 def test_round_positions_converge_to_the_surface():
     """Ω's harmonic map to the round mesh is a similarity here, so that the surface's positions there are known."""
-    errors = []
     for points in (32, 64, 128):
         exact = exact_solution(ENNEPER, points)
         rim = Rim(loop=exact.loop, indices=np.arange(points))
         positions = rim.round_positions(exact)
         assert np.array_equal(positions[:points], exact.loop.points)
         z = rim.round_mesh.points / np.abs(rim.round_mesh.points[0])
-        errors.append(np.sqrt(((positions - exact.surface.position(z)) ** 2).sum(axis=1).mean()))
-    assert errors[0] < 2e-2
-    # triangles that grow inwards: between order 1 and 2
-    assert errors[1] < 0.65 * errors[0]
-    assert errors[2] < 0.65 * errors[1]
+        error = np.sqrt(((positions - exact.surface.position(z)) ** 2).sum(axis=1).mean())
+        # order 1, as triangles grow inwards; it is less by chance where both meshes are nearly one
+        assert error < 0.2 / points
 
 
 @pytest.mark.parametrize(
@@ -214,14 +212,19 @@ def unstable_ennepers_disk() -> tuple[PlateauSolution, Rim]:
     return with_stability(exact, UNSTABLE), Rim(loop=exact.loop, indices=np.arange(64))
 
 
+def left(solution: PlateauSolution, rim: Rim, solve_from) -> PlateauSolution:
+    beside = Beside(rim=rim, solve=solve_from, steps=Steps(limit=9))
+    return leave_unstable(solution, beside.lower, "along its eigenvectors")
+
+
 def test_stable_disk_comes_back_as_it_is():
     exact = exact_solution(ENNEPER, 64)
-    assert leave_unstable(exact, Rim(loop=exact.loop, indices=np.arange(64)), _fails, max_iterations=9) is exact
+    assert left(exact, Rim(loop=exact.loop, indices=np.arange(64)), _fails) is exact
 
 
 def test_disk_that_cannot_be_left_comes_back_with_the_reason():
     unstable, rim = unstable_ennepers_disk()
-    solution = leave_unstable(unstable, rim, _fails, max_iterations=9)
+    solution = left(unstable, rim, _fails)
     assert solution.surface is unstable.surface
     assert solution.stability is UNSTABLE
     assert "no better one was found along its eigenvectors" in solution.reason
@@ -231,12 +234,12 @@ def test_lower_disk_far_from_the_loop_is_no_better_one():
     unstable, rim = unstable_ennepers_disk()
     tries = []
 
-    def poor(disk, history=()):
+    def poor(disk):
         tries.append(disk)
         residual = replace(unstable.boundary_residual, rms=1e-3)
         return replace(unstable, area=0.9 * unstable.area, converged=False, boundary_residual=residual)
 
-    assert leave_unstable(unstable, rim, poor, max_iterations=9).surface is unstable.surface
+    assert left(unstable, rim, poor).surface is unstable.surface
     assert len(tries) == 2  # one to each side
 
 
@@ -256,7 +259,7 @@ def test_disks_beside_an_unstable_one_lie_on_its_two_sides():
 # --- what fails -------------------------------------------------------------------------------------------------------
 
 
-def _fails(disk, history=()):
+def _fails(disk):
     raise DomainError("folded")
 
 
@@ -278,7 +281,7 @@ def test_search_in_which_nothing_converged_returns_the_nearest_disk():
     rim = Rim(loop=exact.loop, indices=np.arange(32))
     residuals = iter([3e-3, 2e-3, 4e-3])
 
-    def poor(disk, history=()):
+    def poor(disk):
         residual = replace(exact.boundary_residual, rms=next(residuals))
         return replace(exact, converged=False, boundary_residual=residual)
 
@@ -292,7 +295,7 @@ def test_number_of_starts_is_bounded():
     areas = iter(np.linspace(2, 1, 1000))
     calls = []
 
-    def another(disk, history=()):
+    def another(disk):
         calls.append(disk)
         return replace(exact, area=next(areas))
 

@@ -16,12 +16,13 @@ from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.optional import require
 from spinor_geom.render import png
-from spinor_geom.render.scene import PairScene, fill_scene, loops_scene
+from spinor_geom.render.layers import View
+from spinor_geom.render.scene import fill_scene, loops_scene
 from tests.fill.shapes import tube
 
 
 @pytest.fixture(scope="module")
-def scene() -> PairScene:
+def scene() -> tuple[View, ...]:
     return fill_scene(fill_hole(tube(), return_report=True)[1])
 
 
@@ -34,7 +35,7 @@ def pixels(path: Path) -> np.ndarray:
     return np.asarray(image.active_scalars).reshape(height, width, -1)[::-1, :, :3].astype(int)
 
 
-def test_the_patch_is_orange_and_only_on_the_right(scene: PairScene, tmp_path: Path) -> None:
+def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[View, ...], tmp_path: Path) -> None:
     path = tmp_path / "picture.png"
     png.write_png(scene, path)
     image = pixels(path)
@@ -53,7 +54,7 @@ def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -
     mesh = TriangleMesh(*tube())
     scene = loops_scene(mesh, boundary_loops(mesh))
     png.write_png(scene, tmp_path / "numbered.png")
-    png.write_png(replace(scene, number_sides=np.full(2, -1)), tmp_path / "bare.png")
+    png.write_png([replace(view, labels=()) for view in scene], tmp_path / "bare.png")
     numbered, bare = pixels(tmp_path / "numbered.png"), pixels(tmp_path / "bare.png")
     changed = (numbered != bare).any(axis=-1)
     assert 50 < changed.sum() < 5000
@@ -75,7 +76,7 @@ def failing(status: int, said: str) -> object:
     ],
 )
 def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
-    scene: PairScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, status: int, said: str, words: str
+    scene: tuple[View, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, status: int, said: str, words: str
 ) -> None:
     monkeypatch.setattr(png.subprocess, "run", failing(status, said))
     with pytest.raises(RenderError, match=words):
@@ -84,7 +85,7 @@ def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
 
 
 def test_a_drawing_that_hangs_is_a_typed_error(
-    scene: PairScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene: tuple[View, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def hangs(command: list[str], **options: float) -> None:
         raise subprocess.TimeoutExpired(command, options["timeout"])

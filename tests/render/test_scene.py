@@ -12,7 +12,8 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.result import FillResult
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.render.scene import PairScene, facing, fill_scene, loops_scene, whole_mesh
+from spinor_geom.render.layers import View
+from spinor_geom.render.scene import facing, fill_scene, loops_scene, whole_mesh
 from tests.fill.shapes import tube
 from tests.fill.test_bridge import ring
 
@@ -23,21 +24,23 @@ def result() -> FillResult:
 
 
 @pytest.fixture(scope="module")
-def scene(result: FillResult) -> PairScene:
+def scene(result: FillResult) -> tuple[View, ...]:
     return fill_scene(result)
 
 
-def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result: FillResult, scene: PairScene) -> None:
-    np.testing.assert_array_equal(scene.faces, result.original.faces)
-    np.testing.assert_array_equal(scene.patch_faces, result.extension.faces)
-    assert len(scene.vertices) == 48 + len(result.extension.vertices)
-    assert scene.rim_edges.shape == (32, 2)
+def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result: FillResult, scene: tuple[View, ...]) -> None:
+    mesh, rims, patch = scene[1].layers
+    np.testing.assert_array_equal(mesh.faces, result.original.faces)
+    np.testing.assert_array_equal(patch.faces, result.extension.faces)
+    assert len(patch.vertices) == 48 + len(result.extension.vertices)
+    assert rims.edges.shape == (32, 2)
+    assert scene[0].layers == [mesh, rims]
 
 
-def test_the_largest_patch_is_seen_face_on_from_outside(scene: PairScene) -> None:
+def test_the_largest_patch_is_seen_face_on_from_outside(scene: tuple[View, ...]) -> None:
     # the larger hole of the tube looks down
-    np.testing.assert_allclose(scene.cameras[0].direction, [0, 0, -1], atol=1e-12)
-    assert scene.cameras[0] is scene.cameras[1]
+    np.testing.assert_allclose(scene[0].camera.direction, [0, 0, -1], atol=1e-12)
+    assert scene[0].camera is scene[1].camera
 
 
 def test_the_largest_patch_is_that_of_largest_area_not_of_longest_rim() -> None:
@@ -47,10 +50,10 @@ def test_the_largest_patch_is_that_of_largest_area_not_of_longest_rim() -> None:
     _, report = fill_hole((squeezed, faces), return_report=True)
     first, second = report.loops
     assert first.area < second.area
-    assert fill_scene(report).cameras[0].direction[2] > 0.9
+    assert fill_scene(report)[0].camera.direction[2] > 0.9
 
 
-def test_everything_is_in_the_picture(scene: PairScene) -> None:
+def test_everything_is_in_the_picture(scene: tuple[View, ...]) -> None:
     assert_shown(scene)
 
 
@@ -63,10 +66,10 @@ def test_a_patch_far_wider_than_the_mesh_is_in_the_picture() -> None:
     assert_shown(fill_scene(report))
 
 
-def assert_shown(scene: PairScene) -> None:
-    camera = scene.cameras[0]
+def assert_shown(scene: tuple[View, ...]) -> None:
+    camera = scene[0].camera
     right = np.cross(camera.up, camera.direction)
-    offset = scene.vertices - camera.focus
+    offset = scene[1].layers[-1].vertices - camera.focus
     assert np.abs(offset @ right).max() <= camera.radius * (1 + 1e-12)
     assert np.abs(offset @ camera.up).max() <= camera.radius * (1 + 1e-12)
 
@@ -74,7 +77,7 @@ def assert_shown(scene: PairScene) -> None:
 def test_a_small_hole_is_shown_close_up() -> None:
     _, report = fill_hole(ring(1.0, 10.0), return_report=True)
     assert [loop.filled for loop in report.loops] == [False, True]
-    camera = fill_scene(report).cameras[0]
+    camera = fill_scene(report)[0].camera
     np.testing.assert_allclose(camera.focus, 0.0, atol=1e-12)
     assert 1.0 < camera.radius < 3.0
 
@@ -83,16 +86,16 @@ def test_rims_are_numbered_where_the_mesh_beside_them_is_seen() -> None:
     mesh = TriangleMesh(*tube())
     loops = boundary_loops(mesh)
     scene = loops_scene(mesh, loops)
-    for loop, number in zip(loops, scene.numbers, strict=True):
-        assert (loop.points == number).all(axis=1).any()
+    for point, number in (label for view in scene for label in view.labels):
+        assert (loops[int(number)].points == point).all(axis=1).any()
     # the sides of the tube look away from its narrower end, so the wider is in front
-    before, behind = scene.cameras
+    before, behind = (view.camera for view in scene)
     np.testing.assert_allclose(before.direction, -behind.direction)
     np.testing.assert_allclose(before.up, behind.up)
     ball = icosphere_without_two_faces()
     loops = boundary_loops(ball)
-    assert loops_scene(ball, loops).number_sides.tolist() == [0, 1]
-    assert loops_scene(ball, []).numbers.shape == (0, 3)
+    assert [[number for _, number in view.labels] for view in loops_scene(ball, loops)] == [["0"], ["1"]]
+    assert not any(view.labels for view in loops_scene(ball, []))
 
 
 def icosphere_without_two_faces() -> TriangleMesh:
@@ -106,13 +109,13 @@ def icosphere_without_two_faces() -> TriangleMesh:
 def test_where_nothing_was_filled_the_longest_open_loop_is_shown() -> None:
     _, report = fill_hole(tube(), [], return_report=True)
     scene = fill_scene(report)
-    assert len(scene.patch_faces) == 0
-    assert scene.cameras[0].direction[2] < -0.9
+    assert len(scene[1].layers[-1].faces) == 0
+    assert scene[0].camera.direction[2] < -0.9
 
 
 def test_a_closed_mesh_has_a_scene() -> None:
     _, report = fill_hole(fill_hole(tube()), return_report=True)
-    assert fill_scene(report).rim_edges.shape == (0, 2)
+    assert fill_scene(report)[0].layers[1].edges.shape == (0, 2)
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 1e-3))

@@ -218,7 +218,7 @@ def test_a_boundary_that_moves_has_the_derivatives_of_its_own_curve(name):
 @pytest.mark.parametrize(
     "options",
     [
-        {"epochs": 0},
+        {"epochs": -1},
         {"points": 10},
         {"learning_rate": 0.0},
         {"tangent_weight": -1.0},

@@ -1,0 +1,280 @@
+"""The plan for one loop: the routes to a minimal disk that are tried, in their order, and how they are run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from spinor_geom.deadline import is_out_of_time, require_time
+from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
+from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.harmonic_route import points_of_domain, suits_unit_disk
+from spinor_geom.plateau.omega import NodeDensity
+from spinor_geom.plateau.plane_route import is_plane, plane_disk
+from spinor_geom.plateau.roughness import ROUGH_TURN, roughness, roundest
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.solutions import Beside, find_disks, leave_unstable
+from spinor_geom.plateau.task import Task
+from spinor_geom.plateau.trained_route import Trainer
+from spinor_geom.plateau.vertex_route import VertexSolver
+
+# Rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³.
+_MOST_POINTS = 1500
+# So few points are a polygon: no curve is seen in them.
+_FEW_POINTS = 8
+# Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
+# is met to 1e-6 of a side, with none to 1e-2.
+_PARTS_OF_A_SIDE = 8
+# A disk farther from Γ than this, in mean edges, is not left: whether it is stable says nothing of those over Γ.
+_POOR = 5e-2
+# Disks of these routes are left where they are unstable: a plane one is not, one through a rough loop's points is next
+# to a discrete disk of least area, and a trained one is taken as it is.
+_LEFT = ("disk", "unfolded", "network")
+
+
+class Route(Protocol):
+    """A way from a loop to a minimal disk."""
+
+    def disk(self, task: Task) -> Found:
+        """The disk at unit size.
+
+        Raises:
+            DomainError, FirstFillError, SingularMatrixError, SurfaceError: this way leads to none.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class InPlane:
+    """The region inside a plane loop."""
+
+    def disk(self, task: Task) -> Found:
+        """The region, which is the only minimal disk."""
+        return plane_disk(task.unit, task.curve, task.options.device, task.clock)
+
+
+@dataclass(frozen=True)
+class ThroughPoints:
+    """Through the points of a rough loop, with Γ between them left to the surface."""
+
+    def disk(self, task: Task) -> Found:
+        """The disk next to a discrete one."""
+        solver = VertexSolver(
+            loop=task.unit,
+            allowed=task.allowed,
+            max_steps=task.steps.limit,
+            device=task.options.device,
+            clock=task.clock,
+            on_iteration=task.steps.take,
+        )
+        return solver.found(tuple(task.steps.history))
+
+
+@dataclass(frozen=True)
+class OnUnitDisk:
+    """Douglas's slide on the unit disk."""
+
+    def disk(self, task: Task) -> Found:
+        """The disk, with p and q as power series."""
+        return task.harmonic.on_disk()
+
+
+@dataclass(frozen=True)
+class OnUnfolding:
+    """Douglas's slide on the unfolded least-area triangulation of the loop."""
+
+    def disk(self, task: Task) -> Found:
+        """The disk, with p and q by Cauchy's formula."""
+        return task.harmonic.unfolded()
+
+
+@dataclass(frozen=True)
+class OnFlattening:
+    """Douglas's slide on the flattening of a discrete disk, which is in the loop's coordinates."""
+
+    start: Disk
+
+    def disk(self, task: Task) -> Found:
+        """The disk to which the area falls from there."""
+        return task.harmonic.flattened(_at_unit_size(self.start, task), task.network.rim)
+
+
+@dataclass(frozen=True)
+class ByNetwork:
+    """Gauss-Newton for a Cauchy network, from a discrete disk in the loop's coordinates, or from a first fill."""
+
+    start: Disk | None = None
+
+    def disk(self, task: Task) -> Found:
+        """The disk nearest to the start, saddles of the area included."""
+        if self.start is not None:
+            start = _at_unit_size(self.start, task)
+        else:
+            with task.clock.stage("first fill"):
+                start = first_disk(task.unit.points[task.network.rim])
+        return task.network.found_from(start, tuple(task.steps.history))
+
+
+@dataclass(frozen=True)
+class ByTraining:
+    """A complex-valued network, trained; it takes over a minimal disk first where it is to start from one."""
+
+    optimizer: Trainer
+    warm_start: bool
+
+    def disk(self, task: Task) -> Found:
+        """The disk as near to Γ as the training brings it."""
+        start: PlateauSolution | None = None
+        if self.warm_start and self.optimizer.takes_start:
+            first = replace(task, options=replace(task.options, optimizer=None, is_free=True))
+            start = minimal_disk(first, plan(first))
+        with task.clock.stage("training"):
+            found = self.optimizer.disk(
+                task.curve, start=start, device=task.options.device, on_iteration=task.steps.on_iteration
+            )
+        task.steps.history[:] = found.history
+        return found
+
+
+def plan(task: Task) -> tuple[Route, ...]:
+    """The routes to a disk over a loop, the likeliest first, as its shape, its corners and the options ask for."""
+    loop, curve, options = task.unit, task.curve, task.options
+    if options.optimizer is not None:
+        return (ByTraining(options.optimizer, options.warm_start),)
+    if options.is_series:
+        return (OnUnitDisk(),)
+    if not options.is_free:
+        return (ByNetwork(),)
+    in_plane = (InPlane(),) if is_plane(loop, allowed=task.allowed) else ()
+    if loop.corners.any():
+        # kinks of Γ are singularities of p and q
+        return (*in_plane, ByNetwork())
+    if options.is_free_between and _shows_no_curve(loop, curve):
+        return (*in_plane, ThroughPoints())
+    on_disk = (OnUnitDisk(),) if suits_unit_disk(loop, curve) else ()
+    return (*in_plane, *on_disk, OnUnfolding(), ByNetwork())
+
+
+def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
+    """Whether no smooth curve is seen in the points of a loop."""
+    n = len(loop)
+    if n > _MOST_POINTS or curve.degree > min(DEGREES):
+        return False
+    # only of so few points, in which no analytic curve is looked for, any loop turns by as much
+    turn = roughness(loop) - (roundest(n) if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0)
+    if n <= _FEW_POINTS or turn > ROUGH_TURN or detect_corners(loop.points).any():
+        return True
+    return NodeDensity(curve, points_of_domain(loop)).is_narrow
+
+
+def nearest_disk(routes: Sequence[Route], task: Task) -> Found:
+    """The disk of the first route on which the tolerance is met; of all the one nearest to Γ where it is on none.
+
+    Raises:
+        OutOfTimeError: the time is over, and no disk was found.
+        DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route leads to a disk; that of the last one.
+    """
+    best: Found | None = None
+    error: SpinorGeomError | None = None
+    for route in routes:
+        if is_out_of_time():
+            break
+        try:
+            found = route.disk(task)
+        except (DomainError, FirstFillError, SingularMatrixError, SurfaceError) as failure:
+            error = failure
+            continue
+        if best is None or found.misfit.rms < best.misfit.rms:
+            best = found
+        if task.is_met(best):
+            break
+    if best is None:
+        require_time()
+        raise error or FirstFillError("no route to a minimal disk was tried")
+    return replace(best, history=tuple(task.steps.history))
+
+
+def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
+    """The disk that the routes lead to, or one of less area where that is unstable and may be left.
+
+    Args:
+        task: the loop.
+        routes: its plan.
+
+    Raises:
+        OutOfTimeError, DomainError, FirstFillError, SingularMatrixError, SurfaceError: as `nearest_disk`.
+    """
+    if routes == (ByNetwork(),) and task.loop.corners.all():
+        return _on_sides(task)
+    solution = _solution(routes, task)
+    if not task.options.leaves_unstable:
+        return solution
+    if task.options.is_series:
+        lower = partial(_lower_on_disk, task)
+        solution = leave_unstable(solution, lower, "in power series: model='auto' looks among others")
+    elif solution.route in _LEFT and solution.boundary_residual.rms_per_edge <= _POOR:
+        beside = Beside(rim=task.rim, solve=lambda disk: _solution(_routes_down(task, disk), task), steps=task.steps)
+        with task.clock.stage("leaving"):
+            solution = leave_unstable(solution, beside.lower, "along its eigenvectors")
+    return replace(solution, history=tuple(task.steps.history), solve_timings=dict(task.clock.seconds))
+
+
+def all_disks(task: Task) -> tuple[PlateauSolution, ...]:
+    """All disks that are found, saddles of the area included; see `find_disks`."""
+    if plan(task)[0] == InPlane():
+        try:
+            return (_solution((InPlane(),), task),)
+        except DomainError:  # the loop is plane, but Γ crosses itself
+            pass
+    return find_disks(task.rim, lambda disk: _solution((ByNetwork(disk),), task.anew()))
+
+
+def _solution(routes: tuple[Route, ...], task: Task) -> PlateauSolution:
+    return task.solution(nearest_disk(routes, task))
+
+
+def _routes_down(task: Task, disk: Disk) -> tuple[Route, ...]:
+    """The routes to the minimal disk to which the area falls from a discrete one."""
+    is_harmonic = task.options.is_free and not task.loop.corners.any()
+    return (OnFlattening(disk), ByNetwork(disk)) if is_harmonic else (ByNetwork(disk),)
+
+
+def _lower_on_disk(task: Task, solution: PlateauSolution) -> PlateauSolution | None:
+    """A disk of less area than an unstable one, where the unit disk has room for it."""
+    found = task.harmonic.below_on_disk(solution.matching)
+    lower = None if found is None else task.solution(found)
+    return lower if lower is not None and lower.area < solution.area else None
+
+
+def _on_sides(task: Task) -> PlateauSolution:
+    """The disk over a polygon given by its corners alone: sides without points are followed by nothing."""
+    loop, steps = task.loop, task.steps
+    finer = replace(Task.of(subdivided(loop, _PARTS_OF_A_SIDE), task.options), steps=steps)
+    solution = minimal_disk(finer, plan(finer))
+    residual = replace(
+        solution.boundary_residual,
+        mean_edge=loop.mean_edge_length,
+        max_per_local_edge=solution.boundary_residual.max_per_local_edge / _PARTS_OF_A_SIDE,
+    )
+    rim = replace(solution.rims[0], loop=loop, curve=task.curve.placed(loop.points, loop.diagonal))
+    return replace(solution, rims=(rim,), boundary_residual=residual)
+
+
+def subdivided(loop: BoundaryLoop, parts: int) -> BoundaryLoop:
+    """A loop with its edges divided into equal parts, and the same corners."""
+    share = np.arange(parts) / parts
+    edge = np.roll(loop.points, -1, axis=0) - loop.points
+    points = (loop.points[:, None] + share[:, None] * edge[:, None]).reshape(-1, 3)
+    return BoundaryLoop.from_points(points, corners=parts * np.flatnonzero(loop.corners))
+
+
+def _at_unit_size(disk: Disk, task: Task) -> Disk:
+    return replace(disk, vertices=(disk.vertices - task.loop.centroid) / task.loop.diagonal)

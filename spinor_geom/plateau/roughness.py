@@ -1,0 +1,31 @@
+"""How rough a loop is, in one definition for every route."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import DEGREES
+
+# Angle by which one point in ten turns where a loop bends at many of its points: noise of a twentieth of an edge.
+ROUGH_TURN = np.radians(12.0)
+
+
+def roughness(loop: BoundaryLoop) -> float:
+    """Turning angle that nine in ten of a loop's points do not exceed, corners aside."""
+    turning = turning_angles(loop.points)[~loop.corners]
+    return float(np.quantile(turning, 0.9)) if len(turning) else 0.0
+
+
+def roundest(points: int) -> float:
+    """Angle by which a loop of so many points turns at some of them however smooth it is."""
+    return 3 * np.pi / points
+
+
+def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
+    """Whether a loop bends at many of its points, where the curve through them is a cubic spline.
+
+    What the roundest loop of as many points turns by does not count.
+    """
+    return bool(curve.degree == min(DEGREES) and roughness(loop) - roundest(len(loop)) > ROUGH_TURN)

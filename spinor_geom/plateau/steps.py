@@ -1,0 +1,40 @@
+"""The steps of all tries over a loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from spinor_geom.deadline import is_out_of_time
+from spinor_geom.plateau.solution import Iteration
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Steps:
+    """Steps in their order, and who hears of them.
+
+    Attributes:
+        limit: on their number.
+        on_iteration: is called with each.
+        history: those so far.
+    """
+
+    limit: int
+    on_iteration: Callable[[Iteration], None] | None = None
+    history: list[Iteration] = field(default_factory=list)
+
+    def take(self, step: Iteration) -> None:
+        """Takes down a step and tells it."""
+        self.history.append(step)
+        if self.on_iteration is not None:
+            self.on_iteration(step)
+
+    @property
+    def left(self) -> int:
+        """How many more may be taken."""
+        return max(0, self.limit - len(self.history))
+
+    @property
+    def are_spent(self) -> bool:
+        """Whether steps or time are used up."""
+        return not self.left or is_out_of_time()

@@ -1,0 +1,164 @@
+"""The plan of a loop, and the one rule by which its routes are run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from spinor_geom import deadline, gallery
+from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SingularMatrixError, SurfaceError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau import Cauchy, solve_plateau
+from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.plan import (
+    ByNetwork,
+    ByTraining,
+    InPlane,
+    OnUnfolding,
+    OnUnitDisk,
+    Route,
+    ThroughPoints,
+    nearest_disk,
+    plan,
+)
+from spinor_geom.plateau.solution import Iteration
+from spinor_geom.plateau.task import Task
+from spinor_geom.training import LevenbergMarquardt
+from tests.loops import CONVEX, noisy_ellipse, planar
+
+SMOOTH = gallery.twisted_circle().sample(40)
+SKEW = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 1), (1, 1, 0), (0, 1, 1)], corners=[0, 1, 2, 3])
+# a saddle of seven points
+FEW = BoundaryLoop.from_points(
+    [(np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)) for t in 2 * np.pi * np.arange(7) / 7], corners=()
+)
+
+
+def finger() -> BoundaryLoop:
+    """A smooth ring with a finger half an edge wide and five edges long."""
+    t = 2 * np.pi * np.arange(200) / 200
+    ring = np.column_stack([np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)])
+    out = np.array([(-1 - 0.028 * k, 0.008, 0.3) for k in range(1, 7)])
+    return BoundaryLoop.from_points(np.concatenate([ring[:100], out, out[::-1] * [1, -1, 1], ring[101:]]), corners=())
+
+
+def task_of(loop, *, model="auto", between="smooth", tolerance=1e-3, on_iteration=None) -> Task:
+    return Task.of(loop, Options.checked(model, tolerance, 100, "leave", "cpu", between=between), on_iteration)
+
+
+# --- the plan ---------------------------------------------------------------------------------------------------------
+
+HARMONIC = (OnUnfolding(), ByNetwork())
+PLANS = {
+    "smooth": (SMOOTH, {}, (OnUnitDisk(), *HARMONIC)),
+    "smooth, free": (SMOOTH, {"between": "free"}, (OnUnitDisk(), *HARMONIC)),
+    "a curve in formulas": (gallery.tennis_seam(0.8), {}, (OnUnitDisk(), *HARMONIC)),
+    "long": (gallery.ellipse(4.0, 0.3).sample(64), {}, HARMONIC),
+    "rough": (noisy_ellipse(100), {}, HARMONIC),
+    "rough, free": (noisy_ellipse(100), {"between": "free"}, (ThroughPoints(),)),
+    "rough, free, many": (noisy_ellipse(1600, amount=0.2), {"between": "free"}, HARMONIC),
+    "few, free": (FEW, {"between": "free"}, (ThroughPoints(),)),
+    "few": (FEW, {}, (OnUnitDisk(), *HARMONIC)),
+    "narrow finger, free": (finger(), {"between": "free"}, (ThroughPoints(),)),
+    "plane": (gallery.ellipse(8.0).sample(64), {}, (InPlane(), *HARMONIC)),
+    "plane, with corners": (planar(CONVEX, 20), {"between": "free"}, (InPlane(), ByNetwork())),
+    "plane, by a network": (planar(CONVEX, 20), {"model": "cauchy"}, (ByNetwork(),)),
+    "corners": (SKEW, {"between": "free"}, (ByNetwork(),)),
+    "by a network": (SMOOTH, {"model": Cauchy(degree=20)}, (ByNetwork(),)),
+    "power series": (SMOOTH, {"model": "series"}, (OnUnitDisk(),)),
+    "power series, with corners": (SKEW, {"model": "series"}, (OnUnitDisk(),)),
+    "trained": (SMOOTH, {"model": "mlp"}, (ByTraining(LevenbergMarquardt(), warm_start=True),)),
+}
+
+
+@pytest.mark.parametrize(("loop", "options", "routes"), PLANS.values(), ids=PLANS)
+def test_plans(loop, options, routes):
+    assert plan(task_of(loop, **options)) == routes
+
+
+def test_a_plan_can_be_read():
+    assert str(plan(task_of(SMOOTH))) == "(OnUnitDisk(), OnUnfolding(), ByNetwork(start=None))"
+
+
+# --- how it is run ----------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Fake:
+    """A route to a given disk, so many times as far from Γ as it is, or to an error; it takes one step."""
+
+    answer: Found | Exception
+    farther: float = 1.0
+    asked: list[Task] = field(default_factory=list)
+
+    def disk(self, task: Task) -> Found:
+        self.asked.append(task)
+        task.steps.take(Iteration(index=len(task.steps.history) + 1, method="Douglas-Newton", residual=1.0))
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return replace(self.answer, misfit=self.answer.misfit.enlarged(self.farther))
+
+
+def found(route: Route) -> Found:
+    return route.disk(task_of(SMOOTH))
+
+
+MET = found(OnUnitDisk())
+FAILURES = [DomainError("folded"), FirstFillError("no fill"), SingularMatrixError(size=3), SurfaceError("branched")]
+
+
+def test_the_first_route_that_meets_the_tolerance_is_the_last():
+    first, second = Fake(MET), Fake(MET)
+    task = task_of(SMOOTH)
+    assert nearest_disk((first, second), task).surface is MET.surface
+    assert (len(first.asked), len(second.asked)) == (1, 0)
+
+
+@pytest.mark.parametrize("failure", FAILURES, ids=lambda error: type(error).__name__)
+def test_a_route_that_fails_leaves_the_word_to_the_next(failure):
+    heard = []
+    task = task_of(SMOOTH, on_iteration=heard.append)
+    disk = nearest_disk((Fake(failure), Fake(MET)), task)
+    assert disk.surface is MET.surface
+    # its steps count
+    assert [step.index for step in disk.history] == [1, 2]
+    assert tuple(heard) == disk.history
+
+
+@pytest.mark.parametrize("failure", FAILURES, ids=lambda error: type(error).__name__)
+def test_a_poor_disk_stands_where_the_next_route_fails(failure):
+    disk = nearest_disk((Fake(MET, farther=1e9), Fake(failure)), task_of(SMOOTH))
+    assert disk.surface is MET.surface
+    assert len(disk.history) == 2
+    with pytest.raises(type(failure)):
+        nearest_disk((Fake(DomainError("crowded")), Fake(failure)), task_of(SMOOTH))
+
+
+@pytest.mark.parametrize("farther", [(1e9, 1e8), (1e8, 1e9)])
+def test_the_nearest_disk_is_taken_where_none_meets_the_tolerance(farther):
+    disk = nearest_disk([Fake(MET, farther=times) for times in farther], task_of(SMOOTH))
+    assert disk.misfit.rms == 1e8 * MET.misfit.rms
+    assert len(disk.history) == 2
+
+
+def test_time_that_is_over_ends_the_plan():
+    second = Fake(MET)
+    with deadline.time_limit(0), pytest.raises(OutOfTimeError):
+        nearest_disk((second,), task_of(SMOOTH))
+    assert not second.asked
+
+
+def test_another_error_is_no_failure_of_a_route():
+    with pytest.raises(RuntimeError, match="broken"):
+        nearest_disk((Fake(RuntimeError("broken")), Fake(MET)), task_of(SMOOTH))
+
+
+def test_the_limit_on_steps_holds_for_the_whole_plan():
+    heard = []
+    solution = solve_plateau(SMOOTH, tolerance=1e-15, max_iterations=5, on_iteration=heard.append)
+    assert tuple(heard) == solution.history
+    assert [step.index for step in heard] == [1, 2, 3, 4, 5]
+    assert "limit on steps" in solution.reason
