@@ -167,7 +167,7 @@ def _cut_outs(settings: Settings, folder: Path) -> Iterator[Task]:
 def _meshes(settings: Settings, _: Path) -> Iterator[Task]:
     """Every hole of every mesh file, by every filler."""
     if settings.data is not None and not settings.few:
-        yield from _each("meshes", map(str, mesh_files(settings.data, settings.cases)), FILLERS)
+        yield from _each("meshes", [str(path) for path in mesh_files(settings.data, settings.cases)], FILLERS)
 
 
 def _noisy(settings: Settings, _: Path) -> Iterator[Task]:

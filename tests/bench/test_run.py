@@ -198,6 +198,13 @@ def test_the_long_run_has_every_case_of_every_suite_once():
     assert len({name for name, _ in names}) == len(names)
 
 
+def test_mesh_files_are_filled_by_every_tool():
+    tasks = chosen_tasks(Settings(suites=("meshes",), data=DATA), Path("run"))
+    files = {case_name(task) for task in tasks}
+    assert {"spot_cut.obj", "plane_holes.obj"} <= files
+    assert {(case_name(t), t["method"]) for t in tasks} == {(file, tool) for file in files for tool in suites.FILLERS}
+
+
 def test_seconds_under_unlike_loads_are_not_compared():
     slower = ("at most 3 times the seconds of libigl", "time")
     assert slower in verdicts(loop_record(), libigl_record(load=1.0))
