@@ -66,6 +66,7 @@ def _solve(task: Task) -> Record:
 
 def _span(task: Task) -> Record:
     from spinor_geom.bench.cases import known_case
+    from spinor_geom.bench.claims import LEAST_POINTS
     from spinor_geom.bench.limit import points_limit
     from spinor_geom.bench.measure import disk_figures
     from spinor_geom.bench.methods import LOOP_METHODS
@@ -74,7 +75,7 @@ def _span(task: Task) -> Record:
     loop, method = case.loop(task["n"]), LOOP_METHODS[task["method"]]
     timed, spanned = _timed(lambda: None, lambda _: method.span(loop), task["repeat"])
     figures = disk_figures(spanned, loop, case)
-    if task["method"] == "spinor" and case.kind == "smooth":
+    if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
         figures["limit_error"] = points_limit(case, task["n"])
     return {**timed, **figures}
 
