@@ -246,7 +246,7 @@ def _in_h1(
     *,
     centre: Complex[Tensor, ""] | None,
 ) -> Complex[Tensor, "_ k"]:
-    """Rows whose squares sum to ∫ |f|² + |f′|² |dz| of powers of a coordinate, f′ by edges; those of z have no centre."""
+    """Rows whose squares sum to ∫ |f|² + |f′|² |dz| of powers of a coordinate, f′ by edges; z itself has no centre."""
     edge = (polygon.roll(-1) - polygon).abs()[:, None, None]
     weights = torch.tensor(rule("gauss", z.shape[1]).weights, device=z.device)[:, None]
     k = torch.arange(powers.shape[-1], dtype=edge.dtype, device=z.device)
