@@ -33,7 +33,6 @@ from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.through_points import (
     EdgeIntegrals,
     PointEquations,
-    curve_through,
     misfit_at_points,
     nearest_through,
     nodes_on_edges,
@@ -247,7 +246,7 @@ def _in_h1(
     *,
     centre: Complex[Tensor, ""] | None,
 ) -> Complex[Tensor, "_ k"]:
-    """Rows with the sum of squares ∫ |f|² + |f′|² |dz| of a coordinate's powers, f′ by edges; z has no centre."""
+    """Rows whose squares sum to ∫ |f|² + |f′|² |dz| of powers of a coordinate, f′ by edges; z itself has no centre."""
     edge = (polygon.roll(-1) - polygon).abs()[:, None, None]
     weights = torch.tensor(rule("gauss", z.shape[1]).weights, device=z.device)[:, None]
     k = torch.arange(powers.shape[-1], dtype=edge.dtype, device=z.device)
@@ -331,7 +330,7 @@ class _Passing:
             surface.constant.sub_(surface.constant.new_tensor(error.mean(0)))
         off = np.split(error - error.mean(0), np.cumsum([len(each) for each in self.points])[:-1])
         curves = tuple(
-            curve_through(each.cpu().numpy(), along.velocity.real.cpu().numpy(), own)
+            along.curve_through(each.cpu().numpy(), own)
             for along, each, own in zip(self._integrals, self.points, off, strict=True)
         )
         misfits = [misfit_at_points(curve, own) for curve, own in zip(curves, off, strict=True)]
