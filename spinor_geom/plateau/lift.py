@@ -276,7 +276,7 @@ class _SampledBoundary:
         diagonal = gram.diagonal(dim1=1, dim2=2)
         diagonal.add_(_SETTLING_DAMPING * diagonal.mean(-1, keepdim=True))
         x = torch.linalg.solve(gram, (matrix * torch.cat(right, dim=1)[:, None]).sum(-1))
-        change = torch.complex(x[:, : 2 * k], x[:, 2 * k : 4 * k]).unflatten(1, (2, k))
+        change = torch.complex(x[:, : 2 * k], x[:, 2 * k : 4 * k]).reshape(-1, 2, k)
         return torch.stack([one @ basis for one in change])
 
     def lifts(self, placed: _Placed, is_lifted: Bool[Tensor, " b"]) -> tuple[Lift | None, ...]:
