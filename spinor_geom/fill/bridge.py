@@ -153,7 +153,7 @@ def surface_between(places: Sequence[int], loops: Sequence[BoundaryLoop], option
         SpinorGeomError: as `solve_plateau` raises it.
     """
     with time_limit(options.time_limit):
-        answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance)
+        answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance, between="free")
     if isinstance(answer, NoConnectedSurface):
         raise SurfaceError(f"{answer.reason}; fill the {'two ' if len(loops) == 2 else ''}loops one by one instead")
     if answer.annulus is not None and answer.annulus.reversed:

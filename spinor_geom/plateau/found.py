@@ -47,6 +47,7 @@ class FoundBetween:
         order: the numbers of the loops, that of the outer boundary of Ω first.
         back: whether each, in that order, runs against the boundary of the surface.
         matchings: of all boundaries of Ω, as in `Found`.
+        curves: Γ of each where it is the surface's own boundary between a loop's points; none for the loops' curves.
         misfit: distance of all from their curves.
         area: ½∮ r·Im(φ dz).
         modulus: see `capacity_path.mean_modulus`; none where Ω is no circular domain.
@@ -67,3 +68,4 @@ class FoundBetween:
     period: float
     route: RouteName
     limit: str
+    curves: tuple[BoundaryCurve, ...] | None = None

@@ -102,7 +102,7 @@ def lifted(surface: HarmonicSurface, curves: tuple[CurveTensors, ...], *, allowe
     best: Lift | None = None
     for _ in range(_MOST_LIFTS):
         try:
-            model = _closed(_model(points, form))
+            model = closed(_model(points, form))
         except SurfaceError:
             if best is None:
                 raise
@@ -183,7 +183,7 @@ def _trimmed(coefficients: Complex[Tensor, "k 2"]) -> Complex[Tensor, "j 2"]:
     return coefficients[: int(large[-1]) + 1] if len(large) else coefficients[:1]
 
 
-def _closed(model: LaurentSeries) -> LaurentSeries:
+def closed(model: LaurentSeries) -> LaurentSeries:
     """The series with the least change of some coefficients that makes the residues of φ real: Re ∮ φ dz = 0."""
     domain, holes = model.circles, len(model.circles.centres)
     n = 4 * max(len(model.outward), model.inward.shape[1] + 1)

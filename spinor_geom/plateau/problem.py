@@ -156,7 +156,8 @@ def _horner(
 ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
     """Value, first and second derivative of polynomials at h."""
     # rows are gathered whole, and coordinates kept apart then: with three numbers in a row everything is far slower
-    local = pieces.flatten(1).index_select(0, piece.flatten()).T.reshape(-1, 3, *piece.shape)
+    local = pieces.flatten(1).index_select(0, piece.flatten()).T.contiguous()
+    local = local.reshape(pieces.shape[1], 3, *piece.shape)
     value = local[0].clone()
     first, second = torch.zeros_like(value), torch.zeros_like(value)
     for coefficient in local[1:]:

@@ -9,9 +9,11 @@ from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from scipy.fft import next_fast_len
 from scipy.spatial import cKDTree
+from torch import Tensor
 
 from spinor_geom.deadline import require_time
 from spinor_geom.errors import (
@@ -44,6 +46,7 @@ from spinor_geom.plateau.plane_route import beside_in_plane, plane_between
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between, start_over
 from spinor_geom.plateau.rims_energy import HarmonicSurface
+from spinor_geom.plateau.rims_through_points import surface_through
 from spinor_geom.plateau.solution import (
     Annulus,
     BoundaryResidual,
@@ -66,9 +69,9 @@ _MOST_SMOOTH = 2048
 _NODES_PER_GAP = 4
 # Nodes for each edge of rough rims to begin with, and how many times more come next.
 _PER_EDGE, _MORE_NODES = 6, 2
-# Turning angle, exceeded by one point in ten, from which a loop counts as rough; the smooth curves that lead to it:
-# their width at first, in points, and how many they are.
-_ROUGH_TURN, _SMOOTHING, _AVERAGES, _DEFORMATIONS = np.radians(12.0), 2.0, 2, 4
+# Turning angle, exceeded by one point in ten, from which a loop counts as rough; the smooth curve that leads to it: its
+# width, in points and at least as a share of the loop; and how many curves there are between.
+_ROUGH_TURN, _SMOOTHING, _NARROWEST_AVERAGE, _DEFORMATIONS = np.radians(12.0), 3.0, 0.03, 4
 # Of rough rims: gradient to stop at, as a share of the distance allowed in edges; fall of the energy that is none, as a
 # share of that of waves of that height; steps of one solve.
 _FINE_ROUGH, _NEGLIGIBLE, _MOST_STEPS = 3e-2, 1e-3, 60
@@ -136,7 +139,7 @@ class RimsTask:
             RepeatedPointError: two neighbouring points of a loop are equal.
             CurveError: formulas are not those of a smooth closed curve.
         """
-        if options.optimizer is not None:
+        if options.trainer is not None:
             raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
         if len(given) > 2 and not options.is_free and not options.is_series:
             raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
@@ -179,6 +182,9 @@ class RimsTask:
             moduli = [math.log(mean_modulus(placed.surface.domain)) for placed in found]
             near = min(zip(moduli, found, strict=True), key=lambda pair: abs(pair[0] - log), default=None)
             return self._none() if near is None else self._solution(near[1])
+        passed = self._through_points() if self.options.is_free and self.options.is_free_between else None
+        if passed is not None and passed.converged:
+            return passed
         if self.options.is_series or len(self.loops) > 2:
             return self._on_circles()
         fitted: PlateauSolution | None = None
@@ -215,6 +221,55 @@ class RimsTask:
         if best is not None:
             return self._solution(best)
         return self._none()
+
+    def _through_points(self) -> PlateauSolution | None:
+        """The surface through the points of rough rims; none over smooth ones, or where their teeth cross in Ω."""
+        placed = self._descended() if self._is_rough else None
+        if placed is None:
+            return None
+        problem = self._problem(placed)
+        with self.clock.stage("lift"):
+            smooth = lifted(placed.surface, problem.curves, allowed=self._allowed)
+            circles = lifted_surface(smooth, order=_PATH_ORDER).domain.boundaries
+        points, starts = [], []
+        for rim, back, slide, circle in zip(placed.rims, placed.back, smooth.rims, circles, strict=True):
+            loop = self.loops[rim.number].reversed() if back else self.loops[rim.number]
+            average = self._way[0][rim.number]
+            match = RimMatch(
+                loop=loop,
+                curve=average.reversed() if back else average,
+                boundary=circle,
+                matching=_matching(slide.slide),
+            )
+            points.append((loop.points - self.centre) / self.scale)
+            starts.append(torch.as_tensor(match.points_in_domain(), device=self.options.device))
+        try:
+            with self.clock.stage("fit"):
+                passed = surface_through(smooth, starts, points, allowed=self._allowed, on_step=self._heard_newton)
+        except DomainError:
+            return None
+        found = FoundBetween(
+            surface=passed.surface,
+            order=tuple(rim.number for rim in placed.rims),
+            back=placed.back,
+            matchings=tuple(
+                np.column_stack([boundary.parameters[:-1], curve.breaks[:-1]])
+                for boundary, curve in zip(passed.surface.domain.boundaries, passed.curves, strict=True)
+            ),
+            curves=passed.curves,
+            misfit=passed.misfit,
+            area=passed.surface.area(),
+            modulus=mean_modulus(placed.surface.domain),
+            antiperiodic=smooth.model.antiperiodic,
+            period=passed.period,
+            route="vertices",
+            limit="no minimal surface near that over averages of the rims passes through their points more nearly",
+        )
+        return self._told(found)
+
+    def _heard_newton(self, distance: float) -> bool:
+        self._heard_of(Iteration(index=0, method="Newton", residual=distance))
+        return len(self.history) < self.options.max_iterations
 
     def _on_network(self) -> PlateauSolution | None:
         """The annulus of a Cauchy network on a domain made for two rims; none where no domain was found."""
@@ -422,7 +477,7 @@ class RimsTask:
 
     @cached_property
     def _disks(self) -> RimDisks:
-        options = replace(self.options, laurent=None)
+        options = self.options if self.options.laurent is None else replace(self.options, model="auto")
         curves = tuple(curve for curve, _ in self.curves)
         return RimDisks(solve=partial(_disks_over, self.loops, curves, options))
 
@@ -513,19 +568,17 @@ class RimsTask:
     def _found(self, lift: Lift, harmonic: HarmonicSurface, *, placed: Placement, limit: str) -> FoundBetween:
         with self.clock.stage("surface"):
             surface = lifted_surface(lift, order=_PATH_ORDER)
-        slides = [rim.slide.cpu().numpy() for rim in lift.rims]
-        t = np.arange(len(slides[0])) / len(slides[0])
         return FoundBetween(
             surface=surface,
             order=tuple(rim.number for rim in placed.rims),
             back=placed.back,
-            matchings=tuple(np.column_stack([t, slide]) for slide in slides),
+            matchings=tuple(_matching(rim.slide) for rim in lift.rims),
             misfit=lift.misfit,
             area=lift.area,
             modulus=mean_modulus(harmonic.domain),
             antiperiodic=lift.model.antiperiodic,
             period=lift.period,
-            route="annulus" if len(slides) == 2 else "circles",
+            route="annulus" if len(lift.rims) == 2 else "circles",
             limit=limit,
         )
 
@@ -562,12 +615,14 @@ class RimsTask:
         )
 
     def _matches(self, found: FoundBetween, surface: SpinorSurface) -> tuple[RimMatch, ...]:
-        matches = []
+        matches: list[RimMatch] = []
+        curves = found.curves
         for number, back, boundary, matching in zip(
             found.order, found.back, surface.domain.boundaries, found.matchings, strict=True
         ):
             loop = self.loops[number].reversed() if back else self.loops[number]
-            curve = self.curves[number][back].placed(loop.points, self.scale)
+            curve = self.curves[number][back] if curves is None else curves[len(matches)]
+            curve = curve.placed(loop.points, self.scale)
             matches.append(RimMatch(loop=loop, curve=curve, boundary=boundary, matching=matching))
         return tuple(matches)
 
@@ -584,13 +639,20 @@ def _disks_over(
 
 
 def _grown(curve: BoundaryCurve, points: int) -> list[BoundaryCurve]:
-    """Curves from a smooth average to a rough one."""
-    widths = np.geomspace(_SMOOTHING / min(points, _COARSE_NODES // 2), _SMOOTHING / points, _AVERAGES)
-    averages = [curve.smoothed(width) for width in widths]
-    return [
-        *averages,
-        *(averages[-1].towards(curve, share) for share in np.arange(1, _DEFORMATIONS + 1) / _DEFORMATIONS),
-    ]
+    """Curves from a smooth average to a rough one.
+
+    Averaged once, curves shrink; twice the average less the average's average keeps what is much longer than its width.
+    """
+    width = max(_SMOOTHING / points, _NARROWEST_AVERAGE)
+    once = curve.smoothed(width)
+    average = once.towards(once.smoothed(width), -1.0)
+    shares = np.arange(1, _DEFORMATIONS + 1) / _DEFORMATIONS
+    return [average, *(average.towards(curve, share) for share in shares)]
+
+
+def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:
+    """The pairs of `RimMatch` for curve parameters at equal steps."""
+    return np.column_stack([np.arange(len(slide)) / len(slide), slide.cpu().numpy()])
 
 
 def _even(nodes: float) -> int:

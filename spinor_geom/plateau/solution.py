@@ -245,10 +245,11 @@ class PlateauSolution(Shown):
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
         area: ½∮ r·Im(φ dz), in squared mesh units.
         route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "vertices": of
-            the surfaces through a rough loop's points the one nearest to a discrete minimal disk; Γ between the points
-            is the surface's own boundary. "disk", "unfolded", "flattened": Douglas's slide on the unit disk, on the
-            unfolded least-area triangulation, or on a flattened discrete disk; p and q are a power series or Cauchy's
-            formula. "network": Gauss-Newton for a Cauchy network. "trained": training of a complex-valued network.
+            the surfaces through rough loops' points the one nearest to a discrete minimal disk, or to that over
+            averages of several loops; Γ between the points is the surface's own boundary. "disk", "unfolded",
+            "flattened": Douglas's slide on the unit disk, on the unfolded least-area triangulation, or on a flattened
+            discrete disk; p and q are a power series or Cauchy's formula. "network": Gauss-Newton for a Cauchy network.
+            "trained": training of a complex-valued network.
             "annulus": Douglas's slides of two rims and the modulus between them, "circles" those of more and the moduli
             of a disk with round holes; p and q are Laurent series. "annular network": Gauss-Newton for a Cauchy network
             on a flattened discrete annulus.

@@ -128,8 +128,9 @@ def solve_plateau(
             between several curves with the start that `Laurent(modulus=...)` gives.
         between: what Γ is between the points of a loop. "smooth" is the curve through them that `BoundaryCurve` makes.
             "free", for rims of meshes, of which only the points are in the mesh: where they show no smooth curve, Γ is
-            the boundary of the surface through the points that is nearest to a discrete minimal disk. It is found in
-            hundredths of a second for tens of points, however rough the rim is, and is not left where it is unstable.
+            the boundary of the surface through the points that is nearest to a discrete minimal disk, or between
+            several loops to the surface between averages of them. It is found in hundredths of a second for tens of
+            points, between several loops in seconds, and is not left where it is unstable.
         all_solutions: look for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too; see `find_disks`. It takes several times as long, and more may exist than are found.
         device: where the linear algebra runs; the surface is returned there.
@@ -153,8 +154,15 @@ def solve_plateau(
 
     Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).
     """
-    options = Options.checked(
-        model, tolerance, max_iterations, unstable, device, optimizer=optimizer, warm_start=warm_start, between=between
+    options = Options(
+        model=model,
+        optimizer=optimizer,
+        warm_start=warm_start,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        unstable=unstable,
+        between=between,
+        device=torch.device(device),
     )
     if all_solutions:
         _require_model_for_all(model, rims=1 if isinstance(loop, (BoundaryLoop, ClosedCurve)) else 2)
@@ -226,7 +234,14 @@ def solve_plateau_batch(
     Raises:
         OptionError: an unknown model or a value out of range.
     """
-    options = Options.checked(model, tolerance, max_iterations, unstable, device, between=between)
+    options = Options(
+        model=model,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        unstable=unstable,
+        between=between,
+        device=torch.device(device),
+    )
     return _side_by_side(iter(loops), options, time_limit)
 
 

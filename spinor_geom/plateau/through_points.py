@@ -1,0 +1,277 @@
+"""What routes share whose surface passes through points: integrals along polygons in Ω, and Newton's method for them.
+
+p and q are sums of features; δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz, so that two complex matrices say
+all of how the points move. There are fewer equations than read-outs: of all solutions the one nearest to a start is
+taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol, Self, TypeVar
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.deadline import is_out_of_time
+from spinor_geom.domain.plane_domain import SplineBoundary
+from spinor_geom.domain.quadrature import cumulative_matrix, rule
+from spinor_geom.errors import DomainError
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import places_in_piece, through
+from spinor_geom.plateau.gauss_newton import gram
+from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.surface.formulas import phi
+
+# The Newton equations' diagonal is raised by this share of its mean: an equation that no read-out can meet is not met
+# at any price.
+_DAMPING = 1e-9
+# A linearisation is used again while each step brings the distance below this share.
+_KEEP = 0.3
+# A step is halved so many times at most, and the last one is that which leaves more than this share.
+_HALVINGS, _STALL = 6, 0.99
+# Linearisations in all: rims that are met take one to ten.
+_MOST_LINEARISATIONS = 12
+
+Array = TypeVar("Array", bound="np.ndarray[Any, Any] | Tensor")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EdgeIntegrals:
+    """p and q at Gauss-Legendre nodes on the edges of ∂Ω, and the surface's boundary that they make."""
+
+    polygon: Complex[Tensor, " n"]
+    spinors: Complex[Tensor, "n g 2"]
+
+    @property
+    def nodes(self) -> int:
+        """Number on each edge."""
+        return self.spinors.shape[1]
+
+    @cached_property
+    def velocity(self) -> Complex[Tensor, "n g 3"]:
+        """φ dz by the share of the edge."""
+        step = self.polygon.roll(-1) - self.polygon
+        return phi(self.spinors[..., 0], self.spinors[..., 1]) * step[:, None, None]
+
+    def changes(self, features: Complex[Tensor, "n g k"]) -> Complex[Tensor, "n 2 k"]:
+        """∫ 2pf dz and ∫ 2qf dz over each edge for features f at the nodes."""
+        weights = torch.tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
+        step = self.polygon.roll(-1) - self.polygon
+        # of both at once, edge by edge: (n, 2, g) times (n, g, k)
+        changes: Tensor = (2 * step[:, None, None] * weights * self.spinors.mT) @ features
+        return changes
+
+    @cached_property
+    def _steps(self) -> Float[Tensor, "n 3"]:
+        weights = torch.tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
+        return torch.einsum("g,ngk->nk", weights, self.velocity.real)
+
+    @property
+    def starts(self) -> Float[Tensor, "n 3"]:
+        """R at the vertices of ∂Ω, 0 at the first."""
+        return self._steps.cumsum(0) - self._steps
+
+    @property
+    def gap(self) -> Float[Tensor, "3"]:
+        """Re ∮ φ dz: what r is off the first vertex after one turn."""
+        return self._steps.sum(0)
+
+    def centred(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
+        """Distances of the vertices from given points, with the constant of r that makes their sum 0."""
+        return centred(self.starts - points)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointEquations:
+    """The distances of points from where they shall be as linear functions of orthonormal read-outs.
+
+    Attributes:
+        by_p: conjugates of ∫ 2pf dz to each point for all features f.
+        by_q: of ∫ 2qf dz.
+        factor: of the Gram matrix of the 3n functions.
+    """
+
+    by_p: Complex[Tensor, "k n"]
+    by_q: Complex[Tensor, "k n"]
+    factor: Float[Tensor, "n3 n3"]
+
+    @classmethod
+    def of(cls, by_p: Complex[Tensor, "k n"], by_q: Complex[Tensor, "k n"]) -> PointEquations:
+        """The equations with their factor."""
+        n = by_p.shape[1]
+        lower = gram(torch.cat([by_p, by_q], dim=1))
+        pp, qp, qq = lower[:n, :n], lower[n:, :n], lower[n:, n:]
+        matrix = torch.zeros(3 * n, 3 * n, dtype=torch.float64, device=lower.device)
+        for k in range(3):
+            matrix[k * n : (k + 1) * n, k * n : (k + 1) * n] = (pp + qq).real
+        difference = (pp - qq).imag.tril()
+        matrix[n : 2 * n, :n] = difference - difference.mT
+        matrix[2 * n :, :n] = (qp - qp.mH).real
+        matrix[2 * n :, n : 2 * n] = -(qp + qp.mH).imag
+        matrix.diagonal().add_(_DAMPING * matrix.diagonal().mean())
+        return cls(by_p=by_p, by_q=by_q, factor=torch.linalg.cholesky(matrix))
+
+    def step(self, error: Float[Tensor, "n 3"], away: Complex[Tensor, "k 2"] | None) -> Complex[Tensor, "k 2"]:
+        """The shortest change of the read-outs that takes the distances away.
+
+        Args:
+            error: the distances.
+            away: read-outs less those that the changed ones shall be nearest to; none for the change itself.
+        """
+        wanted = error if away is None else error - self._change(away)
+        x, y, z = torch.cholesky_solve(wanted.T.reshape(-1, 1), self.factor).reshape(3, -1)
+        xy, z = torch.complex(x, y), torch.complex(z, torch.zeros_like(z))
+        p, q = self.by_p, self.by_q
+        change = -torch.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], dim=1)
+        return change if away is None else change - away
+
+    def _change(self, readout: Complex[Tensor, "k 2"]) -> Float[Tensor, "n 3"]:
+        """Of the vertices by a change of the read-outs."""
+        (pp, pq), (qp, qq) = (self.by_p.mH @ readout).T, (self.by_q.mH @ readout).T
+        return torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
+
+
+class Passing(Protocol):
+    """A surface on its way through points."""
+
+    @property
+    def error(self) -> Float[Tensor, "n 3"]:
+        """What the points are off where they shall be."""
+        ...
+
+    def linearised(self) -> PointEquations:
+        """How that changes with the read-outs."""
+        ...
+
+    def at(self, readout: Complex[Tensor, "k 2"]) -> Self:
+        """The surface of other read-outs."""
+        ...
+
+
+def nearest_through(
+    here: Passing,
+    readout: Complex[Tensor, "k 2"],
+    *,
+    start: Complex[Tensor, "k 2"],
+    enough: float,
+    on_step: Callable[[float], bool],
+) -> Complex[Tensor, "k 2"]:
+    """Newton's method for the read-outs nearest to a start that meet all points.
+
+    Args:
+        here: the surface to set out from.
+        readout: its read-outs.
+        start: those to stay near to.
+        enough: RMS distance at which to stop.
+        on_step: gets the RMS distance after each step, and says whether there may be one more.
+    """
+    linear: PointEquations | None = None
+    linearised, goes_on = 0, True
+    while rms(here.error) > enough and goes_on and not is_out_of_time():
+        fresh = linear is None
+        if linear is None:
+            if linearised == _MOST_LINEARISATIONS:
+                break
+            linear, linearised = here.linearised(), linearised + 1
+        # far from the points the step is the one to the solution nearest to the start, not to where it is
+        step = linear.step(here.error, readout - start if fresh else None)
+        length = 1.0
+        for _ in range(_HALVINGS if fresh else 1):
+            trial = readout + length * step
+            there = here.at(trial)
+            if rms(there.error) < rms(here.error):
+                break
+            length /= 2
+        else:
+            if fresh:
+                break
+            linear = None
+            continue
+        left = rms(there.error) / rms(here.error)
+        readout, here = trial, there
+        goes_on = on_step(rms(here.error))
+        if left > _KEEP:
+            if fresh and left > _STALL:
+                break
+            linear = None
+    return readout
+
+
+def curve_through(
+    points: Float[np.ndarray, "n 3"], velocity: Float[np.ndarray, "n g 3"], error: Float[np.ndarray, "n 3"]
+) -> BoundaryCurve:
+    """Γ: a surface's boundary less its distances from points, which change linearly from one to the next.
+
+    Args:
+        points: on Γ.
+        velocity: dr by the share of the way from each point to the next, at Gauss-Legendre nodes.
+        error: the surface's boundary at the points less those.
+    """
+    place = places_in_piece()
+    within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
+    values = points + within - place[:, None, None] * (np.roll(error, -1, axis=0) - error)
+    chord = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
+    breaks[-1] = 1.0
+    values[0] = points
+    return BoundaryCurve(
+        breaks=breaks, coefficients=through(values, np.diff(breaks)), corners=np.ones(len(points), dtype=bool)
+    )
+
+
+def misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:
+    """The misfit of a surface's boundary off Γ by what its points are, and linearly between them.
+
+    Args:
+        curve: Γ; see `curve_through`.
+        error: of the points.
+    """
+    points = curve.coefficients[-1]
+    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    after, beside = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2
+    distance = np.linalg.norm(error, axis=1)
+    squares = (error * error + error * after + after * after).sum(axis=1) / 3
+    return Misfit(
+        rms=float(np.sqrt(length @ squares / length.sum())),
+        max=float(distance.max()),
+        max_per_local_edge=float((distance / beside).max()),
+        length=curve.length(),
+    )
+
+
+def nodes_on_edges(polygon: Complex[Tensor, " n"], count: int) -> Complex[Tensor, "n g"]:
+    """Gauss-Legendre nodes on the edges of a polygon."""
+    place = torch.tensor(rule("gauss", count).nodes, device=polygon.device)
+    nodes: Tensor = polygon[:, None] + place * (polygon.roll(-1) - polygon)[:, None]
+    return nodes
+
+
+def polygon_through(vertices: Complex[np.ndarray, " n"]) -> SplineBoundary:
+    """The closed polygon through vertices; p and q have no singularity at them, so they are no corners."""
+    step = np.roll(vertices, -1) - vertices
+    if not step.all():
+        raise DomainError("two neighbouring points of the flattened disk's boundary are one", vertices=len(vertices))
+    along = np.append(0.0, np.cumsum(np.abs(step)) / np.abs(step).sum())
+    along[-1] = 1.0
+    return SplineBoundary(along, np.stack([step / np.diff(along), vertices]), np.zeros(len(vertices), dtype=bool))
+
+
+def rms(error: Float[Tensor, "n 3"]) -> float:
+    """Root mean square length."""
+    return float(error.square().sum(1).mean().sqrt())
+
+
+def shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """Lengths of a polygon's edges by all."""
+    edge = (polygon.roll(-1) - polygon).abs()
+    return edge / edge.sum()
+
+
+def centred(error: Array) -> Array:
+    """Less their mean."""
+    return error - error.mean(0)
