@@ -10,8 +10,8 @@ from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.cut_outs import HEIGHTS
 from spinor_geom.bench.figures import Figure, Kind, Limit
 from spinor_geom.bench.fillers import OUR_FILLERS, OURS, SMOOTH
-from spinor_geom.bench.holes import NOISY
 from spinor_geom.bench.isolate import Record
+from spinor_geom.bench.ragged import CUT, NOISY
 from spinor_geom.bench.solves import SUITES as SOLVED
 from spinor_geom.bench.solves import solves
 
@@ -32,7 +32,7 @@ LEAST_POINTS = 64  # of a loop that stands for a smooth curve
 BASELINES = ("libigl", "libigl-uniform")
 # errors below this are rounding
 ROUNDING = 1e-15
-# of films over rims as people have them: residual per mean edge; nine points in ten turn by less, in degrees, on the
+# of patches over rims cut along triangles: residual per mean edge; nine points in ten turn by less, in degrees, on the
 # milder ones; shares of both that are within; seconds
 WITHIN, SHARP, MILD_SHARE, SHARP_SHARE, FILL_SECONDS, SLOWEST_FILL = 1e-3, 130.0, 0.95, 0.6, 0.15, 1.0
 NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}
@@ -53,8 +53,7 @@ def claims(records: Sequence[Record]) -> list[Figure]:
         found += _fillers(case, group)
     found += _stitched(here.get("odd", []))
     found += _continued(here.get("cut-outs", []))
-    found += _films(here.get("cut-outs", []))
-    found += _noisy(here.get("noisy", []))
+    found += _ragged(here.get("ragged", []))
     found += _meshes(here.get("meshes", []))
     for record in records:
         # what ours refuses is a promise missed
@@ -233,9 +232,11 @@ def _on_scans(done: list[Record], least: Mapping[str, float]) -> list[Figure]:
     ]
 
 
-def _noisy(done: list[Record]) -> list[Figure]:
-    found = []
-    for record in (r for r in done if r["method"] == OURS and r["case"] in NOISY):
+def _ragged(done: list[Record]) -> list[Figure]:
+    """Ours on rims with noise, and on those cut along triangles."""
+    ours = [r for r in done if r["method"] == OURS]
+    found = _cut_along_triangles([r for r in ours if r["case"] in CUT])
+    for record in (r for r in ours if r["case"] in NOISY):
         noise, points = NOISY[record["case"]]
         within = WITHIN if noise < 0.2 else 1e-2
         found.append(Limit("residual_per_edge", "RMS residual, in mean edges,", within).of(record))
@@ -243,19 +244,17 @@ def _noisy(done: list[Record]) -> list[Figure]:
     return found
 
 
-def _films(cut_outs: list[Record]) -> list[Figure]:
-    """The films of ours on cut-outs, whose rims are as people have them."""
-    rims = [r for r in cut_outs if r["method"] == OURS and "sharpness" in r]
+def _cut_along_triangles(rims: list[Record]) -> list[Figure]:
     if not rims:
         return []
-    found = [_all("cut-outs", "films", "no film crosses anything", rims, _clean)]
+    found = [_all("ragged", "cut", "no patch crosses anything", rims, _clean)]
     for name, sharp, share in (("milder rims", False, MILD_SHARE), ("sharper rims", True, SHARP_SHARE)):
         met = [_residual(r) <= WITHIN for r in rims if (r["sharpness"] >= SHARP) == sharp]
         if met:
-            found.append(_share("cut-outs", name, f"films within {WITHIN:g} of an edge", met, share))
+            found.append(_share("ragged", name, f"patches within {WITHIN:g} of an edge", met, share))
     seconds = [r["seconds"] for r in rims]
-    found += _at_Limit("cut-outs", "films", "seconds, median,", [median(seconds)], FILL_SECONDS, "time")
-    return [*found, *_at_Limit("cut-outs", "films", "seconds", seconds, SLOWEST_FILL, "time")]
+    found += _at_Limit("ragged", "cut", "seconds, median,", [median(seconds)], FILL_SECONDS, "time")
+    return [*found, *_at_Limit("ragged", "cut", "seconds", seconds, SLOWEST_FILL, "time")]
 
 
 def _residual(record: Record) -> float:

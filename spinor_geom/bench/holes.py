@@ -329,39 +329,6 @@ ODD: Mapping[str, Callable[[], Hole]] = {
 """Rims that are no ordinary holes."""
 
 
-# --- noisy rims -------------------------------------------------------------------------------------------------------
-
-
-def _noisy_collar(noise: float, points: int) -> Hole:
-    """A strip outside a noisy ellipse: its inner rim is the hole, its outer one is closed by a cone below."""
-    random = np.random.default_rng(points)
-    t = 2 * np.pi * np.arange(points) / points
-    rim = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)])
-    edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1).mean()
-    inner = rim + noise * edge * random.standard_normal(rim.shape)
-    outer = np.column_stack([2.6 * np.cos(t), 1.6 * np.sin(t), np.full(points, -0.8)])
-    i, j = np.arange(points), (np.arange(points) + 1) % points
-    faces = np.vstack(
-        [
-            np.column_stack([i, i + points, j]),
-            np.column_stack([j, i + points, j + points]),
-            np.column_stack([i + points, np.full(points, 2 * points), j + points]),
-        ]
-    )
-    return all_rims(f"noise-{noise:.0%}-{points}", np.vstack([inner, outer, [[0, 0, -3]]]), faces)
-
-
-NOISY: Mapping[str, tuple[float, int]] = {
-    f"noise-{noise:.0%}-{points}": (noise, points) for noise in (0.05, 0.15, 0.3) for points in (100, 250, 600, 1200)
-}
-"""Noise in mean edges and points of rims with noise."""
-
-
-def named_hole(name: str) -> Hole:
-    """The odd or noisy rim of a name."""
-    return _noisy_collar(*NOISY[name]) if name in NOISY else ODD[name]()
-
-
 # --- mesh files -------------------------------------------------------------------------------------------------------
 
 

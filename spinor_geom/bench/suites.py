@@ -14,9 +14,10 @@ from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTHEST
-from spinor_geom.bench.holes import NOISY, ODD, mesh_files
+from spinor_geom.bench.holes import ODD, mesh_files
 from spinor_geom.bench.isolate import Task
 from spinor_geom.bench.methods import LOOP_METHODS
+from spinor_geom.bench.ragged import CUT, NOISY
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
 from spinor_geom.bench.solves import solves
 from spinor_geom.errors import OptionError
@@ -170,9 +171,10 @@ def _meshes(settings: Settings, _: Path) -> Iterator[Task]:
         yield from _each("meshes", [str(path) for path in mesh_files(settings.data, settings.cases)], FILLERS)
 
 
-def _noisy(settings: Settings, _: Path) -> Iterator[Task]:
-    """Rims with noise, by ours and by the reference."""
-    yield from _each("noisy", list(NOISY)[: 1 if settings.few else None], (OURS, REFERENCE), 1)
+def _ragged(settings: Settings, _: Path) -> Iterator[Task]:
+    """Rims with noise and rims cut along triangles, by ours and by the reference."""
+    cases = (*list(NOISY)[:1], *CUT[:5]) if settings.few else (*NOISY, *CUT)
+    yield from _each("ragged", cases, (OURS, REFERENCE), 1)
 
 
 def _solves(suite: str) -> Callable[[Settings, Path], Iterator[Task]]:
@@ -197,7 +199,7 @@ SUITES: Mapping[str, Callable[[Settings, Path], Iterator[Task]]] = {
     "odd": lambda settings, _: _each("odd", ODD, FILLERS),
     "cut-outs": _cut_outs,
     "meshes": _meshes,
-    "noisy": _noisy,
+    "ragged": _ragged,
     "curves": _solves("curves"),
     "rims": _solves("rims"),
     "speed": _solves("speed"),

@@ -60,7 +60,7 @@ def tables(records: Sequence[Record]) -> list[Table]:
         filler_table(cut_outs),
         kind_table(cut_outs),
         _shown("Mesh files, all holes", {**WHERE, **FILLS, **SAYS}, _done(of.get("meshes", []))),
-        _shown("Noisy rims", {**WHERE, **FILLS}, _done(of.get("noisy", []))),
+        _shown("Ragged rims", {**WHERE, **FILLS}, _done(of.get("ragged", []))),
         *(_shown(f"Ours alone: {suite}", SOLVES, _done(of.get(suite, []))) for suite in SOLVED),
         _shown("Batches", BATCHED, _done(of.get("batch", []))),
         trouble_table(records),

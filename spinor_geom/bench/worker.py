@@ -84,8 +84,9 @@ def _fill(task: Task) -> Record:
     from spinor_geom.bench.cases import known_case
     from spinor_geom.bench.cut_outs import named_cut_out
     from spinor_geom.bench.fillers import FILLERS
-    from spinor_geom.bench.holes import file_hole, hole_over, named_hole
+    from spinor_geom.bench.holes import ODD, file_hole, hole_over
     from spinor_geom.bench.measure import cut_out_figures, cut_out_views, hole_figures
+    from spinor_geom.bench.ragged import ragged_hole
     from spinor_geom.mesh.boundary_loop import turning_angles
 
     name, case, cut_out = task["case"], None, None
@@ -95,8 +96,10 @@ def _fill(task: Task) -> Record:
     elif task["suite"] == "fills":
         case = known_case(name)
         hole = hole_over(name, case.loop(task["n"]), case.area)
+    elif task["suite"] == "meshes":
+        hole = file_hole(Path(name))
     else:
-        hole = file_hole(Path(name)) if task["suite"] == "meshes" else named_hole(name)
+        hole = ODD[name]() if task["suite"] == "odd" else ragged_hole(name)
     tool = FILLERS[task["method"]]
     state: Any = None
 
@@ -114,7 +117,7 @@ def _fill(task: Task) -> Record:
                 _keep(str(Path(task["view"]) / f"{piece or task['method']}.npz"), *view)
     else:
         figures = hole_figures(filled, hole, case)
-    if cut_out is not None:
+    if task["suite"] == "ragged":
         figures["sharpness"] = float(np.degrees(np.quantile(turning_angles(hole.loops[hole.places[0]].points), 0.9)))
     return {**timed, **figures, "expected": hole.expected, "rims": len(hole.places)}
 

@@ -8,11 +8,12 @@ import pytest
 
 from spinor_geom.bench.cases import KNOWN, known_case
 from spinor_geom.bench.fillers import FILLERS, OURS
-from spinor_geom.bench.holes import NOISY, ODD, hole_over, named_hole
+from spinor_geom.bench.holes import ODD, hole_over
 from spinor_geom.bench.limit import points_limit
 from spinor_geom.bench.measure import disk_figures, hole_figures
 from spinor_geom.bench.methods import Spanned
 from spinor_geom.bench.peers import Filled
+from spinor_geom.bench.ragged import CUT, NOISY, ragged_hole
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.meshing.embed import mesh_patch
@@ -45,7 +46,7 @@ def test_a_collar_has_one_rim_and_a_longer_outer_boundary():
     ],
 )
 def test_odd_rims_are_what_they_are_called(name, rims):
-    hole = named_hole(name)
+    hole = ODD[name]()
     assert len(hole.places) == rims
     assert len(hole.loops) > rims
     assert hole.expected
@@ -87,7 +88,7 @@ def test_an_untouched_hole_is_open_and_our_fill_closes_it():
     ],
 )
 def test_our_fill_joins_islands_and_facing_rims_where_a_surface_does(name, patches, says):
-    hole = named_hole(name)
+    hole = ODD[name]()
     tool = FILLERS[OURS]
     state = tool.prepare(hole)
     filled = tool.finish(state, tool.fill(state))
@@ -125,7 +126,7 @@ def test_a_peer_that_is_missing_is_skipped_or_required_and_a_broken_one_fails(tm
 
 def test_meshlib_stitches_facing_rims():
     require_peer("meshlib")
-    hole = named_hole("facing-0.5")
+    hole = ODD["facing-0.5"]()
     tool = FILLERS["meshlib-nicely"]
     state = tool.prepare(hole)
     tool.fill(state)
@@ -198,4 +199,10 @@ def test_our_surface_is_measured_beside_its_mesh():
 
 def test_noisy_rims_are_as_long_as_they_are_called():
     for name, (_, points) in NOISY.items():
-        assert [len(named_hole(name).loops[place]) for place in named_hole(name).places] == [points]
+        assert [len(ragged_hole(name).loops[place]) for place in ragged_hole(name).places] == [points]
+
+
+def test_rims_cut_along_triangles_are_sixty_with_13_to_120_points():
+    rims = [ragged_hole(name) for name in CUT]
+    assert [len(rim.loops) for rim in rims] == [1] * 60
+    assert {min(sizes := [len(rim.loops[0]) for rim in rims]) >= 13, max(sizes) <= 120} == {True}
