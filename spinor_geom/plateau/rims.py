@@ -479,7 +479,24 @@ class RimsTask:
     def _disks(self) -> RimDisks:
         options = replace(self.options, laurent=None)
         curves = tuple(curve for curve, _ in self.curves)
-        return RimDisks(solve=partial(_disks_over, self.loops, curves, options))
+        return RimDisks(solve=partial(_disks_over, self.loops, curves, options), joined=self._area_over)
+
+    def _area_over(self, numbers: tuple[int, ...]) -> float | None:
+        """The area of the surface over some of the loops; None where none was found."""
+        some = replace(
+            self,
+            loops=tuple(self.loops[k] for k in numbers),
+            curves=tuple(self.curves[k] for k in numbers),
+            options=replace(self.options, laurent=None),
+            on_iteration=None,
+            clock=Clock(),
+            history=[],
+        )
+        try:
+            answer = some.solved()
+        except SpinorGeomError:
+            return None
+        return answer.area if isinstance(answer, PlateauSolution) else None
 
     def _solution(self, placed: Placement) -> PlateauSolution:
         """The surface with as many nodes as the tolerance asks for, or as help."""
