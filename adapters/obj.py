@@ -47,11 +47,11 @@ def added_lines(text: ObjText, addition: Addition) -> bytes:
     columns = [addition.vertices]
     if text.color_width:
         columns.append(addition.attributes["color"])
-    lines = [f"v {numbers(row)}" for row in np.hstack(columns)]
+    lines = [f"v {numbers(row)}" for row in np.hstack(columns).tolist()]
     corners = [addition.faces + 1]
     for name, keyword in (("uv", "vt"), ("normal", "vn")):
         if name in text.corner_indices:
-            lines += [f"{keyword} {numbers(row)}" for row in addition.attributes[name]]
+            lines += [f"{keyword} {numbers(row)}" for row in addition.attributes[name].tolist()]
             first = text.counts[name]
             all_indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(addition.vertices))])
             # a vertex in no face has none: any valid number will do
@@ -76,11 +76,11 @@ def encode_obj(contents: FileContents) -> bytes:
     columns = [contents.vertices]
     if "color" in contents.attributes:
         columns.append(contents.attributes["color"] / contents.color_scale)
-    lines = [f"v {numbers(row)}" for row in np.hstack(columns)]
+    lines = [f"v {numbers(row)}" for row in np.hstack(columns).tolist()]
     corners = [contents.representatives[contents.polygons.corners] + 1]
     for name, keyword in (("uv", "vt"), ("normal", "vn")):
         if name in contents.attributes:
-            lines += [f"{keyword} {numbers(row)}" for row in contents.attributes[name]]
+            lines += [f"{keyword} {numbers(row)}" for row in contents.attributes[name].tolist()]
             corners.append(contents.polygons.corners + 1)
     tokens = _corner_tokens(np.stack(corners, axis=1), skip_uv="uv" not in contents.attributes)
     starts = contents.polygons.starts.tolist()

@@ -82,7 +82,7 @@ class Comparison:
         forward, backward = self.hausdorff.forward, self.hausdorff.backward
         rows = [
             ("", "surface", "its mesh", f"{self.method} mesh"),
-            ("area", _number(self.exact_area), _number(self.patch_area), _number(self.baseline_area)),
+            ("area", *(f"{area:.8g}" for area in (self.exact_area, self.patch_area, self.baseline_area))),
             ("mesh area excess", "", "", f"{self.baseline_area / self.patch_area - 1:+.2e}"),
             ("|H| max", *(f"{figures.max:.2e}" for figures in self._curvatures)),
             ("|H| rms", *(f"{figures.rms:.2e}" for figures in self._curvatures)),
@@ -114,7 +114,7 @@ def compare(
     Args:
         solution: The exact surface.
         baseline: The discrete surface; if none is given, `discrete_minimal_surface` of the same loop, with the patch's
-            edge length; between two loops its edges grow inwards.
+            edge length; between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
         target_edge_length: Of the patch, as in `mesh_patch`, and of the baseline made here.
         patch: The solution's mesh of that edge length, if there is one already.
 
@@ -123,7 +123,7 @@ def compare(
         DomainError: The solution cannot be meshed, or its two loops have no discrete annulus.
     """
     mesh = mesh_patch(solution, target_edge_length) if patch is None else patch
-    discrete = baseline or _baseline([rim.loop for rim in solution.rims], target_edge_length)
+    discrete = baseline or _baseline(mesh, [rim.loop for rim in solution.rims], target_edge_length)
     exact = _exact_curvature(solution, mesh)
     return Comparison(
         method=discrete.method,
@@ -133,7 +133,11 @@ def compare(
         exact_area=solution.area,
         patch_curvature=_discrete_curvature(mesh),
         baseline_curvature=_discrete_curvature(discrete),
-        exact_curvature=CurvatureFigures(max=_largest(exact), rms=_root_mean_square(exact), tangential_rms=0.0),
+        exact_curvature=CurvatureFigures(
+            max=float(exact.max(initial=0.0)),
+            rms=float(np.linalg.norm(exact)) / max(len(exact), 1) ** 0.5,
+            tangential_rms=0.0,
+        ),
         exact_curvature_points=len(exact),
         patch_vertices=len(mesh.vertices),
         baseline_vertices=len(discrete.vertices),
@@ -142,13 +146,13 @@ def compare(
     )
 
 
-def _baseline(loops: list[BoundaryLoop], edge_length: float | Literal["auto"]) -> DiscreteMinimalSurface:
+def _baseline(mesh: Patch, loops: list[BoundaryLoop], edge_length: float | Literal["auto"]) -> DiscreteMinimalSurface:
+    if len(loops) > 2:
+        return mesh.relaxed()
     if len(loops) > 1:
         return discrete_minimal_surface(loops)
-    (loop,) = loops
-    return discrete_minimal_surface(
-        loop, target_edge_length=loop.mean_edge_length if edge_length == "auto" else edge_length
-    )
+    length = loops[0].mean_edge_length if edge_length == "auto" else edge_length
+    return discrete_minimal_surface(loops, target_edge_length=length)
 
 
 def _discrete_curvature(mesh: Patch | DiscreteMinimalSurface) -> CurvatureFigures:
@@ -163,15 +167,3 @@ def _exact_curvature(solution: PlateauSolution, patch: Patch) -> Float[np.ndarra
         inner = inner[np.linspace(0, len(inner) - 1, MOST_CURVATURE_POINTS).astype(int)]
     values = np.abs(np.asarray(solution.surface.mean_curvature(inner)))
     return np.asarray(values[np.isfinite(values)])
-
-
-def _largest(values: Float[np.ndarray, " k"]) -> float:
-    return float(values.max(initial=0.0))
-
-
-def _root_mean_square(values: Float[np.ndarray, " k"]) -> float:
-    return float(np.sqrt((values**2).mean())) if len(values) else 0.0
-
-
-def _number(value: float) -> str:
-    return f"{value:.8g}"

@@ -103,7 +103,12 @@ def atomic_folder(path: str | os.PathLike[str], *, staging: str | os.PathLike[st
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
     """Writes a nested value as JSON, the file whole or not at all; numbers that JSON cannot hold become null."""
     with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(finite(value), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        temporary.write_text(json_text(value), encoding="utf-8")
+
+
+def json_text(value: Any) -> str:
+    """A nested value as JSON; numbers that it cannot hold become null."""
+    return json.dumps(finite(value), indent=2, allow_nan=False) + "\n"
 
 
 def finite(value: Any) -> Any:

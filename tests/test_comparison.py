@@ -5,7 +5,9 @@ import pytest
 
 from spinor_geom.comparison import MOST_CURVATURE_POINTS, compare
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing import mesh_patch
+from spinor_geom.plateau.solve import solve_plateau
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
 
@@ -74,6 +76,17 @@ def test_plane_is_the_same_for_both_methods():
     assert comparison.hausdorff.max < 1e-12
     assert comparison.patch_curvature.max < 1e-11
     assert comparison.patch_area == pytest.approx(comparison.baseline_area, rel=1e-12)
+
+
+def test_more_than_two_loops_are_compared_with_their_relaxed_mesh():
+    outer, *holes = (
+        BoundaryLoop.from_points(np.column_stack([z.real, z.imag, 0 * z.real]))
+        for circle in [np.exp(2j * np.pi * np.arange(24) / 24)]
+        for z in (2 * circle, 0.8 + 0.4 * circle[::-3], -0.8 + 0.4 * circle[::-3])
+    )
+    comparison = compare(solve_plateau((outer, *holes)))
+    assert comparison.baseline_vertices == comparison.patch_vertices
+    assert comparison.baseline_area == pytest.approx(comparison.patch_area, rel=1e-12)
 
 
 def test_given_baseline_and_patch_are_used():

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 # Most files whose loops are solved side by side.
-TOGETHER = 16
+TOGETHER = 64
 # Blocks that wait at each worker.
 WAITING = 2
 # What the scheduler remembers of its own work, which nobody reads here.

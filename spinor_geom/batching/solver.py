@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import traceback
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
@@ -24,6 +26,9 @@ from spinor_geom.errors import ArchiveError, BatchError, SpinorGeomError
 from spinor_geom.fill.many_loops import minimal_surfaces
 from spinor_geom.isolate import Tell, serve
 from spinor_geom.plateau.solution import PlateauSolution
+
+# Files whose results are held until the disk has them.
+WAITING = 4
 
 
 def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
@@ -69,9 +74,16 @@ def _work(
             _commit(store, source, failure(source.key, reason, status="fault"), {}, tell)
     loops = [loop for _, file in opened for loop in wanted(file)]
     answers = _answers(loops, options)
-    for source, file in opened:
-        results = results_of(file, _told(answers, source, tell))
-        _commit(store, source, results.record, results.files, tell)
+    waiting: deque[Future[dict[str, Any]]] = deque()
+    # the next file is meshed while this one's results are on their way to the disk
+    with ThreadPoolExecutor(1) as writer:
+        for source, file in opened:
+            results = results_of(file, _told(answers, source, tell))
+            waiting.append(writer.submit(store.commit, source, results.record, results.files))
+            while waiting and (waiting[0].done() or len(waiting) > WAITING):
+                tell({"finished": waiting.popleft().result()})
+        for one in waiting:
+            tell({"finished": one.result()})
 
 
 def _answers(loops: Sequence[NamedLoop], options: BatchOptions) -> Iterator[PlateauSolution | SpinorGeomError]:

@@ -14,7 +14,7 @@ from typing import Any
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.records import RECORD, failure, summary
 from spinor_geom.errors import BatchError
-from spinor_geom.files import atomic_folder, atomic_path, write_json
+from spinor_geom.files import atomic_folder, atomic_path, json_text
 
 RUN = "run.json"
 RESULTS, STAGING, ROOM = "files", ".staging", "room"
@@ -79,7 +79,7 @@ class Store:
         with atomic_folder(target, staging=Path(self.output, STAGING)) as folder:
             for name, write in files.items():
                 write(folder / name)
-            write_json(folder / RECORD, {**record, "input": stamp(source)})
+            (folder / RECORD).write_text(json_text({**record, "input": stamp(source)}), encoding="utf-8")
             self.require_owner()
 
     def _require_room(self, error: OSError) -> None:

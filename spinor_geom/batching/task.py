@@ -24,9 +24,8 @@ from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.records import worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.files import finite
 from spinor_geom.fill.many_loops import fill_loops
-from spinor_geom.fill.one_loop import FillOptions, refusal
+from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, RimEdges, joined, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -54,7 +53,7 @@ class Results:
     """What is left of a file.
 
     Attributes:
-        record: in JSON's types; all that may differ between two runs is under the keys "seconds".
+        record: JSON-ready; all that may differ between two runs is under the keys "seconds".
         files: what writes each of the files, by name.
     """
 
@@ -147,13 +146,12 @@ def _mesh_and_holes(text: ObjText) -> tuple[MeshFile, list[NamedLoop], str]:
 
 def _refusal(hole: NamedLoop, taken: RimEdges) -> SpinorGeomError | None:
     assert hole.loop is not None
-    error = refusal(hole.loop, taken)
-    if error is None:
-        try:
-            refuse_what_bounds_no_disk(hole.loop)
-        except SpinorGeomError as found:
-            return found
-    return error
+    try:
+        refuse_what_is_no_hole(hole.loop, taken)
+        refuse_what_bounds_no_disk(hole.loop)
+    except SpinorGeomError as error:
+        return error
+    return None
 
 
 def wanted(opened: OpenedFile) -> list[NamedLoop]:
@@ -201,7 +199,7 @@ def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
         "version": program_version(),
         "seconds": {"read": opened.seconds, "results": perf_counter() - start},
     }
-    return Results(record=finite(record), files=files)
+    return Results(record=record, files=files)
 
 
 def _solved(

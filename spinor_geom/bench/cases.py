@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.distance import pdist
-from scipy.spatial.transform import Rotation
 
 from spinor_geom import gallery
 from spinor_geom.errors import OptionError
@@ -19,33 +18,9 @@ from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
 Kind = Literal["smooth", "corners", "plane"]
-Resampling = Literal["formula", "even", "uneven"]
+Sampling = Literal["formula", "even", "uneven"]
 _DIAMETER_POINTS = 512
-
-
-@dataclass(frozen=True, kw_only=True)
-class Variation:
-    """What is done to a known loop before it is handed out.
-
-    Attributes:
-        turn: seed of a random rotation; none without.
-        scale: factor of all lengths.
-        noise: deviation of the points' moves in each coordinate, in mean edges; then no answer is known.
-        sampling: "formula" as the formula's parameter runs, "even" and "uneven" along the curve; loops without
-            corners only, the others keep their own.
-        seed: of the noise and of uneven edges.
-    """
-
-    turn: int | None = None
-    scale: float = 1.0
-    noise: float = 0.0
-    sampling: Resampling = "formula"
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Raises OptionError where a value is out of range."""
-        if not (0 < self.scale < math.inf and 0 <= self.noise < 1):
-            raise OptionError(f"a variation needs scale > 0 and noise in [0, 1), got {self.scale} and {self.noise}")
+_SEED = 0  # of uneven edges
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,83 +31,44 @@ class Case:
         name: on the command line and in tables.
         kind: "smooth" loops have no corners; "plane" ones lie in a plane.
         known: the answer.
-        variation: what is done to it.
+        sampling: where the points of smooth loops lie: "formula" as the formula's parameter runs, "even" equally far
+            apart along the curve, "uneven" with edges of random lengths.
     """
 
     name: str
     kind: Kind
     known: KnownCurve | KnownSurface | KnownPatch
-    variation: Variation = Variation()
+    sampling: Sampling = "formula"
 
     @property
-    def source(self) -> str:
-        """Where the answer comes from."""
-        return self.known.source
-
-    @property
-    def area(self) -> float | None:
-        """The exact area; None with noise."""
-        if self.variation.noise:
-            return None
-        known = self.known
-        area = known.disks[0].area if isinstance(known, KnownCurve) else known.area
-        return area * self.variation.scale**2
+    def area(self) -> float:
+        """The exact area."""
+        return self.known.disks[0].area if isinstance(self.known, KnownCurve) else self.known.area
 
     def loop(self, n: int) -> BoundaryLoop:
         """A loop of n points."""
-        how, known = self.variation, self.known
-        loop = known.sample(n) if isinstance(known, KnownCurve) else known.rim(n)
-        if how.sampling != "formula" and not isinstance(known, KnownPatch) and not loop.corners.any():
-            even = how.sampling == "even"
-            loop = gallery.evenly_sampled(known, n) if even else gallery.unevenly_sampled(known, n, seed=how.seed)
-        corners = np.flatnonzero(loop.corners).tolist()
-        if how.turn is not None or how.scale != 1:
-            loop = BoundaryLoop.from_points(how.scale * loop.points @ self._rotation.T, corners=corners)
-        return gallery.noisy_loop(loop, how.noise, seed=how.seed) if how.noise else loop
+        known = self.known
+        if self.sampling == "formula" or isinstance(known, KnownPatch):
+            return known.sample(n) if isinstance(known, KnownCurve) else known.rim(n)
+        if self.sampling == "even":
+            return gallery.evenly_sampled(known, n)
+        return gallery.unevenly_sampled(known, n, seed=_SEED)
 
     @cached_property
-    def chart(self) -> Chart | None:
-        """The exact surface; None with noise.
+    def chart(self) -> Chart:
+        """The exact surface.
 
         Curves of which only the area is known have a converged solution in the place of a formula: Douglas's problem on
         the curve's own formula, by power series to round-off.
         """
-        if self.variation.noise:
-            return None
-        chart = (
-            _solved(self.known) if isinstance(self.known, KnownCurve) and self.known.chart is None else self.known.chart
-        )
-        assert chart is not None
-        matrix = self.variation.scale * self._rotation
-        inner = chart.position, chart.tangents
-        return replace(
-            chart,
-            position=lambda z: inner[0](z) @ matrix.T,
-            tangents=lambda z: inner[1](z) @ matrix.T,
-            symmetries=tuple(self._rotation @ m @ self._rotation.T for m in chart.symmetries),
-        )
-
-    @property
-    def chart_is_formula(self) -> bool:
-        """Whether the chart is a closed formula, and not a converged solution."""
-        return not isinstance(self.known, KnownCurve) or self.known.chart is not None
+        if isinstance(self.known, KnownCurve):
+            return self.known.chart or _solved(self.known)
+        return self.known.chart
 
     @cached_property
     def diameter(self) -> float:
         """Largest distance of two points of the loop."""
-        return diameter_of(self.loop(_DIAMETER_POINTS))
-
-    @cached_property
-    def _rotation(self) -> np.ndarray:
-        if self.variation.turn is None:
-            return np.eye(3)
-        return Rotation.random(random_state=np.random.default_rng(self.variation.turn)).as_matrix()
-
-
-def diameter_of(loop: BoundaryLoop) -> float:
-    """Largest distance of two points of a loop, of 512 of them where it has more."""
-    points = loop.points[:: -(-len(loop) // _DIAMETER_POINTS)]
-    return float(pdist(points).max())
+        return float(pdist(self.loop(_DIAMETER_POINTS).points).max())
 
 
 def _solved(curve: KnownCurve) -> Chart:
@@ -191,25 +127,30 @@ SAMPLED = tuple(
 """The smooth ones with points that a formula's parameter does not favour."""
 
 
-def base_name(name: str) -> str:
-    """The name of a case without its sampling."""
-    return name.partition("@")[0]
+def known_kind(name: str) -> Kind:
+    """Whether a known case is smooth, has corners or is plane."""
+    return KNOWN[base][0] if (base := name.partition("@")[0]) in KNOWN else "smooth"
 
 
-def known_case(name: str, variation: Variation = Variation()) -> Case:
+@lru_cache(maxsize=4)
+def known_case(name: str) -> Case:
     """The case of a name; "NAME@even" and "NAME@uneven" are smooth ones in that sampling.
 
     Raises:
         OptionError: there is none.
     """
-    base, at, sampling = name.partition("@")
-    kind = KNOWN[base][0] if base in KNOWN else "smooth"
+    base, _, sampling = name.partition("@")
+    head, _, seed = base.partition("-")
+    if base in KNOWN:
+        kind, make = KNOWN[base]
+        case = Case(name=name, kind=kind, known=make())
+    elif head == "random" and seed.isdigit():
+        case = Case(name=name, kind="smooth", known=gallery.random_polynomial(int(seed)))
+    else:
+        raise OptionError(f"there is no case {name!r}; choose from: {', '.join(KNOWN)}, random-SEED")
+    if name == base:
+        return case
     for other in ("even", "uneven"):
-        if at and sampling == other and kind == "smooth":
-            return replace(known_case(base, replace(variation, sampling=other)), name=name)
-    if name in KNOWN:
-        return Case(name=name, kind=kind, known=KNOWN[name][1](), variation=variation)
-    head, _, seed = name.partition("-")
-    if head == "random" and seed.isdigit():
-        return Case(name=name, kind="smooth", known=gallery.random_polynomial(int(seed)), variation=variation)
-    raise OptionError(f"there is no case {name!r}; choose from: {', '.join(KNOWN)}, random-SEED")
+        if sampling == other and case.kind == "smooth":
+            return replace(case, sampling=other)
+    raise OptionError(f"there is no case {name!r}; smooth cases have the samplings @even and @uneven")

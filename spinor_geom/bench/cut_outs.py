@@ -242,6 +242,7 @@ def _read_scan(path: Path) -> tuple[_Mesh, csr_array, float]:
     return (mesh.vertices, mesh.faces), graph.tocsr(), float(lengths.mean())
 
 
+@lru_cache(maxsize=128)  # one tool after the other asks for all
 def named_cut_out(name: str, folder: Path | None = None) -> CutOut:
     """The cut-out of a name; those of scans need the folder of the mesh files."""
     if name in CAPS or name in WINDOWS:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
 
@@ -16,7 +17,6 @@ from numpy.typing import ArrayLike
 from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
-from spinor_geom.errors import OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import boundary_edges
@@ -39,6 +39,7 @@ class Hole:
         rim: ids of the vertices of the rims.
         expected: what a tool should do, in a few words; empty where it is to close the rims.
         facing: whether its two rims face each other, so that a tool that can join rims is to join them.
+        area: of the minimal surface over the rims, where it is known.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Hole:
     rim: Int[np.ndarray, " r"]
     expected: str = ""
     facing: bool = False
+    area: float | None = None
 
     @cached_property
     def rim_edges(self) -> Int[np.ndarray, "e 2"]:
@@ -88,7 +90,7 @@ class Hole:
         return float(np.linalg.norm(end - start, axis=1).mean())
 
 
-def hole_over(name: str, loop: BoundaryLoop) -> Hole:
+def hole_over(name: str, loop: BoundaryLoop, area: float | None = None) -> Hole:
     """A collar one triangle wide around a loop; its outer boundary has one point more, so that tools can tell them.
 
     The collar goes on as the discrete minimal surface over the loop ends, so that a filler that continues the mesh
@@ -97,15 +99,15 @@ def hole_over(name: str, loop: BoundaryLoop) -> Hole:
     n = len(loop)
     disk = discrete_minimal_surface(loop)
     a, b, c = (disk.vertices[disk.faces[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a)
+    across = np.cross(b - a, c - a)
     normal = np.zeros((len(disk.vertices), 3))
     for k in range(3):
-        np.add.at(normal, disk.faces[:, k], area)
+        np.add.at(normal, disk.faces[:, k], across)
     tangent = np.roll(loop.points, -1, axis=0) - np.roll(loop.points, 1, axis=0)
     outward = np.cross(tangent, normal[:n])
     outward /= np.linalg.norm(outward, axis=1)[:, None]
     outer = loop.points + _COLLAR * loop.mean_edge_length * outward
-    return collar(name, loop.points, np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0))
+    return replace(collar(name, loop.points, np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0)), area=area)
 
 
 def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n+1 3"], *, expected: str = "") -> Hole:
@@ -177,11 +179,12 @@ def facing_rims(height: float, n: int = 48) -> Hole:
     lift = np.array([0, 0, height])
     upper = collar("", circle + lift, np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0) + lift)
     lower = upper.vertices * [1, 1, -1]
+    joined = height < 0.66274
     expected = (
         "the catenoid between them has less area than two disks"
         if height < 0.5277
         else "a catenoid between them is a local minimum, two disks have less area"
-        if height < 0.66274
+        if joined
         else "no minimal annulus between them: two disks"
     )
     return Hole(
@@ -191,7 +194,16 @@ def facing_rims(height: float, n: int = 48) -> Hole:
         rim=np.concatenate([upper.rim, upper.rim + len(lower)]),
         expected=expected,
         facing=True,
+        area=catenoid_area(height) if joined else None,
     )
+
+
+def catenoid_area(height: float) -> float:
+    """Area of the stable catenoid between unit circles at ±height, by Newton's method for its neck."""
+    c = 0.99
+    for _ in range(100):
+        c -= (c * np.cosh(height / c) - 1) / (np.cosh(height / c) - height / c * np.sinh(height / c))
+    return float(2 * np.pi * (height * c + c * c * np.sinh(height / c) * np.cosh(height / c)))
 
 
 def _pierced(name: str, cells: list[tuple[int, int]], expected: str, side: int = _GRID) -> Hole:
@@ -227,33 +239,33 @@ def open_cone(n: int = 8) -> Hole:
     vertices = np.concatenate([np.stack([np.cos(t), np.sin(t), 0 * t], axis=1), [[0, 0, 1.5]]])
     i = np.arange(n)
     faces = np.stack([i, (i + 1) % n, np.full(n, n)], axis=1)
-    return _all_rims("open-cone", vertices, faces, "one flat patch")
+    return all_rims("open-cone", vertices, faces, "one flat patch")
 
 
 def torus_window() -> Hole:
     """MeshLib: a coarse torus less one triangle."""
     ring = trimesh.creation.torus(2.0, 1.0, major_sections=10, minor_sections=10)
-    return _all_rims("torus-window", ring.vertices, ring.faces[1:], "one triangle")
+    return all_rims("torus-window", ring.vertices, ring.faces[1:], "one triangle")
 
 
 def prism() -> Hole:
     """MeshLib: a prism less three triangles: rims of three and four edges with two common vertices."""
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
     faces = [[0, 2, 1], [3, 4, 5], [0, 1, 3], [2, 5, 4], [2, 3, 5]]
-    return _all_rims("prism", points, faces, "two patches of one and two triangles")
+    return all_rims("prism", points, faces, "two patches of one and two triangles")
 
 
 def facing_triangles() -> Hole:
     """MeshLib: two triangles at distance 1, to be joined by a prism's sides."""
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
-    hole = _all_rims("facing-triangles", points, [[0, 2, 1], [3, 4, 5]], "the three sides of a prism, or refused")
+    hole = all_rims("facing-triangles", points, [[0, 2, 1], [3, 4, 5]], "the three sides of a prism, or refused")
     return replace(hole, facing=True)
 
 
 def holey_cube() -> Hole:
     """Trimesh: a cube less its first and last triangle."""
     box = trimesh.creation.box()
-    return _all_rims("holey-cube", box.vertices, box.faces[1:-1], "one triangle in each of two sides")
+    return all_rims("holey-cube", box.vertices, box.faces[1:-1], "one triangle in each of two sides")
 
 
 def quad_hole() -> Hole:
@@ -261,7 +273,7 @@ def quad_hole() -> Hole:
     ball = trimesh.creation.icosphere(2)
     beside = (np.isin(ball.faces, ball.faces[0]).sum(axis=1) == 2).nonzero()[0][0]
     kept = np.delete(ball.faces, [0, beside], axis=0)
-    return _all_rims("quad-hole", ball.vertices, kept, "two triangles")
+    return all_rims("quad-hole", ball.vertices, kept, "two triangles")
 
 
 def squiggle() -> Hole:
@@ -284,7 +296,7 @@ def fin() -> Hole:
     return replace(hole, vertices=np.vstack([hole.vertices, top]), faces=np.concatenate([hole.faces, fin_face]))
 
 
-def _all_rims(name: str, vertices: ArrayLike, faces: ArrayLike, expected: str) -> Hole:
+def all_rims(name: str, vertices: ArrayLike, faces: ArrayLike, expected: str = "") -> Hole:
     """A mesh all of whose boundaries are to be closed."""
     points, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
     rim = np.unique(boundary_edges(triangles))
@@ -317,25 +329,47 @@ ODD: Mapping[str, Callable[[], Hole]] = {
 """Rims that are no ordinary holes."""
 
 
-def odd_hole(name: str) -> Hole:
-    """The odd rim of a name.
+# --- noisy rims -------------------------------------------------------------------------------------------------------
 
-    Raises:
-        OptionError: there is none.
-    """
-    if name not in ODD:
-        raise OptionError(f"there is no odd rim {name!r}; choose from: {', '.join(ODD)}")
-    return ODD[name]()
+
+def _noisy_collar(noise: float, points: int) -> Hole:
+    """A strip outside a noisy ellipse: its inner rim is the hole, its outer one is closed by a cone below."""
+    random = np.random.default_rng(points)
+    t = 2 * np.pi * np.arange(points) / points
+    rim = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)])
+    edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1).mean()
+    inner = rim + noise * edge * random.standard_normal(rim.shape)
+    outer = np.column_stack([2.6 * np.cos(t), 1.6 * np.sin(t), np.full(points, -0.8)])
+    i, j = np.arange(points), (np.arange(points) + 1) % points
+    faces = np.vstack(
+        [
+            np.column_stack([i, i + points, j]),
+            np.column_stack([j, i + points, j + points]),
+            np.column_stack([i + points, np.full(points, 2 * points), j + points]),
+        ]
+    )
+    return all_rims(f"noise-{noise:.0%}-{points}", np.vstack([inner, outer, [[0, 0, -3]]]), faces)
+
+
+NOISY: Mapping[str, tuple[float, int]] = {
+    f"noise-{noise:.0%}-{points}": (noise, points) for noise in (0.05, 0.15, 0.3) for points in (100, 250, 600, 1200)
+}
+"""Noise in mean edges and points of rims with noise."""
+
+
+def named_hole(name: str) -> Hole:
+    """The odd or noisy rim of a name."""
+    return _noisy_collar(*NOISY[name]) if name in NOISY else ODD[name]()
 
 
 # --- mesh files -------------------------------------------------------------------------------------------------------
 
 
 def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:
-    """The mesh files of a folder that have faces and holes, or those of them that are named."""
+    """The mesh files of a folder that have faces and holes, or those of them whose names match one that is given."""
     found = []
     for path in sorted(folder.iterdir()):
-        if path.suffix.lower() in FORMATS and (not names or path.name in names):
+        if path.suffix.lower() in FORMATS and (not names or any(fnmatchcase(path.name, name) for name in names)):
             mesh = read_mesh(path).mesh
             if len(mesh.faces) and len(boundary_edges(mesh.faces)):
                 found.append(path)
@@ -345,5 +379,4 @@ def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:
 def file_hole(path: Path) -> Hole:
     """A mesh file whose every boundary loop is to be closed."""
     mesh = read_mesh(path).mesh
-    rim = np.unique(boundary_edges(mesh.faces))
-    return Hole(name=path.name, vertices=mesh.vertices, faces=mesh.faces, rim=rim)
+    return all_rims(path.name, mesh.vertices, mesh.faces)

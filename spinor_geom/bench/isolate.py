@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeAlias
 
@@ -46,18 +45,12 @@ def run_isolated(
 
 
 def peak_memory() -> float | None:
-    """The process's largest resident size since `forget_peak_memory`, in MiB; None on systems that do not tell."""
+    """The process's largest resident size since `forget_peak_memory`, in MiB; None where the system does not tell."""
     try:
         with open("/proc/self/status", encoding="ascii") as status:
             return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmHWM"))
     except (OSError, StopIteration):
-        pass
-    try:
-        import resource
-    except ImportError:
         return None
-    # macOS tells bytes; without a way to forget, the peak is the process's
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 def forget_peak_memory() -> None:

@@ -1,29 +1,70 @@
-"""What figures were measured with: cores, system, versions."""
+"""What figures were measured with: cores, system, versions, commit, date and load; and whether the code has changed."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import os
 import platform
+import re
+import subprocess
+from collections.abc import Mapping
+from datetime import date
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from spinor_geom.version import program_version
 
 PACKAGES = (
-    "numpy",
-    "scipy",
-    "torch",
-    "libigl",
-    "pythoncdt",
-    "trimesh",
-    "pymeshlab",
-    "meshlib",
-    "pymeshfix",
-    "cgal",
-    "vtk",
+    *("numpy", "scipy", "torch", "libigl", "pythoncdt", "trimesh", "pymeshlab", "meshlib", "pymeshfix", "cgal", "vtk"),
     "open3d-cpu",
 )
+
+# what decides the figures of our methods; not how they are measured, asked for or shown
+MEASURED = (
+    *("batching", "discrete", "domain", "fill", "holomorphic", "measures", "mesh", "meshing", "plateau", "surface"),
+    "training",
+)
+_ROOT = Path(__file__).parents[2]
+
+
+def stamp() -> dict[str, Any]:
+    """What every record carries: the commit, or the release, of the code; the date, and the load of the machine."""
+    return {
+        "commit": program_version(),
+        "date": date.today().isoformat(),
+        "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
+    }
+
+
+def is_older(record: Mapping[str, Any]) -> bool:
+    """Whether a record is ours and the code that it measured has changed since.
+
+    As far as a clone's git can tell: where there is none, or none of the record's commit, figures of another version
+    count as older.
+    """
+    return "spinor" in record["method"] and _changed_since(record["commit"])
+
+
+@cache
+def _changed_since(version: str) -> bool:
+    if version == program_version():
+        return False
+    commit = re.search(r"g([0-9a-f]{7,})$", version)
+    command = [
+        "git",
+        "-C",
+        str(_ROOT),
+        "diff",
+        "--quiet",
+        commit[1] if commit else version,
+        "--",
+        *(f"spinor_geom/{name}" for name in MEASURED),
+    ]
+    try:
+        return subprocess.run(command, capture_output=True).returncode != 0
+    except OSError:  # no git
+        return True
 
 
 def machine() -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.bench.cases import Case, diameter_of
+from spinor_geom.bench.cases import Case
 from spinor_geom.bench.cut_outs import CutOut
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.methods import Spanned
@@ -22,12 +22,14 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.operators import face_areas, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
+from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 
 # of the exact |H|: second derivatives cost some milliseconds a point
 _CURVATURE_POINTS = 100
 # at least so many points of the mesh and of the surface
 _DISTANCE_SAMPLES = 5_000
+_SURFACE_TRIANGLES = 2_000
 # crossings of more faces than this are not counted: the exact predicates take minutes
 _MOST_CROSSING_FACES = 300_000
 # vertices nearer than this share of the diagonal are the same: room for tools that keep single precision
@@ -39,18 +41,16 @@ Figures = dict[str, Any]
 View: TypeAlias = tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]
 
 
-def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Figures:
-    """The figures of a disk over a bare loop."""
-    diameter = diameter_of(loop) if case is None else case.diameter
-    vertices, faces = spanned.vertices, spanned.faces
-    figures = patch_figures(vertices, faces, diameter, None if case is None else case.chart)
-    exact = None if case is None else case.area
+def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
+    """The figures of a disk over a known loop."""
+    vertices, faces, diameter = spanned.vertices, spanned.faces, case.diameter
+    figures = patch_figures(vertices, faces, diameter, case.chart)
     edges = {tuple(edge) for edge in boundary_edges(faces).tolist()}
     n = len(loop)
     figures |= {
         "area": spanned.area,
-        "area_error": None if exact is None else abs(spanned.area / exact - 1),
-        "mesh_area_error": None if exact is None else abs(figures["mesh_area"] / exact - 1),
+        "area_error": abs(spanned.area / case.area - 1),
+        "mesh_area_error": abs(figures["mesh_area"] / case.area - 1),
         "rim_kept": bool((vertices[:n] == loop.points).all()),
         "open_edges": len(edges ^ {(k, (k + 1) % n) for k in range(n)}),
         "converged": spanned.converged,
@@ -61,6 +61,7 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case | None) -> Fig
         figures["solve_seconds"] = sum(solution.solve_timings.values())
         figures["residual_per_edge"] = solution.boundary_residual.rms_per_edge
         figures |= _exact_curvature(solution, diameter)
+        figures |= _surface_distance(solution, case.chart, diameter)
     return figures
 
 
@@ -81,6 +82,7 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
         "triangles": len(patch),
         "told": filled.told,
         "succeeded": filled.succeeded,
+        **filled.figures,
     }
     if not len(patch):
         return figures
@@ -90,10 +92,10 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     chart = None if case is None else case.chart
     figures |= patch_figures(vertices, faces.reshape(-1, 3), diameter, chart)
     figures["area"] = figures["mesh_area"] if filled.area is None else filled.area
-    if case is not None and case.area is not None:
-        figures["area_error"] = abs(figures["area"] / case.area - 1)
-        figures["mesh_area_error"] = abs(figures["mesh_area"] / case.area - 1)
-        figures["area_excess"] = figures["mesh_area"] / case.area - 1
+    if hole.area is not None:
+        figures["area_error"] = abs(figures["area"] / hole.area - 1)
+        figures["mesh_area_error"] = abs(figures["mesh_area"] / hole.area - 1)
+        figures["area_excess"] = figures["mesh_area"] / hole.area - 1
     figures["patches"] = 1 + int(face_components(patch).max())
     if len(filled.faces) <= _MOST_CROSSING_FACES:
         figures["mesh_crossings"] = len(
@@ -185,19 +187,6 @@ def patch_figures(
     return figures
 
 
-def vertex_fields(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], diameter: float, chart: Chart | None
-) -> dict[str, Float[np.ndarray, " n"]]:
-    """What the views colour a mesh by: distance from the exact surface per diameter, and |H| times the diameter."""
-    curvature = discrete_mean_curvature(vertices, faces)
-    bend = np.full(len(vertices), np.nan)
-    bend[curvature.vertices] = curvature.values * diameter
-    fields = {"mean curvature · diameter": bend}
-    if chart is not None:
-        fields[DISTANCE] = chart.distances(vertices) / diameter
-    return fields
-
-
 def _exact_curvature(solution: PlateauSolution, diameter: float) -> Figures:
     """|H| of the surface at inner points, by automatic differentiation of its position."""
     inner = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
@@ -207,6 +196,16 @@ def _exact_curvature(solution: PlateauSolution, diameter: float) -> Figures:
     values = np.abs(np.asarray(solution.surface.mean_curvature(inner))) * diameter
     values = values[np.isfinite(values)]
     return {"exact_curvature_median": float(np.median(values)), "exact_curvature_max": float(values.max(initial=0))}
+
+
+def _surface_distance(solution: PlateauSolution, chart: Chart, diameter: float) -> Figures:
+    """Distances of our surface, at points spread over it, from the exact one."""
+    fine = mesh_patch(solution, (4 * solution.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
+    # its vertices are the surface's own points; those on the rim are given
+    distance = chart.distances(fine.vertices[fine.boundary_size :]) / diameter
+    if not len(distance):
+        return {}
+    return {"surface_distance_max": float(distance.max()), "surface_distance_mean": float(distance.mean())}
 
 
 def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " n"], Int[np.ndarray, "p 3"]]:

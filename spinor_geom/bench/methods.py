@@ -9,30 +9,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.bench.cases import Case
 from spinor_geom.discrete.minimal_surface import DiscreteMethod, discrete_minimal_surface
-from spinor_geom.errors import OptionError
-from spinor_geom.gallery.known import KnownCurve
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import mesh_patch
-from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
-    """A loop to be spanned.
-
-    Attributes:
-        loop: its points.
-        edge: edge length wanted inside; None for what each method takes by itself.
-        case: the known answer, where there is one; only "spinor-formula" may look at its curve.
-    """
-
-    loop: BoundaryLoop
-    edge: float | None = None
-    case: Case | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,28 +51,12 @@ class LoopMethod:
     name: str
     options: str
     most_points: int
-    span: Callable[[Problem], Spanned]
+    span: Callable[[BoundaryLoop], Spanned]
 
 
-def _spinor(model: Model, tolerance: float) -> Callable[[Problem], Spanned]:
-    def span(problem: Problem) -> Spanned:
-        return _meshed(solve_plateau(problem.loop, model=model, tolerance=tolerance), problem.edge)
-
-    return span
-
-
-def _formula(problem: Problem) -> Spanned:
-    """The curve itself instead of its samples; the mesh has the edges of the samples."""
-    case = problem.case
-    if case is None or not isinstance(case.known, KnownCurve) or case.variation.noise:
-        raise OptionError("only a curve in formulas has no need of samples")
-    if case.variation.turn is not None or case.variation.scale != 1:
-        raise OptionError("the formula's own position and size are taken, not varied ones")
-    return _meshed(solve_plateau(case.known, tolerance=1e-10), problem.edge or problem.loop.mean_edge_length)
-
-
-def _meshed(solution: PlateauSolution, edge: float | None) -> Spanned:
-    patch = mesh_patch(solution, "auto" if edge is None else edge)
+def _spinor(loop: BoundaryLoop) -> Spanned:
+    solution = solve_plateau(loop)
+    patch = mesh_patch(solution)
     return Spanned(
         vertices=patch.vertices,
         faces=patch.faces,
@@ -102,12 +67,10 @@ def _meshed(solution: PlateauSolution, edge: float | None) -> Spanned:
     )
 
 
-def _discrete(method: DiscreteMethod, inside: Literal["graded", "uniform"]) -> Callable[[Problem], Spanned]:
-    def span(problem: Problem) -> Spanned:
-        edge = problem.edge
-        if edge is None and inside == "uniform":
-            edge = problem.loop.mean_edge_length
-        found = discrete_minimal_surface(problem.loop, method=method, target_edge_length=edge)
+def _discrete(method: DiscreteMethod, inside: Literal["graded", "uniform"]) -> Callable[[BoundaryLoop], Spanned]:
+    def span(loop: BoundaryLoop) -> Spanned:
+        edge = loop.mean_edge_length if inside == "uniform" else None
+        found = discrete_minimal_surface(loop, method=method, target_edge_length=edge)
         return Spanned(vertices=found.vertices, faces=found.faces, area=found.area, converged=found.converged)
 
     return span
@@ -120,31 +83,7 @@ LOOP_METHODS: Mapping[str, LoopMethod] = {
             name="spinor",
             options="solve_plateau with its defaults, then mesh_patch with the loop's mean edge",
             most_points=5000,
-            span=_spinor("auto", 1e-3),
-        ),
-        LoopMethod(
-            name="spinor-cauchy",
-            options="the same with model='cauchy', tolerance 1e-6",
-            most_points=256,
-            span=_spinor("cauchy", 1e-6),
-        ),
-        LoopMethod(
-            name="spinor-series",
-            options="the same with model='series'",
-            most_points=5000,
-            span=_spinor("series", 1e-3),
-        ),
-        LoopMethod(
-            name="spinor-mlp",
-            options="the same with model='mlp', by Levenberg-Marquardt, warm",
-            most_points=256,
-            span=_spinor("mlp", 1e-3),
-        ),
-        LoopMethod(
-            name="spinor-formula",
-            options="the same on the curve in formulas, without samples, tolerance 1e-10",
-            most_points=256,
-            span=_formula,
+            span=_spinor,
         ),
         LoopMethod(
             name="libigl",

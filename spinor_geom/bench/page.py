@@ -1,4 +1,4 @@
-"""What a run leaves: CSV, JSON, plots, markdown, and one page with everything in it."""
+"""What a run leaves: CSV, plots, markdown, and one page with everything in it."""
 
 from __future__ import annotations
 
@@ -9,40 +9,38 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
-from spinor_geom.bench.cut_out_pictures import pieces_of, scale_of
-from spinor_geom.bench.cut_out_tables import cut_out_tables
 from spinor_geom.bench.isolate import Record
 from spinor_geom.bench.machine import told
 from spinor_geom.bench.measure import DISTANCE
-from spinor_geom.bench.runner import VIEWS, Run
-from spinor_geom.bench.scaling import fits
+from spinor_geom.bench.pieces import pieces_of, scale_of
+from spinor_geom.bench.runner import Run
+from spinor_geom.bench.suites import VIEWS
 from spinor_geom.bench.tables import Table, option_table, tables
-from spinor_geom.files import atomic_path, write_json
+from spinor_geom.files import atomic_path
 from spinor_geom.render import page
 from spinor_geom.render.layers import Faces
 from spinor_geom.render.plots import log_log
-from spinor_geom.render.viewer import STYLE, Scene, Views, turning_mesh
+from spinor_geom.render.viewer import STYLE, Scene, Views
 
-PAGE, TABLES, CSV, JSON, PLOTS = "report.html", "tables.md", "records.csv", "records.json", "plots"
+PAGE, TABLES, CSV, PLOTS = "report.html", "tables.md", "records.csv", "plots"
+# fields that say how it was measured here: nothing for others
+LOCAL = ("key", "package", "data", "view", "repeat", "said", "seconds_all")
 _RESOLUTION = 110
 # errors of zero have no place on a logarithmic axis
 _ROUNDING = 1e-17
-_MOST_VIEWS = 12
 
 
 def write(run: Run) -> None:
     """Writes all files of a run beside its records, each whole or not at all."""
-    made = [*tables(run.records), *cut_out_tables(run.records)]
+    made = tables(run.records)
     pictures = plots(run.records)
-    _text(run.folder / TABLES, markdown(run, made))
-    _text(run.folder / CSV, table_of(run.records))
-    write_json(run.folder / JSON, {**run.description, "records": list(run.records)})
+    write_text(run.folder / TABLES, markdown(run, made))
+    write_text(run.folder / CSV, table_of(run.records))
     (run.folder / PLOTS).mkdir(exist_ok=True)
-    images = {name: _drawn(figure, run.folder / PLOTS / name) for name, figure in pictures.items()}
-    _text(run.folder / PAGE, report(run, made, images))
+    images = {name: _drawn(figure, run.folder / PLOTS / f"{name}.png") for name, figure in pictures.items()}
+    write_text(run.folder / PAGE, report(run, made, images))
 
 
 def markdown(run: Run, made: Sequence[Table]) -> str:
@@ -52,7 +50,7 @@ def markdown(run: Run, made: Sequence[Table]) -> str:
 
 def table_of(records: Sequence[Record]) -> str:
     """The records as CSV: a line a record, a column a field."""
-    flat = [{k: v for k, v in r.items() if k not in ("key", "variation")} for r in records]
+    flat = [{k: v for k, v in r.items() if k not in LOCAL} for r in records]
     columns = list(dict.fromkeys(name for record in flat for name in record))
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, columns, lineterminator="\n")
@@ -62,33 +60,18 @@ def table_of(records: Sequence[Record]) -> str:
 
 
 def plots(records: Sequence[Record]) -> dict[str, Figure]:
-    """Error against time and against edge length for each known case, and how the time grows."""
+    """Error against time for each known case."""
     made: dict[str, Figure] = {}
-    lines: dict[str, tuple[Sequence[float], Sequence[float]]]
-    loops = [
-        r
-        for r in records
-        if r["suite"] == "loop" and r["status"] == "done" and not r.get("scaling") and r.get("area_error") is not None
-    ]
-    for case in dict.fromkeys(r["case"] for r in loops):
-        here = [r for r in loops if r["case"] == case]
-        for x, label, name in (("seconds", "seconds", "time"), ("edge", "mean edge of the loop", "edge")):
-            lines = {}
-            for method in dict.fromkeys(r["method"] for r in here):
-                points = sorted((r[x], max(r["area_error"], _ROUNDING)) for r in here if r["method"] == method)
-                lines[method] = ([p[0] for p in points], [p[1] for p in points])
-            figure = log_log(lines, x=label, y="relative error of the area")
-            figure.suptitle(case, fontsize="medium")
-            made[f"{case}-error-{name}"] = figure
-    found = fits(records)
-    for size in dict.fromkeys(fit.size for fit in found):
-        lines = {
-            fit.method + ("" if fit.exponent is None else f", exponent {fit.exponent:.2f}"): (fit.sizes, fit.seconds)
-            for fit in found
-            if fit.size == size and fit.sizes
-        }
-        if lines:
-            made[f"scaling-{size}"] = log_log(lines, x=size, y="seconds")
+    disks = [r for r in records if r["suite"] == "disks" and r["status"] == "done"]
+    for case in dict.fromkeys(r["case"] for r in disks):
+        here = [r for r in disks if r["case"] == case]
+        lines: dict[str, tuple[Sequence[float], Sequence[float]]] = {}
+        for method in dict.fromkeys(r["method"] for r in here):
+            points = sorted((r["seconds"], max(r["area_error"], _ROUNDING)) for r in here if r["method"] == method)
+            lines[method] = ([p[0] for p in points], [p[1] for p in points])
+        figure = log_log(lines, x="seconds", y="relative error of the area")
+        figure.suptitle(case, fontsize="medium")
+        made[f"{case}-error-time"] = figure
     return made
 
 
@@ -102,9 +85,7 @@ def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
         f"{html.escape(told(run.description['machine']))}</p>",
         "<p>Areas and distances are measured against exact formulas; the definition of every column is in "
         "<code>docs/benchmark.md</code>. A row in red misses a promise, or leaves edges open without saying so.</p>",
-        *_rows(made[:2]),
-        "<h2>Disks to turn</h2><p>Drag to turn, wheel to zoom, double click to set it spinning again.</p>",
-        *_figures(run, views),
+        *_rows(made[:1]),
         *_cut_outs(run, views),
         "<h2>Error against cost</h2>",
         *(
@@ -112,24 +93,10 @@ def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
             for name, data in images.items()
         ),
         "<h2>Figures</h2>",
-        *_rows(made[2:]),
+        *_rows(made[1:]),
         *_rows([option_table()]),
     ]
     return page.document("spinor-geom bench", [*body, views.script()], style=STYLE)
-
-
-def _figures(run: Run, views: Views) -> list[str]:
-    found = []
-    for path in sorted((run.folder / VIEWS).glob("*.npz"))[:_MOST_VIEWS]:
-        with np.load(path) as arrays:
-            fields = {name[len("field/") :]: arrays[name] for name in arrays if name.startswith("field/")}
-            # the distance first
-            ordered = dict(sorted(fields.items(), key=lambda item: not item[0].startswith("distance")))
-            view = turning_mesh(
-                path.stem, Faces(vertices=arrays["vertices"], faces=arrays["faces"], fields=ordered, edges=True)
-            )
-        found.append(views.figure(view))
-    return found
 
 
 def _cut_outs(run: Run, views: Views) -> list[str]:
@@ -141,7 +108,7 @@ def _cut_outs(run: Run, views: Views) -> list[str]:
         view = Scene(title="", layers=layers, scales={DISTANCE: scale_of(pieces)}, shape="wide")
         names = ", ".join(piece.name for piece in pieces)
         found.append(f"<h3>{folder.name}</h3><p>From left to right: {names}.</p>{views.figure(view)}")
-    return ["<h2>Cut-outs</h2>", *found] if found else []
+    return ["<h2>Cut-outs</h2><p>Drag to turn, wheel to zoom.</p>", *found] if found else []
 
 
 def _rows(made: Sequence[Table]) -> list[str]:
@@ -157,13 +124,13 @@ def _rows(made: Sequence[Table]) -> list[str]:
 
 
 def _drawn(figure: Figure, path: Path) -> bytes:
-    """Saves a plot as PNG and PDF; returns the PNG."""
-    for suffix in (".png", ".pdf"):
-        with atomic_path(path.with_name(path.name + suffix)) as temporary:
-            figure.savefig(temporary, dpi=_RESOLUTION)
-    return path.with_name(path.name + ".png").read_bytes()
+    """Saves a plot; returns its PNG."""
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=_RESOLUTION)
+    return path.read_bytes()
 
 
-def _text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
+    """Writes a text file so that it is either whole or as it was."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

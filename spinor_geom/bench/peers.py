@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -28,6 +29,7 @@ class Filled:
         succeeded: whether the tool says that it filled; None where it says nothing, which users take for a yes.
         area: of the surface that the patches are meshes of, where there is one.
         in_order: whether the mesh's vertices are known to come first as before, wherever they are now.
+        figures: what only ours tells besides.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -36,6 +38,7 @@ class Filled:
     succeeded: bool | None = None
     area: float | None = None
     in_order: bool = False
+    figures: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,38 +67,32 @@ class Peer:
 # --- MeshLab ----------------------------------------------------------------------------------------------------------
 
 
-def _meshlab(
-    refine: bool, smooth: bool = False
-) -> tuple[Callable[[Hole], Any], Callable[[Any], Any], Callable[[Any, Any], Filled]]:
-    def prepare(hole: Hole) -> Any:
-        import pymeshlab
+def _meshlab_prepare(hole: Hole) -> Any:
+    import pymeshlab
 
-        meshes = pymeshlab.MeshSet(verbose=False)
-        meshes.add_mesh(pymeshlab.Mesh(hole.vertices, hole.faces.astype(np.int32)))
-        # it fills what has fewer edges than the limit
-        return meshes, hole.edge_limit + 1, pymeshlab.PureValue(hole.mean_edge)
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(hole.vertices, hole.faces.astype(np.int32)))
+    # it fills what has fewer edges than the limit
+    return meshes, hole.edge_limit + 1, pymeshlab.PureValue(hole.mean_edge)
 
-    def fill(state: Any) -> Any:
-        meshes, limit, length = state
-        if refine:
-            closed = meshes.meshing_close_holes(maxholesize=limit, refinehole=True, refineholeedgelen=length)
-            if smooth:  # the new faces, which are selected now
-                meshes.apply_coord_laplacian_smoothing(selected=True)
-            return closed
-        return meshes.meshing_close_holes(maxholesize=limit, refinehole=False)
 
-    def finish(state: Any, answer: Any) -> Filled:
-        mesh = state[0].current_mesh()
-        told = ", ".join(f"{key} {value}" for key, value in (answer or {}).items())
-        closed = (answer or {}).get("closed_holes")
-        return Filled(
-            vertices=mesh.vertex_matrix(),
-            faces=mesh.face_matrix().astype(np.int64),
-            told=told,
-            succeeded=None if closed is None else bool(closed),
-        )
+def _meshlab_fill(state: Any, *, refine: bool, smooth: bool = False) -> Any:
+    meshes, limit, length = state
+    closed = meshes.meshing_close_holes(maxholesize=limit, refinehole=refine, refineholeedgelen=length)
+    if smooth:  # the new faces, which are selected now
+        meshes.apply_coord_laplacian_smoothing(selected=True)
+    return closed
 
-    return prepare, fill, finish
+
+def _meshlab_finish(state: Any, answer: Any) -> Filled:
+    mesh = state[0].current_mesh()
+    closed = (answer or {}).get("closed_holes")
+    return Filled(
+        vertices=mesh.vertex_matrix(),
+        faces=mesh.face_matrix().astype(np.int64),
+        told=", ".join(f"{key} {value}" for key, value in (answer or {}).items()),
+        succeeded=None if closed is None else bool(closed),
+    )
 
 
 # --- MeshLib ----------------------------------------------------------------------------------------------------------
@@ -115,36 +112,30 @@ def _meshlib_edges(mesh: Any, hole: Hole) -> list[Any]:
     return [edge for edge in topology.findHoleRepresentiveEdges() if topology.org(edge).get() in rim]
 
 
-def _meshlib_plain(metric: str) -> Callable[[Any], Any]:
-    def fill(state: Any) -> Any:
-        from meshlib import mrmeshpy
+def _meshlib_plain(state: Any, *, metric: str) -> None:
+    from meshlib import mrmeshpy
 
-        mesh, edges, _ = state
-        for edge in edges:
-            parameters = mrmeshpy.FillHoleParams()
-            parameters.metric = getattr(mrmeshpy, metric)(mesh)
-            mrmeshpy.fillHole(mesh, edge, parameters)
-
-    return fill
+    mesh, edges, _ = state
+    for edge in edges:
+        parameters = mrmeshpy.FillHoleParams()
+        parameters.metric = getattr(mrmeshpy, metric)(mesh)
+        mrmeshpy.fillHole(mesh, edge, parameters)
 
 
-def _meshlib_nicely(*, fine: bool = False, natural: bool = False) -> Callable[[Any], Any]:
-    def fill(state: Any) -> Any:
-        from meshlib import mrmeshpy
+def _meshlib_nicely(state: Any, *, fine: bool = False, natural: bool = False) -> None:
+    from meshlib import mrmeshpy
 
-        mesh, edges, hole = state
-        settings = mrmeshpy.StitchHolesNicelySettings() if hole.facing else mrmeshpy.FillHoleNicelySettings()
-        if fine:
-            settings.subdivideSettings.maxEdgeLen = hole.mean_edge
-            settings.subdivideSettings.maxEdgeSplits = 1_000_000
-        settings.smoothSettings.naturalSmooth = natural
-        if hole.facing:
-            mrmeshpy.stitchHolesNicely(mesh, *edges, settings)
-            return
-        for edge in edges:
-            mrmeshpy.fillHoleNicely(mesh, edge, settings)
-
-    return fill
+    mesh, edges, hole = state
+    settings = mrmeshpy.StitchHolesNicelySettings() if hole.facing else mrmeshpy.FillHoleNicelySettings()
+    if fine:
+        settings.subdivideSettings.maxEdgeLen = hole.mean_edge
+        settings.subdivideSettings.maxEdgeSplits = 1_000_000
+    settings.smoothSettings.naturalSmooth = natural
+    if hole.facing:
+        mrmeshpy.stitchHolesNicely(mesh, *edges, settings)
+        return
+    for edge in edges:
+        mrmeshpy.fillHoleNicely(mesh, edge, settings)
 
 
 def _meshlib_finish(state: Any, answer: Any) -> Filled:
@@ -211,14 +202,11 @@ def _cgal_rims(polyhedron: Any, rim: set[int]) -> list[Any]:
     return found
 
 
-def _cgal(function: str, outputs: int, *options: float) -> Callable[[Any], Any]:
-    def fill(state: Any) -> Any:
-        from CGAL import CGAL_Polygon_mesh_processing
+def _cgal_fill(state: Any, *, function: str, outputs: int = 2, options: tuple[float, ...] = ()) -> list[Any]:
+    from CGAL import CGAL_Polygon_mesh_processing
 
-        call = getattr(CGAL_Polygon_mesh_processing, function)
-        return [call(state[0], halfedge, *([] for _ in range(outputs)), *options) for halfedge in state[1]]
-
-    return fill
+    call = getattr(CGAL_Polygon_mesh_processing, function)
+    return [call(state[0], halfedge, *([] for _ in range(outputs)), *options) for halfedge in state[1]]
 
 
 def _cgal_finish(state: Any, answer: Any) -> Filled:
@@ -324,146 +312,77 @@ def _trimesh_stitched(mesh: Any, answer: Any) -> Filled:
     )
 
 
-def _peers() -> tuple[Peer, ...]:
-    meshlab_plain, meshlab_fine, meshlab_smooth = _meshlab(False), _meshlab(True), _meshlab(True, smooth=True)
-    return (
-        Peer(
-            name="meshlab-close",
-            package="pymeshlab",
-            distribution="pymeshlab",
-            options="maxholesize above the rim's edges",
-            prepare=meshlab_plain[0],
-            fill=meshlab_plain[1],
-            finish=meshlab_plain[2],
-        ),
-        Peer(
-            name="meshlab-close-refined",
-            package="pymeshlab",
-            distribution="pymeshlab",
-            options="the same, refinehole=True with the rim's mean edge",
-            prepare=meshlab_fine[0],
-            fill=meshlab_fine[1],
-            finish=meshlab_fine[2],
-        ),
-        Peer(
-            name="meshlab-close-smoothed",
-            package="pymeshlab",
-            distribution="pymeshlab",
-            options="the same, and apply_coord_laplacian_smoothing of the new faces with its defaults",
-            prepare=meshlab_smooth[0],
-            fill=meshlab_smooth[1],
-            finish=meshlab_smooth[2],
-        ),
-        *(
-            Peer(
-                name=name,
-                package="meshlib",
-                distribution="meshlib",
-                options=options,
-                prepare=_meshlib_prepare,
-                fill=fill,
-                finish=_meshlib_finish,
-            )
-            for name, options, fill in (
-                ("meshlib-universal", "fillHole with the universal metric", _meshlib_plain("getUniversalMetric")),
-                ("meshlib-min-area", "fillHole with the minimum-area metric", _meshlib_plain("getMinAreaMetric")),
-                (
-                    "meshlib-nicely",
-                    "fillHoleNicely with its defaults, stitchHolesNicely between facing rims",
-                    _meshlib_nicely(),
-                ),
-                (
-                    "meshlib-nicely-fine",
-                    "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",
-                    _meshlib_nicely(fine=True),
-                ),
-                (
-                    "meshlib-nicely-natural",
-                    "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too",
-                    _meshlib_nicely(natural=True),
-                ),
-            )
-        ),
-        *(
-            Peer(
-                name=name,
-                package="CGAL",
-                distribution="cgal",
-                options=options,
-                prepare=_cgal_prepare,
-                fill=fill,
-                finish=_cgal_finish,
-            )
-            for name, options, fill in (
-                ("cgal", "triangulate_hole", _cgal("triangulate_hole", 1)),
-                ("cgal-refine", "triangulate_and_refine_hole", _cgal("triangulate_and_refine_hole", 2)),
-                (
-                    "cgal-fair",
-                    "triangulate_refine_and_fair_hole, which fairs with continuity 1",
-                    _cgal("triangulate_refine_and_fair_hole", 2),
-                ),
-                (
-                    "cgal-fair-2",
-                    "the same with fairing continuity 2",
-                    _cgal("triangulate_refine_and_fair_hole", 2, _CGAL_DENSITY, 2),
-                ),
-            )
-        ),
-        Peer(
-            name="vtk",
-            package="pyvista",
-            distribution="vtk",
-            options="vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too",
-            prepare=_vtk_prepare,
-            fill=lambda mesh: mesh.fill_holes(_EVERY_SIZE),
-            finish=_vtk_finish,
-        ),
-        Peer(
-            name="open3d",
-            package="open3d",
-            distribution="open3d-cpu",
-            options="t.geometry fill_holes, any size, as for VTK, which it calls",
-            prepare=_open3d_prepare,
-            fill=lambda mesh: mesh.fill_holes(hole_size=_EVERY_SIZE),
-            finish=_open3d_finish,
-        ),
-        Peer(
-            name="pymeshfix",
-            package="pymeshfix",
-            distribution="pymeshfix",
-            options="fill_small_boundaries up to the rim's edges, refine=False",
-            prepare=_meshfix_prepare,
-            fill=lambda state: state[0].fill_small_boundaries(state[1], False),
-            finish=_meshfix_finish,
-        ),
-        Peer(
-            name="pymeshfix-refined",
-            package="pymeshfix",
-            distribution="pymeshfix",
-            options="the same, refine=True",
-            prepare=_meshfix_prepare,
-            fill=lambda state: state[0].fill_small_boundaries(state[1], True),
-            finish=_meshfix_finish,
-        ),
-        Peer(
-            name="trimesh",
-            package="trimesh",
-            distribution="trimesh",
-            options="fill_holes",
-            prepare=_trimesh_prepare,
-            fill=lambda mesh: mesh.fill_holes(),
-            finish=_trimesh_finish,
-        ),
-        Peer(
-            name="trimesh-stitch",
-            package="trimesh",
-            distribution="trimesh",
-            options="repair.stitch, which closes every boundary, the outer ones too",
-            prepare=_trimesh_prepare,
-            fill=_trimesh_stitch,
-            finish=_trimesh_stitched,
-        ),
-    )
+# of one tool by name: options that are not its defaults, and the call that fills
+Ways: TypeAlias = Mapping[str, tuple[str, Callable[[Any], Any]]]
 
 
-PEERS = _peers()
+def ways_of(
+    package: str,
+    distribution: str,
+    prepare: Callable[[Hole], Any],
+    finish: Callable[[Any, Any], Filled],
+    ways: Ways,
+) -> tuple[Peer, ...]:
+    """The ways of one tool as fillers."""
+    shared: dict[str, Any] = {"package": package, "distribution": distribution, "prepare": prepare, "finish": finish}
+    return tuple(Peer(name=name, options=options, fill=fill, **shared) for name, (options, fill) in ways.items())
+
+
+_MESHLAB: Ways = {
+    "meshlab-close": ("maxholesize above the rim's edges", partial(_meshlab_fill, refine=False)),
+    "meshlab-close-refined": ("and refinehole=True with the rim's mean edge", partial(_meshlab_fill, refine=True)),
+    "meshlab-close-smoothed": (
+        "and apply_coord_laplacian_smoothing of the new faces with its defaults",
+        partial(_meshlab_fill, refine=True, smooth=True),
+    ),
+}
+_MESHLIB: Ways = {
+    "meshlib-universal": ("fillHole, universal metric", partial(_meshlib_plain, metric="getUniversalMetric")),
+    "meshlib-min-area": ("fillHole, minimum-area metric", partial(_meshlib_plain, metric="getMinAreaMetric")),
+    "meshlib-nicely": ("fillHoleNicely with its defaults, stitchHolesNicely between facing rims", _meshlib_nicely),
+    "meshlib-nicely-fine": (
+        "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",
+        partial(_meshlib_nicely, fine=True),
+    ),
+    "meshlib-nicely-natural": (
+        "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too",
+        partial(_meshlib_nicely, natural=True),
+    ),
+}
+_FAIR = "triangulate_refine_and_fair_hole"
+_CGAL: Ways = {
+    "cgal": ("triangulate_hole", partial(_cgal_fill, function="triangulate_hole", outputs=1)),
+    "cgal-refine": (
+        "triangulate_and_refine_hole",
+        partial(_cgal_fill, function="triangulate_and_refine_hole"),
+    ),
+    "cgal-fair": (f"{_FAIR}, which fairs with continuity 1", partial(_cgal_fill, function=_FAIR)),
+    "cgal-fair-2": ("with fairing continuity 2", partial(_cgal_fill, function=_FAIR, options=(_CGAL_DENSITY, 2))),
+}
+_VTK = "vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too"
+_MESHFIX: Ways = {
+    "pymeshfix": (
+        "fill_small_boundaries up to the rim's edges, refine=False",
+        lambda state: state[0].fill_small_boundaries(state[1], False),
+    ),
+    "pymeshfix-refined": ("the same, refine=True", lambda state: state[0].fill_small_boundaries(state[1], True)),
+}
+_STITCH = "repair.stitch, which closes every boundary, the outer ones too"
+
+PEERS = (
+    *ways_of("pymeshlab", "pymeshlab", _meshlab_prepare, _meshlab_finish, _MESHLAB),
+    *ways_of("meshlib", "meshlib", _meshlib_prepare, _meshlib_finish, _MESHLIB),
+    *ways_of("CGAL", "cgal", _cgal_prepare, _cgal_finish, _CGAL),
+    *ways_of("pyvista", "vtk", _vtk_prepare, _vtk_finish, {"vtk": (_VTK, lambda mesh: mesh.fill_holes(_EVERY_SIZE))}),
+    *ways_of(
+        *("open3d", "open3d-cpu", _open3d_prepare, _open3d_finish),
+        {"open3d": ("t.geometry fill_holes, any size", lambda mesh: mesh.fill_holes(hole_size=_EVERY_SIZE))},
+    ),
+    *ways_of("pymeshfix", "pymeshfix", _meshfix_prepare, _meshfix_finish, _MESHFIX),
+    *ways_of(
+        *("trimesh", "trimesh", _trimesh_prepare, _trimesh_finish),
+        {"trimesh": ("fill_holes", lambda mesh: mesh.fill_holes())},
+    ),
+    *ways_of("trimesh", "trimesh", _trimesh_prepare, _trimesh_stitched, {"trimesh-stitch": (_STITCH, _trimesh_stitch)}),
+)
+"""All of them."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import gc
+import importlib
 import importlib.util
 import statistics
 import time
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,6 @@ from spinor_geom.isolate import serve
 
 # repeats end when they have taken this long together
 _ENOUGH_SECONDS = 5.0
-
-_calls = 0
 
 
 def run(task: Task) -> Record:
@@ -33,53 +31,72 @@ def run(task: Task) -> Record:
     if importlib.util.find_spec(package) is None:
         return {"status": "missing", "reason": f"{package} is not installed"}
     try:
-        return {"status": "done", **_suite(task["suite"])(task)}
+        importlib.import_module(package)
+        return {"status": "done", **_work(task)}
+    except ImportError as error:  # what is broken is the installation, and not the tool
+        return {"status": "missing", "reason": f"{package} cannot be imported here: {_sentence(error)}"}
     except SpinorGeomError as error:
         return {"status": "refused", "reason": _sentence(error)}
     except Exception as error:  # another project's exception: its row says so
         return {"status": "failed", "reason": f"{type(error).__name__}: {_sentence(error)}"}
 
 
-def _suite(name: str) -> Callable[[Task], Record]:
-    return {"loop": _span, "hole": _fill, "odd": _fill, "file": _fill, "file loop": _span, "cut-out": _fill}[name]
+def _work(task: Task) -> Record:
+    from spinor_geom.bench.methods import LOOP_METHODS
+    from spinor_geom.bench.solves import SUITES
+
+    if task["suite"] == "batch":
+        from spinor_geom.bench.batches import batch_figures
+
+        return batch_figures(task["case"], task["share"])
+    if task["suite"] in SUITES:
+        return _solve(task)
+    return _span(task) if task["method"] in LOOP_METHODS else _fill(task)
+
+
+def _solve(task: Task) -> Record:
+    from spinor_geom.bench.solves import solve_figures, solves
+    from spinor_geom.plateau.solve import solve_plateau
+
+    case = solves()[task["case"]]
+    subject: Any = case.subject()
+    timed, answer = _timed(lambda: None, lambda _: solve_plateau(subject, **case.options), task["repeat"])
+    return {**timed, **solve_figures(case, answer)}
 
 
 def _span(task: Task) -> Record:
-    from spinor_geom.bench.measure import disk_figures, vertex_fields
-    from spinor_geom.bench.methods import LOOP_METHODS, Problem
+    from spinor_geom.bench.cases import known_case
+    from spinor_geom.bench.claims import LEAST_POINTS
+    from spinor_geom.bench.limit import points_limit
+    from spinor_geom.bench.measure import disk_figures
+    from spinor_geom.bench.methods import LOOP_METHODS
 
-    case, loop = None, None
-    if task["suite"] == "file loop":
-        loop = _file(task["case"]).loops[task["place"]]
-    else:
-        case = _case(task)
-        loop = case.loop(task["n"])
-    problem = Problem(loop=loop, edge=task.get("edge"), case=case)
-    method = LOOP_METHODS[task["method"]]
-    timed, spanned = _timed(lambda: None, lambda _: method.span(problem), task["repeat"])
+    case = known_case(task["case"])
+    loop, method = case.loop(task["n"]), LOOP_METHODS[task["method"]]
+    timed, spanned = _timed(lambda: None, lambda _: method.span(loop), task["repeat"])
     figures = disk_figures(spanned, loop, case)
-    if task.get("view") and case is not None:
-        fields = vertex_fields(spanned.vertices, spanned.faces, case.diameter, case.chart)
-        _keep(task["view"], spanned.vertices, spanned.faces, fields)
-    return {**timed, **figures, "edge": loop.mean_edge_length if task.get("edge") is None else task["edge"]}
+    if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
+        figures["limit_error"] = points_limit(case, task["n"])
+    return {**timed, **figures}
 
 
 def _fill(task: Task) -> Record:
+    from spinor_geom.bench.cases import known_case
+    from spinor_geom.bench.cut_outs import named_cut_out
     from spinor_geom.bench.fillers import FILLERS
-    from spinor_geom.bench.holes import hole_over, odd_hole
+    from spinor_geom.bench.holes import file_hole, hole_over, named_hole
     from spinor_geom.bench.measure import cut_out_figures, cut_out_views, hole_figures
+    from spinor_geom.mesh.boundary_loop import turning_angles
 
-    case, cut_out = None, None
-    if task["suite"] == "cut-out":
-        cut_out = _cut_out(task["case"], task["data"])
+    name, case, cut_out = task["case"], None, None
+    if task["suite"] == "cut-outs":
+        cut_out = named_cut_out(name, None if task["data"] is None else Path(task["data"]))
         hole = cut_out.hole
-    elif task["suite"] == "hole":
-        case = _case(task)
-        hole = hole_over(case.name, case.loop(task["n"]))
-    elif task["suite"] == "odd":
-        hole = odd_hole(task["case"])
+    elif task["suite"] == "fills":
+        case = known_case(name)
+        hole = hole_over(name, case.loop(task["n"]), case.area)
     else:
-        hole = _file(task["case"])
+        hole = file_hole(Path(name)) if task["suite"] == "meshes" else named_hole(name)
     tool = FILLERS[task["method"]]
     state: Any = None
 
@@ -93,20 +110,17 @@ def _fill(task: Task) -> Record:
     if cut_out is not None:
         figures = cut_out_figures(filled, cut_out)
         if task["view"]:
-            for name, piece in cut_out_views(filled, cut_out).items():
-                _keep(str(Path(task["view"]) / f"{name or task['method']}.npz"), *piece)
+            for piece, view in cut_out_views(filled, cut_out).items():
+                _keep(str(Path(task["view"]) / f"{piece or task['method']}.npz"), *view)
     else:
         figures = hole_figures(filled, hole, case)
+    if cut_out is not None:
+        figures["sharpness"] = float(np.degrees(np.quantile(turning_angles(hole.loops[hole.places[0]].points), 0.9)))
     return {**timed, **figures, "expected": hole.expected, "rims": len(hole.places)}
 
 
 def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) -> tuple[Record, Any]:
-    """Seconds of a call: the first of the process with its imports ("cold"), and the median of those after one.
-
-    The first call of a task is not counted among the repeats, unless it takes so long that there are none.
-    """
-    global _calls
-    begin = time.perf_counter()
+    """The median seconds of the calls after one that is not counted, unless that takes so long that it is alone."""
     seconds: list[float] = []
     answer = None
     while len(seconds) < repeat + 1 and (len(seconds) < 1 or sum(seconds) < _ENOUGH_SECONDS):
@@ -114,42 +128,12 @@ def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) 
         start = time.perf_counter()
         answer = work(state)
         seconds.append(time.perf_counter() - start)
-        if len(seconds) == 1:
-            cold = time.perf_counter() - begin if _calls == 0 else None
-            _calls += 1
     counted = seconds[1:] or seconds
     return {
         "seconds": statistics.median(counted),
         "seconds_all": counted,
-        "cold_seconds": cold,
         "memory_mib": peak_memory(),
     }, answer
-
-
-def _case(task: Task) -> Any:
-    return _made_case(task["case"], tuple(sorted(task["variation"].items())))
-
-
-@lru_cache(maxsize=4)
-def _made_case(name: str, variation: tuple[tuple[str, Any], ...]) -> Any:
-    from spinor_geom.bench.cases import Variation, known_case
-
-    return known_case(name, Variation(**dict(variation)))
-
-
-@lru_cache(maxsize=2)
-def _file(path: str) -> Any:
-    from spinor_geom.bench.holes import file_hole
-
-    return file_hole(Path(path))
-
-
-# every scan's disks are asked for by one tool after the other
-@lru_cache(maxsize=128)
-def _cut_out(name: str, data: str | None) -> Any:
-    from spinor_geom.bench.cut_outs import named_cut_out
-
-    return named_cut_out(name, None if data is None else Path(data))
 
 
 def _keep(path: str, vertices: Any, faces: Any, fields: dict[str, Any]) -> None:

@@ -15,9 +15,8 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         def on_progress(now: BatchProgress) -> None:
             show(now.files, now.files_total, _said(now) + _ready(now))
 
-        options = {
-            name: value for name, value in vars(arguments).items() if name not in ("command", "inputs", "output")
-        }
+        own = ("command", "version", "inputs", "output")
+        options = {name: value for name, value in vars(arguments).items() if name not in own}
         options["edge_length"] = "auto" if arguments.edge_length is None else arguments.edge_length
         result = batch(arguments.inputs, arguments.output, **options, on_progress=on_progress)
     done = result.progress

@@ -15,20 +15,13 @@ DATA = Path("data")  # of a clone, in whose root the command is usually given
 def run(arguments: argparse.Namespace) -> ExitStatus:
     """Measures, writes the run's files, and says which promises of accuracy are not kept."""
     require("matplotlib", extra="bench")
-    from spinor_geom.bench.cases import Variation
     from spinor_geom.bench.claims import claims
     from spinor_geom.bench.page import PAGE, write
-    from spinor_geom.bench.runner import Settings, measure
-    from spinor_geom.bench.tables import claim_table, hole_table, odd_summary, reach_table, scaling_table, trouble_table
+    from spinor_geom.bench.runner import measure
+    from spinor_geom.bench.suites import Settings
+    from spinor_geom.bench.tables import claim_table, trouble_table
 
-    variation = Variation(
-        turn=arguments.turn, scale=arguments.scale, noise=arguments.noise, sampling=arguments.sampling
-    )
-    chosen: dict[str, Any] = {
-        "cases": tuple(arguments.cases or ()),
-        "methods": tuple(arguments.methods or ()),
-        "variation": variation,
-    }
+    chosen: dict[str, Any] = {name: tuple(getattr(arguments, name) or ()) for name in ("suites", "cases", "methods")}
     if arguments.data is not None or DATA.is_dir():
         chosen["data"] = arguments.data or DATA
     if arguments.repeat is not None:
@@ -40,14 +33,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         result = measure(settings, arguments.output, on_record=lambda _, done, total: advance(done, total))
     write(result)
     found = claims(result.records)
-    for table in (
-        claim_table(found),
-        reach_table(result.records),
-        hole_table(result.records),
-        odd_summary(result.records),
-        scaling_table(result.records),
-        trouble_table(result.records),
-    ):
+    for table in (claim_table(found), trouble_table(result.records)):
         if table.rows:
             show_lines(table.title, piped=False)
             show_table(table.columns, [[cell.strip("*") for cell in row] for row in table.rows], piped=False)

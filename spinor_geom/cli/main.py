@@ -63,7 +63,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="spinor-geom", description="Fills holes of meshes with exact minimal surfaces.", epilog=EPILOG
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
+    )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     _add_fill(commands)
     _add_loops(commands)
@@ -193,27 +195,25 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "where it was when the same command is given again.",
     ).add_argument
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of the run")
-    add("--quick", action="store_true", help="a few cases, every tool once: less than two minutes")
+    add("--quick", action="store_true", help="a few cases of each suite, every tool once: less than three minutes")
+    add(
+        "--suite",
+        dest="suites",
+        metavar="NAME[,NAME…]",
+        type=_names,
+        help="disks, fills, odd, cut-outs, meshes, noisy: ours beside others; curves, rims, speed, paper, batch: "
+        "ours alone (default: all)",
+    )
     add(
         "--cases",
         metavar="NAME[,NAME…]",
         type=_names,
-        help="known cases, odd rims, cut-outs, mesh files, and groups of them: caps, windows, scans, peer-tests, "
-        "cut-outs (default: all)",
+        help="which of their cases, also by patterns as of files, for instance 'icosphere-*' (default: all)",
     )
     add("--methods", metavar="NAME[,NAME…]", type=_names, help="methods and tools (default: all)")
     add("--repeat", metavar="N", type=_count, help="counted calls of each (default: 3)")
     add("--time-limit", metavar="S", type=_positive, help="seconds for one measurement (default: 180, quick: 60)")
     add("--data", metavar="DIR", type=Path, help="folder of mesh files (default: data, if it is there)")
-    add("--turn", metavar="SEED", type=int, help="turn the known cases at random")
-    add("--scale", metavar="S", type=_positive, default=1.0, help="scale the known cases")
-    add("--noise", metavar="SHARE", type=float, default=0.0, help="move their points, in mean edges; no answer then")
-    add(
-        "--sampling",
-        choices=("formula", "even", "uneven"),
-        default="formula",
-        help="where their points lie: by the formula's parameter, equally far apart, or with edges of random lengths",
-    )
 
 
 def _names(text: str) -> list[str]:

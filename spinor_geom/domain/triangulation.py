@@ -35,6 +35,9 @@ _MIN_ANGLE = 25.0
 # points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
 _SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
 _MOST_ROWS = 20_000
+# seeds keep this share of the lengths of edges from the tips of triangles on the boundary, and from its vertices, and
+# this share of the wanted size from each other
+_FROM_TIPS, _FROM_VERTICES, _LEAST_SPACING = 0.75, 1.2, 0.7
 # a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 _LARGEST_RADIUS = 0.75
 # where it comes near to that by the lengths wanted at its corners, the one wanted in its middle decides
@@ -146,6 +149,7 @@ def triangulate_polygon(
     size: SizeFunction,
     *,
     holes: Sequence[Complex[np.ndarray, " _"]] = (),
+    seeds: Complex[np.ndarray, " k"] | None = None,
     max_points: int = MOST_POINTS,
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
@@ -160,6 +164,8 @@ def triangulate_polygon(
         boundary: Vertices of the polygon, counter-clockwise, without repetition of the first.
         size: Wanted edge length at points (k,), in units of the polygon.
         holes: Polygons inside it, clockwise, that are left out.
+        seeds: Points inside, about as far from each other as is wanted, to start from; those that are too near to the
+            boundary are not taken. By default those of a lattice as wide as the largest of the sizes wanted.
         max_points: No further points are inserted when there are so many in all.
 
     Raises:
@@ -199,7 +205,11 @@ def triangulate_polygon(
         )
     after = rim_successors(rims)
     guard = _Guard(polygon, after)
-    points = np.append(polygon, _seeds(polygon, after, guard, wanted, max_points - m))
+    if seeds is None:
+        inner = _seeds(polygon, after, guard, wanted, max_points - m)
+    else:
+        inner = _behind_a_row(polygon, after, guard, wanted, (seeds - centre) / scale)[: max(0, max_points - m)]
+    points = np.append(polygon, inner)
     points, faces = _refine(points, ConstrainedDelaunay(points, rims), guard, wanted, max_points)
     for _ in range(3):
         middle = _long_bridges(points, faces, after, wanted, guard)
@@ -273,6 +283,32 @@ def _seeds(
     distance, _ = cKDTree(plane_coordinates(polygon)).query(plane_coordinates(points))
     points = points[np.asarray(distance) > _ROOM_AT_BOUNDARY * spacing]
     return np.asarray(points[~guard.too_near(points)])
+
+
+def _behind_a_row(
+    polygon: Complex[np.ndarray, " m"],
+    after: Int[np.ndarray, " m"],
+    guard: _Guard,
+    size: SizeFunction,
+    seeds: Complex[np.ndarray, " k"],
+) -> Complex[np.ndarray, " j"]:
+    """The tips of equilateral triangles on the edges of a polygon, and behind them the seeds that stand wide enough.
+
+    Edges that turn much from one to the next have no room for a row of tips.
+    """
+    edge = polygon[after] - polygon
+    tips, length = 0.5 * (polygon + polygon[after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
+    if len(_independent(tips, _FROM_TIPS * length, length)) < len(tips):
+        tips, length = tips[:0], length[:0]
+    free = ~guard.too_near(tips)
+    tips, length = tips[free], length[free]
+    if len(seeds) > 1:
+        spacing, _ = cKDTree(plane_coordinates(seeds)).query(plane_coordinates(seeds), k=[2])
+        seeds = seeds[np.asarray(spacing)[:, 0] > _LEAST_SPACING * size(seeds)]
+    row = np.concatenate([tips, polygon])
+    away = np.concatenate([_FROM_TIPS * length, _FROM_VERTICES * np.abs(edge)])
+    distance, nearest = cKDTree(plane_coordinates(row)).query(plane_coordinates(seeds))
+    return np.concatenate([tips, seeds[np.asarray(distance) > away[np.asarray(nearest)]]])
 
 
 def _refine(

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
@@ -14,7 +14,6 @@ from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.surface import SpinorSurface
-from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 
 # order of the Taylor expansions and relative size of the perturbation of their coefficients
@@ -22,8 +21,8 @@ _ORDER, _PERTURBATION = 10, 0.1
 _SEED = 5
 # of the parameter of a prescribed surface's boundary: how uneven it is, β, and where it starts, b
 _UNEVEN, _SHIFT = 0.4, 0.1
-# points of the circle that Taylor coefficients are taken from
-_TAYLOR_POINTS = 256
+# points of the circle that Taylor coefficients are taken from, and a boundary's, of which a hundred matter
+_TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512
 
 
 def random_networks(depth: int = 10) -> SpinorSurface:
@@ -50,33 +49,28 @@ def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
     Its parameter t runs unevenly: the point is r(e^{2πiw}), w = t + β sin(2πt)/2π + b. So the curve does not tell a
     solver which of its points belong to which of the circle.
     """
+    circle = np.exp(2j * np.pi * np.arange(_BOUNDARY_POINTS) / _BOUNDARY_POINTS)
+    # r is harmonic: its boundary is the real part of a power series
+    series = np.fft.fft(surface.position(circle), axis=0)[: _BOUNDARY_POINTS // 2] / (_BOUNDARY_POINTS / 2)
+    series[0] /= 2
+    waves = 2j * np.pi * np.arange(len(series))
 
-    def circle(t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+    def on_circle(t: Float[np.ndarray, "*pts"], order: int) -> Float[np.ndarray, "*pts 3"]:
+        """A derivative of r(e^{2πiw}) by w."""
         w = np.asarray(t) + _UNEVEN * np.sin(2 * np.pi * np.asarray(t)) / (2 * np.pi) + _SHIFT
-        return np.asarray(np.exp(2j * np.pi * w))
-
-    def by_circle(t: Float[np.ndarray, "*pts"]) -> tuple[Float[np.ndarray, "*pts 3"], Float[np.ndarray, "*pts 3"]]:
-        """First and second derivative of r(e^{2πiw}) by w."""
-        z = torch.from_numpy(circle(t))
-        with torch.no_grad():
-            (p, q), (dp, dq) = surface.spinors(z).unbind(-1), surface.spinor_derivatives(z).unbind(-1)
-            turned, null = 2j * math.pi * z[..., None], phi(p, q)
-            slope = null_vector(2 * p * dp, 2 * q * dq, dp * q + p * dq)
-            first, second = (turned * null).real, (turned**2 * slope + 2j * math.pi * turned * null).real
-        return np.asarray(first.numpy()), np.asarray(second.numpy())
+        return np.asarray((waves**order * np.exp(waves * w[..., None]) @ series).real)
 
     def speed(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 1"]:
         return np.asarray(1 + _UNEVEN * np.cos(2 * np.pi * np.asarray(t)))[..., None]
 
     def second_derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        first, second = by_circle(t)
         change = -2 * np.pi * _UNEVEN * np.sin(2 * np.pi * np.asarray(t))[..., None]
-        return np.asarray(second * speed(t) ** 2 + first * change)
+        return np.asarray(on_circle(t, 2) * speed(t) ** 2 + on_circle(t, 1) * change)
 
     return KnownCurve(
         name=name,
-        point=lambda t: surface.position(circle(t)),
-        derivative=lambda t: np.asarray(by_circle(t)[0] * speed(t)),
+        point=lambda t: on_circle(t, 0),
+        derivative=lambda t: np.asarray(on_circle(t, 1) * speed(t)),
         second_derivative=second_derivative,
         source="prescribed p and q",
     )

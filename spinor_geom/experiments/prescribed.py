@@ -64,7 +64,7 @@ def measure(settings: PrescribedSettings) -> Outcome:
                 {
                     "surface": name,
                     "method": method,
-                    **(_training(trained[method]) if method in trained else {}),
+                    **(_trained_row(trained[method]) if method in trained else {}),
                     "p, q": fit.spinor_residual,
                     "f": fit.weierstrass_residual,
                     "g": fit.gauss_residual,
@@ -100,12 +100,8 @@ def measure(settings: PrescribedSettings) -> Outcome:
     )
 
 
-def _training(trained: Trained) -> dict[str, Any]:
-    return {
-        "steps": len(trained.history),
-        "seconds": trained.seconds,
-        "distance/diagonal": trained.max_per_diagonal,
-    }
+def _trained_row(one: Trained) -> dict[str, Any]:
+    return {"steps": len(one.history), "seconds": one.seconds, "distance/diagonal": one.max_per_diagonal}
 
 
 def functions(surface: SpinorSurface, fit: MoebiusFit | None = None) -> dict[str, HolomorphicFunction]:

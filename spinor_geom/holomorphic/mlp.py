@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import DtypeError, OptionError
+from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.blocks import in_blocks
 
 ActivationName = Literal["exp", "sin", "sinh"]
@@ -37,7 +37,7 @@ class ComplexMLP(torch.nn.Module):
     """p and q as two complex-valued networks of one shape: input, weights, biases and activations in ℂ.
 
     z ↦ u = (z − center)/radius, then `depth` hidden layers h ↦ σ(W h + b) of `width` units and a linear read-out. An
-    entire σ makes both entire. They are computed in the precision of the parameters and answered in that of the points.
+    entire σ makes both entire. They are computed in double precision and answered in that of the points.
 
     A network without care overflows: exp of exp of a number that is a little too large is infinite in three layers. At
     the start every unit's argument a = W h + b is therefore scaled, layer by layer, so that on the circle |u| = 1 its
@@ -64,10 +64,8 @@ class ComplexMLP(torch.nn.Module):
         radius: float = 1.0,
         gain: float | None = None,
         generator: torch.Generator | None = None,
-        dtype: torch.dtype = torch.complex128,
-        device: torch.device | str = "cpu",
     ) -> None:
-        """A network with random parameters.
+        """A network with random parameters, complex128 on the CPU.
 
         Args:
             depth: number of hidden layers.
@@ -77,23 +75,20 @@ class ComplexMLP(torch.nn.Module):
             radius: of that disk.
             gain: M, the largest modulus of a unit's argument at the start; 1 + 5/depth where none is given, for
                 second-order methods; first-order ones want calmer networks, of about 0.5.
-            generator: of the random parameters, on the CPU; the same seed gives the same network on every device.
-            dtype: of the parameters, complex128 or complex64.
-            device: of the parameters.
+            generator: of the random parameters.
 
         Raises:
             OptionError: no layers or units, a radius or gain that is not positive, or an activation that is not entire.
-            DtypeError: the dtype is not complex.
         """
         super().__init__()
         largest = 1 + _BEND / max(depth, 1) if gain is None else float(gain)
-        _check(depth, width, activation, radius, largest, dtype)
+        _check(depth, width, activation, radius, largest)
         self.activation: ActivationName = activation
         self.center = complex(center)
         self.radius = float(radius)
         parameters = _initial(depth, width, _ACTIVATIONS[activation][0], largest, generator)
-        self.weights = torch.nn.ParameterList([weight.to(device, dtype) for weight, _ in parameters])
-        self.biases = torch.nn.ParameterList([bias.to(device, dtype) for _, bias in parameters])
+        self.weights = torch.nn.ParameterList([weight for weight, _ in parameters])
+        self.biases = torch.nn.ParameterList([bias for _, bias in parameters])
 
     @property
     def depth(self) -> int:
@@ -146,14 +141,13 @@ class ComplexMLP(torch.nn.Module):
             )
 
     def config(self) -> dict[str, Any]:
-        """Sizes, activation, disk and precision."""
+        """Sizes, activation and disk."""
         return {
             "depth": self.depth,
             "width": self.width,
             "activation": self.activation,
             "center": [self.center.real, self.center.imag],
             "radius": self.radius,
-            "bits": 64 if self.weights[0].dtype == torch.complex128 else 32,
         }
 
     @classmethod
@@ -166,7 +160,6 @@ class ComplexMLP(torch.nn.Module):
             center=complex(*config["center"]),
             radius=float(config["radius"]),
             generator=torch.Generator().manual_seed(0),
-            dtype={64: torch.complex128, 32: torch.complex64}[config["bits"]],
         )
 
     def _scaled(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
@@ -228,15 +221,13 @@ class Linearisation:
         return [*weights, *(part.sum(1) for part in weighted)]
 
 
-def _check(depth: int, width: int, activation: str, radius: float, gain: float, dtype: torch.dtype) -> None:
+def _check(depth: int, width: int, activation: str, radius: float, gain: float) -> None:
     if depth < 1 or width < 1:
         raise OptionError(f"a network needs at least one hidden layer of one unit, got {depth} of {width}")
     if not 0 < radius < math.inf or not 0 < gain < math.inf:
         raise OptionError(
             f"the radius of the disk around Ω and the gain must be positive and finite, got {radius} and {gain}"
         )
-    if not dtype.is_complex:
-        raise DtypeError(f"the parameters must be complex, got {dtype}; use torch.complex128 or torch.complex64")
     if activation not in _ACTIVATIONS:
         raise OptionError(
             f"unknown activation {activation!r}: p and q are holomorphic only if it is entire, so it may not act on "

@@ -9,6 +9,7 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import TooManyPointsError
+from spinor_geom.meshing.seeds import even_seeds, is_unit_disk
 from spinor_geom.meshing.size_field import size_field
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -47,8 +48,13 @@ def triangulate_patch(
         TooManyPointsError: The edge length asks for more vertices than anyone can use.
         DomainError: The boundary is not a simple polygon, with holes inside.
     """
-    samples = surface.domain.triangulation.points
-    return triangulate_domain(rims, samples, np.asarray(surface.conformal_factor(samples)), target, area)
+    require_few_points(area, target)
+    mesh = surface.domain.triangulation
+    factor = np.asarray(surface.conformal_factor(mesh.points))
+    on_boundary, seeds = factor[: mesh.boundary_size], None
+    if is_unit_disk(surface.domain) and (np.isfinite(on_boundary) & (on_boundary > 0)).all():
+        seeds = even_seeds(on_boundary, target, area)
+    return triangulate_domain(rims, mesh.points, factor, target, area, seeds=seeds)
 
 
 def triangulate_domain(
@@ -57,8 +63,10 @@ def triangulate_domain(
     factor: Float[np.ndarray, " n"],
     target: float,
     area: float,
+    *,
+    seeds: Complex[np.ndarray, " k"] | None = None,
 ) -> PlaneTriangulation:
-    """As `triangulate_patch`, from the factor λ at some points of Ω."""
+    """As `triangulate_patch`, from the factor λ at some points of Ω, and from points to start from, if there are."""
     require_few_points(area, target)
     boundary = np.concatenate(rims)
     triangles = 4 * area / (np.sqrt(3) * target**2)
@@ -66,5 +74,6 @@ def triangulate_domain(
         rims[0],
         size_field(samples, factor, boundary, target, rims=tuple(map(len, rims))),
         holes=rims[1:],
+        seeds=seeds,
         max_points=int(POINTS_PER_VERTEX * len(boundary) + POINTS_PER_TRIANGLE * triangles),
     )

@@ -33,10 +33,10 @@ from spinor_geom.plateau.network_route import (
     fitted_surface,
     limit_of,
     rim_indices,
-    roughness,
 )
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import independent_residual
+from spinor_geom.plateau.roughness import roughness
 from spinor_geom.plateau.start import lifted_frames
 from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
 
@@ -184,7 +184,6 @@ class AnnulusNetworkSolver:
                 CornerPairs(t=np.zeros(0), s=np.zeros(0)),
                 degree=self.options.degree,
                 offset=self.options.pole_offset,
-                turning=self._turning,
                 tolerance=self.budget.allowed / self.loops[0].mean_edge_length,
                 branch=branch,
             )

@@ -148,14 +148,16 @@ def minimise_dirichlet_energies(
         finished = (size <= limits) | stays | still | stuck | crowded | (steps >= most)
         if is_out_of_time():
             finished[:] = True
-        for i in finished.nonzero()[:, 0].tolist():
-            disks[int(number[i])] = HarmonicDisk(
+        over = finished.nonzero()[:, 0]
+        told = zip(over.tolist(), *(x[over].tolist() for x in (number, state.energy, size, crowded)), strict=True)
+        for i, place, energy, gradient_size, is_crowded in told:
+            disks[place] = HarmonicDisk(
                 slide=state.slide[i],
                 points=state.points[i],
-                energy=float(state.energy[i]) * 2 * torch.pi / slides.shape[1],
-                gradient=float(size[i]),
+                energy=energy * 2 * torch.pi / slides.shape[1],
+                gradient=gradient_size,
                 steps=steps,
-                crowded=bool(crowded[i]),
+                crowded=is_crowded,
             )
         if finished.all():
             break

@@ -117,8 +117,8 @@ def fit_together(fits: Sequence[Fit], *, most_nodes: int | None = None) -> None:
         alike: dict[tuple[object, ...], list[Fit]] = defaultdict(list)
         for fit in left:
             alike["disk" if fit.form.is_disk else id(fit.form), fit.nodes, fit.is_near].append(fit)
-        for (_, nodes, _), group in alike.items():
-            together = max(1, _BATCH_NODES // nodes)
+        for group in alike.values():
+            together = max(1, _BATCH_NODES // group[0].nodes)
             for start in range(0, len(group), together):
                 _advance(group[start : start + together])
 

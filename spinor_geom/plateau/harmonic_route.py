@@ -36,8 +36,8 @@ from spinor_geom.plateau.steps import Steps
 
 # A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
 _DISK_ELONGATION = 2.5
-# Nodes per edge of a rough loop that a distance from Γ, in edges, is met with as a rule; smooth loops start with one.
-_PER_EDGE_ROUGH = ((5e-3, 6), (5e-4, 9), (0.0, 12))
+# Nodes per edge of a rough loop with which 1e-3 edges are met as a rule; smooth loops start with one.
+_PER_EDGE_ROUGH = 9
 # Points that Ω is made from: the cost of Λ on it is their number cubed.
 _FEWEST_POINTS, _POINTS = 32, 128
 # Most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing.
@@ -160,13 +160,6 @@ class HarmonicSolver:
         return DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
 
     @property
-    def _first_per_edge(self) -> int:
-        if not self._is_rough:
-            return 1
-        wanted = self.allowed / self.loop.mean_edge_length
-        return next(nodes for limit, nodes in _PER_EDGE_ROUGH if wanted >= limit)
-
-    @property
     def _fine_gradient(self) -> float:
         """At which a slide along Γ itself stops."""
         if self.to_rounding:
@@ -228,7 +221,7 @@ class HarmonicSolver:
             curve=self._exact,
             form=form,
             slide=slide,
-            nodes=even(max(len(slide), m * self._first_per_edge)),
+            nodes=even(max(len(slide), m * (_PER_EDGE_ROUGH if self._is_rough else 1))),
             most_nodes=even(max(4 * _FEWEST_NODES, _MOST_PER_EDGE * m)),
             is_rough=self._is_rough,
             allowed=self.allowed,

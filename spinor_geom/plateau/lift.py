@@ -230,7 +230,8 @@ class _SampledBoundary:
         normal = (self.weights[:, None] * error).sum(-1) - (weighted * (unit * error).sum(1, keepdim=True)).sum(-1)
         # a long straight curve hardly says where along it the constant is
         identity = torch.eye(3, dtype=error.dtype, device=error.device)
-        return torch.linalg.solve((1 + _STIFFNESS) * identity - along, normal)
+        move: Tensor = torch.linalg.solve((1 + _STIFFNESS) * identity - along, normal)
+        return move
 
     def settled(self, placed: _Placed) -> _Placed:
         """The surfaces with polynomials added to p and q that bring them nearer to Γ."""
@@ -276,7 +277,7 @@ class _SampledBoundary:
         diagonal = gram.diagonal(dim1=1, dim2=2)
         diagonal.add_(_SETTLING_DAMPING * diagonal.mean(-1, keepdim=True))
         x = torch.linalg.solve(gram, (matrix * torch.cat(right, dim=1)[:, None]).sum(-1))
-        change = torch.complex(x[:, : 2 * k], x[:, 2 * k : 4 * k]).unflatten(1, (2, k))
+        change = torch.complex(x[:, : 2 * k], x[:, 2 * k : 4 * k]).reshape(len(x), 2, k)
         return torch.stack([one @ basis for one in change])
 
     def lifts(self, placed: _Placed, is_lifted: Bool[Tensor, " b"]) -> tuple[Lift | None, ...]:

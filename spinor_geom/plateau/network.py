@@ -19,15 +19,11 @@ from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.hole_field import HoleField
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, WayAcross
 
-# Equations per unknown. With 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and
-# the iteration wanders off; from 4 on both agree. On smooth loops 2 is enough.
-_EQUATIONS_ROUGH = 4.0
-_EQUATIONS_SMOOTH = 2.0
-# A large refined network starts from a good fit and does not wander off; small ones can afford more.
-_EQUATIONS_REFINED = 2.5
-_SMALL_NETWORK = 200
-_SMOOTH_TURN = np.radians(12.0)
-_FEWEST_NODES_PER_PANEL = 4
+# Equations per unknown: with 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and
+# the iteration wanders off; from 4 on both agree.
+_EQUATIONS = 4.0
+# Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
+# time grows with the cube.
 _MAX_FEATURES = 420
 # Degree of the polynomials in the fields that move Ω.
 _FIELD_DEGREE = 8
@@ -43,7 +39,6 @@ class Discretisation:
         way: through Ω to its hole; none without one.
         poles: poles outside Ω.
         degree: of the polynomials.
-        equations: equations per unknown.
         at_corner: number of poles that are clustered at each corner.
         panels: nodes on ∂Ω.
         network: features orthonormal on the nodes.
@@ -55,7 +50,6 @@ class Discretisation:
     way: WayAcross | None
     poles: Poles
     degree: int
-    equations: float
     at_corner: int
     panels: Panels
     network: CauchyNetwork
@@ -70,7 +64,6 @@ class Discretisation:
         *,
         degree: int,
         offset: float,
-        turning: float,
         tolerance: float,
         branch: complex | None = None,
     ) -> Discretisation:
@@ -82,13 +75,11 @@ class Discretisation:
             pairs: corners of Ω and Γ.
             degree: highest degree of the polynomials.
             offset: of the poles, in local edges.
-            turning: turning angle that nine in ten of the loop's points do not exceed: its roughness.
             tolerance: RMS distance from Γ, in mean edges, that is asked for: corners take fewer poles for a loose one.
             branch: a point in the hole around which p and q change their sign; none where they are single-valued.
         """
         edges = len(domain.vertices)
         at_corner = corner_poles(tolerance)
-        smooth = turning < _SMOOTH_TURN and edges >= 64 and not domain.boundary.corners.any()
         return cls._of(
             domain,
             curves,
@@ -96,7 +87,6 @@ class Discretisation:
             poles=place_poles(domain, offset=offset, at_corner=at_corner),
             breaks=tuple(map(panel_breaks, domain.boundaries)),
             degree=min(degree, max(8, 2 * edges)),
-            equations=_EQUATIONS_SMOOTH if smooth else _EQUATIONS_ROUGH,
             at_corner=at_corner,
             branch=branch,
         )
@@ -111,14 +101,13 @@ class Discretisation:
         poles: Poles,
         breaks: tuple[Float[np.ndarray, " _"], ...],
         degree: int,
-        equations: float,
         at_corner: int,
         branch: complex | None,
     ) -> Discretisation:
         device = curves[0].breaks.device
         unknowns = 4 * (degree + 1 + len(poles.positions))
-        order = int(np.ceil(equations * unknowns / (2 * sum(len(some) - 1 for some in breaks))))
-        panels = Panels.around(domain, breaks, max(_FEWEST_NODES_PER_PANEL, order))
+        order = int(np.ceil(_EQUATIONS * unknowns / (2 * sum(len(some) - 1 for some in breaks))))
+        panels = Panels.around(domain, breaks, order)
         way = WayAcross.through(domain)
         network = CauchyNetwork.orthonormal_on(
             torch.as_tensor(panels.z, device=device),
@@ -134,7 +123,6 @@ class Discretisation:
             way=way,
             poles=poles,
             degree=degree,
-            equations=equations,
             at_corner=at_corner,
             panels=panels,
             network=network,
@@ -157,7 +145,6 @@ class Discretisation:
         matter[order[: max(0, len(energy) - room)]] = False
         chosen = self.panels.ends[matter]
         poles = self.poles + refining_poles(self.domain, chosen)
-        small = self.degree + len(poles.positions) < _SMALL_NETWORK
         middle = chosen.mean(axis=1)
         return self._of(
             self.domain,
@@ -169,7 +156,6 @@ class Discretisation:
                 for number, breaks in enumerate(self.panels.rim_breaks)
             ),
             degree=self.degree,
-            equations=_EQUATIONS_ROUGH if small else _EQUATIONS_REFINED,
             at_corner=self.at_corner,
             branch=self.branch,
         )
@@ -240,7 +226,6 @@ class Discretisation:
             poles=place_poles(domain, offset=offset, at_corner=self.at_corner),
             breaks=tuple(np.interp(breaks, old.parameters, new.parameters) for breaks, old, new in rims),
             degree=self.degree,
-            equations=self.equations,
             at_corner=self.at_corner,
             branch=self.branch,
         )

@@ -38,6 +38,7 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
+# Rounds of a fit, each with up to three poles for one where the residual is.
 _MAX_ROUNDS = 3
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
@@ -46,8 +47,8 @@ _POINTS_OF_A_PIECE = 4
 # A loop counts as ragged or as rough where one of its points in ten turns by more.
 _RAGGED_TURN = np.radians(60.0)
 _ROUGH_TURN = np.radians(25.0)
-# A round ends when a step gains less than this share of the squared residual; the last one goes on longer.
-_STALL, _STALL_LAST = 0.2, 0.05
+# A round ends when a step gains less than this share of the squared residual.
+_STALL = 0.05
 # A move of Ω shorter than this share of the residual changes nothing: Ω's scale is near to 1.
 _LEAST_MOVE = 0.01
 # Newton steps to a closed period.
@@ -161,7 +162,6 @@ class NetworkSolver:
                 pairs,
                 degree=self.options.degree,
                 offset=self.options.pole_offset,
-                turning=self._turning,
                 tolerance=self.budget.allowed / self.loop.mean_edge_length,
             )
         with self.clock.stage("fit"):
@@ -225,8 +225,6 @@ class Budget:
         readout: Complex[Tensor, "n 2"],
         slide: Float[Tensor, " nodes"],
         history: tuple[Iteration, ...],
-        *,
-        stall: float,
     ) -> Fit:
         """Gauss-Newton with what the history leaves of the steps."""
         return gauss_newton(
@@ -236,7 +234,7 @@ class Budget:
             goal=_BELOW_TOLERANCE * self.allowed,
             allowed=self.allowed,
             max_iterations=self.max_iterations - len(history),
-            stall=stall,
+            stall=_STALL,
             first_index=len(history) + 1,
             on_iteration=self.on_iteration,
         )
@@ -286,20 +284,19 @@ def fit_and_refine(
     folds = False
     if stage.domain.holes:
         # the modulus of a mesh is never quite right
-        first = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+        first = _with_right_moduli(stage, readout, slide, history, budget, points=points, offset=offset)
         stage, history, folds = first.stage, first.history, first.folds
         readout, slide = first.fit.readout, first.fit.slide
     for remaining in reversed(range(_MAX_ROUNDS)):
-        fit = budget.fit(stage, readout, slide, history, stall=_STALL if remaining else _STALL_LAST)
+        fit = budget.fit(stage, readout, slide, history)
         history += fit.history
         residual = independent_residual(stage, fit, points=points)
         # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
         if best is None and residual.misfit.rms > budget.allowed and stage.has_moduli and not stage.domain.holes:
-            corrected = _with_right_moduli(stage, readout, slide, history, budget, offset=offset)
+            corrected = _with_right_moduli(stage, readout, slide, history, budget, points=points, offset=offset)
             history, folds = corrected.history, corrected.folds
-            moved = independent_residual(corrected.stage, corrected.fit, points=points)
-            if moved.misfit.rms < residual.misfit.rms:
-                stage, fit, residual = corrected.stage, corrected.fit, moved
+            if corrected.residual.misfit.rms < residual.misfit.rms:
+                stage, fit, residual = corrected.stage, corrected.fit, corrected.residual
         if best is not None and residual.misfit.rms >= best.residual.misfit.rms:
             return replace(best, history=history)
         rounds = _MAX_ROUNDS - remaining
@@ -316,16 +313,6 @@ def fit_and_refine(
     return best
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Corrected:
-    """A fit on an Ω that was moved, the steps of all, and whether the last move would have folded it."""
-
-    stage: Discretisation
-    fit: Fit
-    history: tuple[Iteration, ...]
-    folds: bool
-
-
 def _with_right_moduli(
     stage: Discretisation,
     readout: Complex[Tensor, "n 2"],
@@ -333,12 +320,13 @@ def _with_right_moduli(
     history: tuple[Iteration, ...],
     budget: Budget,
     *,
+    points: int,
     offset: float,
-) -> _Corrected:
+) -> Fitted:
     """A fit in which Ω may move, so that its corners can meet Γ's; the moves are made, and it is fitted again."""
     last, folds = np.inf, False
     while True:
-        fit = budget.fit(stage.flexible(), readout, slide, history, stall=_STALL)
+        fit = budget.fit(stage.flexible(), readout, slide, history)
         history += fit.history
         readout, slide = fit.readout, fit.slide
         if stage.length_of_move(fit) < _LEAST_MOVE * fit.residual:
@@ -353,8 +341,9 @@ def _with_right_moduli(
         if fit.residual > last / 2 or budget.is_spent(history):
             break
         last = fit.residual
-    fit = budget.fit(stage, readout, slide, history, stall=_STALL)
-    return _Corrected(stage=stage, fit=fit, history=history + fit.history, folds=folds)
+    fit = budget.fit(stage, readout, slide, history)
+    residual = independent_residual(stage, fit, points=points)
+    return Fitted(stage=stage, fit=fit, residual=residual, rounds=1, history=history + fit.history, folds=folds)
 
 
 def fitted_surface(fitted: Fitted) -> tuple[SpinorSurface, float]:

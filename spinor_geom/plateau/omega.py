@@ -25,11 +25,11 @@ _OVERSAMPLING = 8
 _RESOLVED = 1e-4
 # Shares of the nodes that follow the loop's length, its vertices, and its turning.
 _SHARES = (0.4, 0.3, 0.3)
-# Two parts of a loop face each other where the way along the loop is so many times their distance; samples for each
-# point at which that is looked for, and most nodes, in multiples of the usual number, that a narrow place gets.
-_FACING, _FACING_SAMPLES, _MOST_IN_NARROW = 2.0, 4, 8.0
-# And where the way along ∂Ω is so many times their distance; a step apart, Λ is never resolved.
-_WAY_AROUND = 3.0
+# Two parts of a closed curve face each other where the way along it is so many times their distance.
+_FACING = 2.0
+# Samples for each point of Ω at which facing parts of a loop are looked for, and most nodes, in multiples of the usual
+# number, that a narrow place gets.
+_FACING_SAMPLES, _MOST_IN_NARROW = 4, 8.0
 # Most steps of ∂Ω: Λ takes 16 bytes for each pair of them, and as much again several times while it is made.
 _MOST_STEPS = 4096
 # Steps of ∂Ω for each point that it is made from, and the width, in points, of the Gaussian that rounds it, because it
@@ -197,7 +197,7 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> Di
             vertices=len(boundary.vertices),
         )
     polygon = boundary.grid(n)[0]
-    # the quick tests first: Λ costs n³
+    # the quick tests first: Λ costs n³, and is never resolved where parts that face each other are a step apart
     is_wide = _steps_across(polygon) > 1
     if is_wide and not is_simple(polygon):
         raise DomainError("the rounded domain crosses itself", vertices=len(boundary.vertices))
@@ -222,7 +222,7 @@ def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
         way = np.minimum(way, edge.sum() - way)
         distance = np.abs(polygon[rows, None] - polygon)
         across = distance / np.maximum(step[rows, None], step)
-        least = min(least, float(across.min(where=way > _WAY_AROUND * distance, initial=np.inf)))
+        least = min(least, float(across.min(where=way > _FACING * distance, initial=np.inf)))
     return least
 
 

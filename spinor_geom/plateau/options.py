@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import torch
@@ -48,73 +48,64 @@ def require_model(model: Model) -> None:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Options:
-    """What every loop of a call is solved with.
+    """What every loop of a call is solved with: the options of `solve_plateau`.
 
-    Attributes:
-        cauchy: of the Cauchy network.
-        laurent: of the Laurent series between two loops, where they were asked for.
-        is_free: whether the model is chosen by the loop.
-        is_series: whether it is a power series.
-        optimizer: of a network that is trained; none for the others.
-        warm_start: whether that takes over a solution.
-        is_free_between: whether Γ need not be smooth between the points of a rough loop.
-        tolerance: RMS distance from Γ, in mean loop edges.
-        max_iterations: limit on steps.
-        leaves_unstable: whether an unstable disk is left for a better one.
-        device: of the linear algebra.
+    Raises:
+        OptionError: an unknown model or optimizer, a value out of range, or options that exclude each other.
     """
 
-    cauchy: Cauchy
-    laurent: Laurent | None
-    is_free: bool
-    is_series: bool
-    optimizer: Trainer | None
-    warm_start: bool
-    is_free_between: bool
-    tolerance: float
-    max_iterations: int
-    leaves_unstable: bool
-    device: torch.device
+    model: Model = "auto"
+    optimizer: Optimizer | None = None
+    warm_start: bool = True
+    tolerance: float = 1e-3
+    max_iterations: int = 400
+    unstable: str = "leave"
+    between: str = "smooth"
+    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
 
-    @classmethod
-    def checked(
-        cls,
-        model: Model,
-        tolerance: float,
-        max_iterations: int,
-        unstable: str,
-        device: str | torch.device,
-        *,
-        optimizer: Optimizer | None = None,
-        warm_start: bool = True,
-        between: str = "smooth",
-    ) -> Options:
-        """The options of `solve_plateau`.
+    def __post_init__(self) -> None:
+        require_model(self.model)
+        if self.model != "mlp" and (self.optimizer is not None or not self.warm_start):
+            raise OptionError(f"optimizer and warm_start are options of model='mlp', got model={self.model!r}")
+        if not self.tolerance > 0 or self.max_iterations < 1:
+            raise OptionError(
+                f"tolerance and max_iterations must be positive, got {self.tolerance} and {self.max_iterations}"
+            )
+        if self.unstable not in ("leave", "keep"):
+            raise OptionError(f"unknown choice for unstable {self.unstable!r}; choose 'leave' or 'keep'")
+        if self.between not in ("smooth", "free"):
+            raise OptionError(f"unknown choice for between {self.between!r}; choose 'smooth' or 'free'")
+        # an unknown optimizer is refused at once
+        _ = self.trainer
 
-        Raises:
-            OptionError: an unknown model or optimizer, a value out of range, or options that exclude each other.
-        """
-        require_model(model)
-        if model != "mlp" and (optimizer is not None or not warm_start):
-            raise OptionError(f"optimizer and warm_start are options of model='mlp', got model={model!r}")
-        if not tolerance > 0 or max_iterations < 1:
-            raise OptionError(f"tolerance and max_iterations must be positive, got {tolerance} and {max_iterations}")
-        if unstable not in ("leave", "keep"):
-            raise OptionError(f"unknown choice for unstable {unstable!r}; choose 'leave' or 'keep'")
-        if between not in ("smooth", "free"):
-            raise OptionError(f"unknown choice for between {between!r}; choose 'smooth' or 'free'")
-        return cls(
-            cauchy=model if isinstance(model, Cauchy) else Cauchy(),
-            laurent=model if isinstance(model, Laurent) else None,
-            is_free=model == "auto" or isinstance(model, Laurent),
-            is_series=model == "series",
-            optimizer=optimizer_options(optimizer or "levenberg-marquardt") if model == "mlp" else None,
-            warm_start=warm_start,
-            is_free_between=between == "free",
-            tolerance=tolerance,
-            max_iterations=max_iterations,
-            leaves_unstable=unstable == "leave",
-            device=torch.device(device),
-        )
+    @property
+    def cauchy(self) -> Cauchy:
+        """Of the Cauchy network."""
+        return self.model if isinstance(self.model, Cauchy) else Cauchy()
+
+    @property
+    def laurent(self) -> Laurent | None:
+        """Of the Laurent series between loops, where they were asked for."""
+        return self.model if isinstance(self.model, Laurent) else None
+
+    @property
+    def trainer(self) -> Trainer | None:
+        """Of a network that is trained; none for other models."""
+        return optimizer_options(self.optimizer or "levenberg-marquardt") if self.model == "mlp" else None
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the model is chosen by the loop."""
+        return self.model == "auto" or isinstance(self.model, Laurent)
+
+    @property
+    def is_series(self) -> bool:
+        """Whether it is a power series."""
+        return self.model == "series"
+
+    @property
+    def leaves_unstable(self) -> bool:
+        """Whether an unstable disk is left for a better one."""
+        return self.unstable == "leave"

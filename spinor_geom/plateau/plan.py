@@ -134,7 +134,7 @@ class ByTraining:
         """The disk as near to Γ as the training brings it."""
         start: PlateauSolution | None = None
         if self.warm_start and self.optimizer.takes_start:
-            first = replace(task, options=replace(task.options, optimizer=None, is_free=True))
+            first = replace(task, options=replace(task.options, model="auto", optimizer=None))
             start = minimal_disk(first, plan(first))
         with task.clock.stage("training"):
             found = self.optimizer.disk(
@@ -147,8 +147,8 @@ class ByTraining:
 def plan(task: Task) -> tuple[Route, ...]:
     """The routes to a disk over a loop, the likeliest first, as its shape, its corners and the options ask for."""
     loop, curve, options = task.unit, task.curve, task.options
-    if options.optimizer is not None:
-        return (ByTraining(options.optimizer, options.warm_start),)
+    if options.trainer is not None:
+        return (ByTraining(options.trainer, options.warm_start),)
     if options.is_series:
         return (OnUnitDisk(),)
     if not options.is_free:
@@ -157,7 +157,7 @@ def plan(task: Task) -> tuple[Route, ...]:
     if loop.corners.any():
         # kinks of Γ are singularities of p and q
         return (*in_plane, ByNetwork())
-    if options.is_free_between and _shows_no_curve(loop, curve):
+    if options.between == "free" and _shows_no_curve(loop, curve):
         return (*in_plane, ThroughPoints())
     on_disk = (OnUnitDisk(),) if suits_unit_disk(loop, curve) else ()
     return (*in_plane, *on_disk, OnUnfolding(), ByNetwork())
@@ -218,12 +218,16 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     if not task.options.leaves_unstable:
         return solution
     if task.options.is_series:
-        lower = partial(_lower_on_disk, task)
-        solution = leave_unstable(solution, lower, "in power series: model='auto' looks among others")
+        where = "in power series: model='auto' looks among others"
+        solution = leave_unstable(solution, partial(_lower_on_disk, task), where)
     elif solution.route in _LEFT and solution.boundary_residual.rms_per_edge <= _POOR:
         beside = Beside(rim=task.rim, solve=lambda disk: _solution(_routes_down(task, disk), task), steps=task.steps)
-        with task.clock.stage("leaving"):
-            solution = leave_unstable(solution, beside.lower, "along its eigenvectors")
+
+        def lower(unstable: PlateauSolution) -> PlateauSolution | None:
+            with task.clock.stage("leaving"):
+                return beside.lower(unstable)
+
+        solution = leave_unstable(solution, lower, "along its eigenvectors")
     return replace(solution, history=tuple(task.steps.history), solve_timings=dict(task.clock.seconds))
 
 

@@ -157,7 +157,7 @@ def _horner(
     """Value, first and second derivative of polynomials at h."""
     # rows are gathered whole, and coordinates kept apart then: with three numbers in a row everything is far slower
     local = pieces.flatten(1).index_select(0, piece.flatten()).T.contiguous()
-    local = local.unflatten(1, piece.shape).unflatten(0, (-1, 3))
+    local = local.reshape(pieces.shape[1], 3, *piece.shape)
     value = local[0].clone()
     first, second = torch.zeros_like(value), torch.zeros_like(value)
     for coefficient in local[1:]:

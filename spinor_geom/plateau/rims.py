@@ -133,7 +133,7 @@ class RimsTask:
             RepeatedPointError: two neighbouring points of a loop are equal.
             CurveError: formulas are not those of a smooth closed curve.
         """
-        if options.optimizer is not None:
+        if options.trainer is not None:
             raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
         if len(given) > 2 and not options.is_free and not options.is_series:
             raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
@@ -461,7 +461,7 @@ class RimsTask:
 
     @cached_property
     def _disks(self) -> RimDisks:
-        options = replace(self.options, laurent=None)
+        options = self.options if self.options.laurent is None else replace(self.options, model="auto")
         curves = tuple(curve for curve, _ in self.curves)
         return RimDisks(solve=partial(_disks_over, self.loops, curves, options), joined=self._area_over)
 

@@ -24,7 +24,7 @@ from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.trained_route import Optimizer
 
-# Loops whose slides are found together.
+# Loops that are taken at a time.
 _TOGETHER = 64
 
 Planned: TypeAlias = tuple[Task, tuple[Route, ...]]
@@ -154,8 +154,15 @@ def solve_plateau(
 
     Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).
     """
-    options = Options.checked(
-        model, tolerance, max_iterations, unstable, device, optimizer=optimizer, warm_start=warm_start, between=between
+    options = Options(
+        model=model,
+        optimizer=optimizer,
+        warm_start=warm_start,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        unstable=unstable,
+        between=between,
+        device=torch.device(device),
     )
     if all_solutions:
         _require_model_for_all(model, rims=1 if isinstance(loop, (BoundaryLoop, ClosedCurve)) else 2)
@@ -207,7 +214,8 @@ def solve_plateau_batch(
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     """`solve_plateau` for many loops, which are not held in memory together.
 
-    The slides of short smooth loops, which take the unit disk, are found side by side as one batch.
+    Loops that take the unit disk are solved side by side, those with as many nodes as one batch. On the CPU each
+    solution is the same to the last bit in bundles of any size.
 
     Args:
         loops: any number of them.
@@ -226,7 +234,14 @@ def solve_plateau_batch(
     Raises:
         OptionError: an unknown model or a value out of range.
     """
-    options = Options.checked(model, tolerance, max_iterations, unstable, device, between=between)
+    options = Options(
+        model=model,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        unstable=unstable,
+        between=between,
+        device=torch.device(device),
+    )
     return _side_by_side(iter(loops), options, time_limit)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
+from spinor_geom.domain.plane_domain import SplineBoundary
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -36,6 +36,8 @@ _KEEP = 0.3
 _HALVINGS, _STALL = 6, 0.99
 # Linearisations in all: rims that are met take one to ten.
 _MOST_LINEARISATIONS = 12
+
+Array = TypeVar("Array", bound="np.ndarray[Any, Any] | Tensor")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,48 +83,7 @@ class EdgeIntegrals:
 
     def centred(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
         """Distances of the vertices from given points, with the constant of r that makes their sum 0."""
-        error = self.starts - points
-        return error - error.mean(0)
-
-    @cached_property
-    def primitive(self) -> Complex[Tensor, "n g 3"]:
-        """∫ φ dz from the first vertex to the nodes."""
-        inner, weights = cumulative_matrix(self.nodes), rule("gauss", self.nodes).weights
-        whole = torch.tensor(np.vstack([inner, weights]), device=self.polygon.device).to(self.velocity)
-        within = torch.einsum("hg,ngk->nhk", whole, self.velocity)
-        length = within[:, -1:]
-        return length.cumsum(0) - length + within[:, :-1]
-
-    def displacement(self, domain: PlaneDomain) -> Float[np.ndarray, "3"]:
-        """R at the root of Ω less that at the first vertex, by Cauchy's formula."""
-        if domain.root < len(self.polygon):
-            return np.asarray(self.starts[domain.root].cpu())
-        z = nodes_on_edges(self.polygon, self.nodes)
-        weights = torch.tensor(rule("gauss", self.nodes).weights, device=z.device)
-        kernel = weights * (self.polygon.roll(-1) - self.polygon)[:, None]
-        kernel = kernel / (z - complex(domain.triangulation.points[domain.root]))
-        # the formula for 1 below that for ∫φ: near ∂Ω their errors are nearly the same
-        return np.asarray((torch.einsum("ng,ngk->k", kernel, self.primitive) / kernel.sum()).real.cpu())
-
-    @property
-    def area(self) -> float:
-        """½∮ r·Im(φ dz)."""
-        weights = torch.tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
-        return 0.5 * float(torch.einsum("g,ngk,ngk->", weights, self.primitive.real, self.velocity.imag))
-
-    def curve_through(self, points: Float[np.ndarray, "n 3"], error: Float[np.ndarray, "n 3"]) -> BoundaryCurve:
-        """Γ: the surface's boundary less its distances from the points, which change linearly from one to the next."""
-        place = places_in_piece()
-        within = np.einsum("hg,ngk->hnk", cumulative_matrix(self.nodes, tuple(place)), self.velocity.real.cpu().numpy())
-        drift = np.roll(error, -1, axis=0) - error
-        values = points + within - place[:, None, None] * drift
-        chord = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-        breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
-        breaks[-1] = 1.0
-        values[0] = points
-        return BoundaryCurve(
-            breaks=breaks, coefficients=through(values, np.diff(breaks)), corners=np.ones(len(points), dtype=bool)
-        )
+        return centred(self.starts - points)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -241,11 +202,33 @@ def nearest_through(
     return readout
 
 
+def curve_through(
+    points: Float[np.ndarray, "n 3"], velocity: Float[np.ndarray, "n g 3"], error: Float[np.ndarray, "n 3"]
+) -> BoundaryCurve:
+    """Γ: a surface's boundary less its distances from points, which change linearly from one to the next.
+
+    Args:
+        points: on Γ.
+        velocity: dr by the share of the way from each point to the next, at Gauss-Legendre nodes.
+        error: the surface's boundary at the points less those.
+    """
+    place = places_in_piece()
+    within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
+    values = points + within - place[:, None, None] * (np.roll(error, -1, axis=0) - error)
+    chord = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
+    breaks[-1] = 1.0
+    values[0] = points
+    return BoundaryCurve(
+        breaks=breaks, coefficients=through(values, np.diff(breaks)), corners=np.ones(len(points), dtype=bool)
+    )
+
+
 def misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:
     """The misfit of a surface's boundary off Γ by what its points are, and linearly between them.
 
     Args:
-        curve: Γ; see `EdgeIntegrals.curve_through`.
+        curve: Γ; see `curve_through`.
         error: of the points.
     """
     points = curve.coefficients[-1]
@@ -287,3 +270,8 @@ def shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
     """Lengths of a polygon's edges by all."""
     edge = (polygon.roll(-1) - polygon).abs()
     return edge / edge.sum()
+
+
+def centred(error: Array) -> Array:
+    """Less their mean."""
+    return error - error.mean(0)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 import torch
@@ -38,6 +38,8 @@ from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.through_points import (
     EdgeIntegrals,
     PointEquations,
+    centred,
+    curve_through,
     misfit_at_points,
     nearest_through,
     nodes_on_edges,
@@ -45,11 +47,13 @@ from spinor_geom.plateau.through_points import (
     rms,
     shares,
 )
+from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Gauss-Legendre nodes on each edge while p and q are sought: poles lie at least 0.35 edges away, so the first integrate
-# φ to 1e-4 where p and q are tame, which is told with the last; where that does not do, the second.
-_NODES, _NODES_TOLD = (10, 16), 24
+# φ to 1e-4 where p and q are tame, which is told with the last; where that does not do, the next.
+_NODES, _NODES_TOLD = (10, 16, 24), 32
 # Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
 _NORM_DEGREE = 6
 # Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
@@ -62,8 +66,6 @@ _BELOW_ALLOWED = 0.3
 _FAR = 4.0
 # A surface whose boundary leaves the loop's edges by so many edges would cross what is beside them.
 _LARGEST_BULGE = 2.0
-# Quadrature nodes on each piece of a path in Ω.
-_PATH_ORDER = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,12 +116,13 @@ class VertexSolver:
             with self.clock.stage("fit"):
                 raw = self._fitted(basis, basis.nearest(spinors), raw, wanted, steps)
             with self.clock.stage("surface"):
-                network, told = basis.told(raw)
-                error = told.centred(wanted)
-            if rms(error) <= self.allowed or is_out_of_time():
+                network = basis.network(raw)
+                rim = RimPrimitive.along(domain.boundary, partial(_phi_of, network), _NODES_TOLD)
+                error = centred(rim.at_breaks[:-1].real - points)
+            if rms(torch.from_numpy(error)) <= self.allowed or is_out_of_time():
                 break
         with self.clock.stage("surface"):
-            return self._found(network, told, error.cpu().numpy(), domain, tuple(steps))
+            return self._found(network, rim, error, domain, tuple(steps))
 
     def _fitted(
         self,
@@ -161,26 +164,28 @@ class VertexSolver:
     def _found(
         self,
         network: CauchyNetwork,
-        told: EdgeIntegrals,
+        rim: RimPrimitive,
         error: Float[np.ndarray, "n 3"],
         domain: PlaneDomain,
         history: tuple[Iteration, ...],
     ) -> Found:
         points = self.loop.points
-        curve = told.curve_through(points, error)
+        velocity = rim.velocity.real.reshape(len(points), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
+        curve = curve_through(points, velocity, error)
         bulge = curve.bulge() / self.loop.mean_edge_length
         if not bulge <= _LARGEST_BULGE:
             raise SurfaceError(
                 f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
             )
-        constant = points[0] + error[0] + told.displacement(domain)
-        surface = SpinorSurface(network, domain, constant, order=_PATH_ORDER).to(self.device)
+        root = domain.root
+        at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
+        surface = SpinorSurface(network, domain, points[0] + error[0] + at_root.real).to(self.device)
         return Found(
             surface=surface,
             curve=curve,
             matching=np.column_stack([domain.boundary.parameters[:-1], curve.breaks[:-1]]),
             misfit=misfit_at_points(curve, error),
-            area=told.area,
+            area=rim.area,
             route="vertices",
             history=history,
             limit="no minimal surface near the discrete one passes through the loop's points more nearly",
@@ -195,6 +200,12 @@ def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], fl
         return PlaneDomain.inside(boundary, flat.log_scale)
     mesh = PlaneTriangulation(points=images, faces=faces, boundary_size=len(flat.boundary))
     return PlaneDomain(boundary=boundary, triangulation=mesh, log_scale=flat.log_scale)
+
+
+def _phi_of(network: CauchyNetwork, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
+    with torch.no_grad():
+        spinors = network.value(torch.from_numpy(z).to(network.poles.device))
+        return np.asarray(phi(*spinors.unbind(-1)).cpu())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -260,15 +271,11 @@ class _Basis:
         """The surface's boundary for orthonormal read-outs, at the nodes of the fit."""
         return EdgeIntegrals(polygon=self.polygon, spinors=self.features @ self.raw(readout))
 
-    def told(self, raw: Complex[Tensor, "k 2"]) -> tuple[CauchyNetwork, EdgeIntegrals]:
-        """The network with read-outs of the features themselves, and its boundary at nodes that tell it."""
-        network = CauchyNetwork.of_raw_features(
+    def network(self, raw: Complex[Tensor, "k 2"]) -> CauchyNetwork:
+        """The network with read-outs of the features themselves."""
+        return CauchyNetwork.of_raw_features(
             self.polygon, hessenberg=self.hessenberg, poles=self.poles, scales=self.scales, readout=raw
         )
-        with torch.no_grad():
-            return network, EdgeIntegrals(
-                polygon=self.polygon, spinors=network.value(nodes_on_edges(self.polygon, _NODES_TOLD))
-            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -304,9 +311,11 @@ def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
     The edge is the unit of length; of other functions it is their projection's.
     """
     places, weights = rule("gauss", count)
-    x, degrees = 2 * places - 1, np.arange(_NORM_DEGREE + 1)
-    values = np.polynomial.legendre.legvander(x, _NORM_DEGREE)
-    slopes = 2 * np.polynomial.legendre.legval(x, np.polynomial.legendre.legder(np.eye(_NORM_DEGREE + 1))).T
+    degrees = np.arange(_NORM_DEGREE + 1)
+    values = np.polynomial.legendre.legvander(2 * places - 1, _NORM_DEGREE)
+    slopes = (
+        2 * np.polynomial.legendre.legval(2 * places - 1, np.polynomial.legendre.legder(np.eye(_NORM_DEGREE + 1))).T
+    )
     both = np.diag(1 / (2 * degrees + 1)) + slopes.T @ (weights[:, None] * slopes)
     projection = (2 * degrees[:, None] + 1) * (values * weights[:, None]).T
     return torch.tensor(np.linalg.cholesky(both).T @ projection, device=device)

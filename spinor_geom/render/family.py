@@ -49,11 +49,6 @@ class AssociateFamily:
         return np.asarray(self.centre + np.cos(angle) * self._arm + np.sin(angle) * (self.conjugate - self.centre))
 
     @cached_property
-    def mesh_size(self) -> int:
-        """The number of the triangles' vertices, which come before those of the lines."""
-        return int(self.faces.max()) + 1
-
-    @cached_property
     def centre(self) -> Float[np.ndarray, "3"]:
         """The mean of the vertices, which is that of all members."""
         return np.asarray(self.vertices.mean(axis=0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,8 @@ import numpy as np
 from spinor_geom.errors import OptionError
 from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
-from spinor_geom.render.colours import GRID_COLOUR, RIM_COLOUR
 from spinor_geom.render.family import AssociateFamily, associate_family
-from spinor_geom.render.layers import Faces, Lines, Scale
+from spinor_geom.render.layers import Faces, Scale
 from spinor_geom.render.page import document
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.viewer import STYLE, Scene, Views
@@ -83,25 +83,13 @@ def family_page(family: AssociateFamily, *, title: str) -> str:
 
     Colours tell the Gauss curvature, which is the same for the whole family.
     """
-    rim = np.arange(family.boundary_size)
     name = "Gauss curvature"
-    faces = Faces(
-        vertices=family.vertices[: family.mesh_size],
-        conjugate=family.conjugate[: family.mesh_size],
-        faces=family.faces,
-        fields={name: family.gauss_curvature[: family.mesh_size]},
-    )
-    lines = [
-        Lines(vertices=family.vertices, conjugate=family.conjugate, edges=edges, colour=colour, width=width)
-        for edges, colour, width in (
-            (family.lines, GRID_COLOUR, 1.0),
-            (np.stack([rim, np.roll(rim, -1)], axis=1), RIM_COLOUR, 2.5),
-        )
-    ]
+    surface, *lines = Portrait.of(family).layers
+    assert isinstance(surface, Faces)
     view = Scene(
         title="Drag to turn, wheel to zoom, double click to set it spinning; the slider turns θ.",
-        layers=(faces, *lines),
-        scales={name: Scale.of(faces.fields[name])},
+        layers=(replace(surface, fields={name: family.gauss_curvature}), *lines),
+        scales={name: Scale.of(family.gauss_curvature)},
         spins=True,
         shape="wide",
     )

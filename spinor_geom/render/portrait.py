@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -46,12 +47,12 @@ class Portrait:
         """
         family = associate_family(surface) if isinstance(surface, SpinorSurface) else surface
         rim = np.arange(family.boundary_size)
-        places = {"vertices": family.vertices, "conjugate": family.conjugate}
+        places: dict[str, Any] = {"vertices": family.vertices, "conjugate": family.conjugate}
         return cls(
             layers=(
                 Faces(**places, faces=family.faces, colour=FRONT_COLOUR, inside=BACK_COLOUR),
-                Lines(**places, edges=np.stack([rim, np.roll(rim, -1)], axis=1), width=2.5),
                 Lines(**places, edges=family.lines, colour=GRID_COLOUR, width=0.75),
+                Lines(**places, edges=np.stack([rim, np.roll(rim, -1)], axis=1), width=2.5),
             )
         )
 

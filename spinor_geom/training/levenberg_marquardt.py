@@ -153,8 +153,7 @@ class _Training:
             activation=options.activation,
             gain=_GAIN_ALONE / options.depth if start is None and options.depth > _DEEP else None,
             generator=torch.Generator().manual_seed(options.seed),
-            device=self.device,
-        )
+        ).to(self.device)
         # Γ at the size of Ω: p and q of size 1 whatever its own size
         self.diagonal = diagonal_of(curve)
         self.scale = self.domain.diameter / self.diagonal

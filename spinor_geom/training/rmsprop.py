@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import itertools
 import math
 import os
 import pickle
@@ -46,11 +45,10 @@ _GROWTH = 1e3
 _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192
 # its rates suit curves of the paper's size: a solver's Γ gets the diagonal of the unit circle's bounding box
 _DIAGONAL = 2 * math.sqrt(2)
-_DTYPES = {"double": torch.complex128, "single": torch.complex64}
 # points by which a checkpoint knows its curve, and the largest distance, in diagonals, between those of the same one
 _COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
 # options that a checkpoint goes on from whatever they were
-_FREE = ("epochs", "patience", "checkpoint", "checkpoint_every")
+_FREE = ("epochs", "checkpoint", "checkpoint_every")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,10 +68,6 @@ class RMSprop:
         tangent_weight: λ.
         quadrature: rule on the ray from 0 to a point.
         order: its intervals ("trapezoid", "simpson") or nodes ("gauss").
-        homeomorphism: what ρ parametrises: "inverse", Γ's parameter to that of ∂Ω, which needs no derivative of Γ (its
-            own inverse is found by bisection), or "direct", that of ∂Ω to Γ's, for a differentiable Γ.
-        patience: epochs without a better loss after which training stops; none never stops early.
-        precision: of the networks' parameters.
         seed: of all random numbers.
         checkpoint: file that holds the state; where it exists training goes on from there, on a CPU bit for bit as if
             it had never stopped.
@@ -92,9 +86,6 @@ class RMSprop:
     tangent_weight: float = 0.5
     quadrature: RuleName = "trapezoid"
     order: int = 100
-    homeomorphism: Literal["inverse", "direct"] = "inverse"
-    patience: int | None = None
-    precision: Literal["double", "single"] = "double"
     seed: int = 0
     checkpoint: str | os.PathLike[str] | None = None
     checkpoint_every: int = 10
@@ -103,24 +94,18 @@ class RMSprop:
     def __post_init__(self) -> None:
         """Raises OptionError for values out of range."""
         rule(self.quadrature, self.order)
-        patience = 1 if self.patience is None else self.patience
-        if min(self.batch, patience, self.checkpoint_every) < 1 or self.epochs < 0 or self.points < self.batch:
+        if min(self.batch, self.checkpoint_every) < 1 or self.epochs < 0 or self.points < self.batch:
             raise OptionError(
-                "batch, patience and checkpoint_every must be at least 1, epochs not negative, and points at least one "
-                f"batch, got {self.batch}, {self.patience}, {self.checkpoint_every}, {self.epochs} and {self.points}"
+                "batch and checkpoint_every must be at least 1, epochs not negative, and points at least one batch, "
+                f"got {self.batch}, {self.checkpoint_every}, {self.epochs} and {self.points}"
             )
         if not self.learning_rate > 0 or not self.tangent_weight >= 0:
             raise OptionError(
                 f"the learning rate must be positive and the tangents' weight not negative, got {self.learning_rate} "
                 f"and {self.tangent_weight}"
             )
-        for name, value, choices in (
-            ("representation", self.representation, FORMS),
-            ("homeomorphism", self.homeomorphism, ("inverse", "direct")),
-            ("precision", self.precision, _DTYPES),
-        ):
-            if value not in choices:
-                raise OptionError(f"unknown {name} {value!r}; choose one of: {', '.join(choices)}")
+        if self.representation not in FORMS:
+            raise OptionError(f"unknown representation {self.representation!r}; choose one of: {', '.join(FORMS)}")
 
     def disk(
         self,
@@ -149,9 +134,8 @@ def train_by_rmsprop(
 
     Each epoch draws samples of [0, 1] and goes through them in batches. For each batch the surface's networks and the
     constant c take one step of RMSprop on the loss between r(e^{2πit}) and Γ(Φ(t)), then the homeomorphism on that
-    between r(e^{2πiΦ⁻¹(t)}) and Γ(t) (or on the same as before where ρ parametrises Φ itself). c starts at the centre
-    of Γ. The paper's learning rate moves each parameter by a few hundredths in 800 epochs: with a curve far from size 1
-    or off the origin the other settings have to follow.
+    between r(e^{2πiΦ⁻¹(t)}) and Γ(t). c starts at the centre of Γ. The paper's learning rate moves each parameter by a
+    few hundredths in 800 epochs: with a curve far from size 1 or off the origin the other settings have to follow.
 
     Args:
         curve: Γ.
@@ -187,7 +171,6 @@ class _Training:
             activation=options.activation,
             gain=options.gain,
             generator=self.random,
-            dtype=_DTYPES[options.precision],
         )
         self.homeomorphism = CircleHomeomorphism(generator=self.random).to(device)
         self.gamma = curve.point(np.arange(_CURVE_POINTS) / _CURVE_POINTS)
@@ -211,14 +194,10 @@ class _Training:
     # --- Algorithm 1 --------------------------------------------------------------------------------------------------
 
     def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
-        """Epochs until the last one, no better loss, no more time, or a divergence."""
+        """Epochs until the last one, no more time, or a divergence."""
         options = self.options
         seconds = self.history[-1].seconds if self.history else 0.0
-        for index in itertools.count(len(self.history) + 1):
-            if self._has_patience_run_out():
-                return self._trained("stopped", f"{options.patience} epochs brought no better loss", seconds)
-            if index > options.epochs:
-                return self._trained("finished", "all epochs were done", seconds)
+        for index in range(len(self.history) + 1, options.epochs + 1):
             if is_out_of_time():
                 return self._trained("stopped", "the time was up", seconds)
             begin = time.perf_counter()
@@ -238,7 +217,7 @@ class _Training:
                 self.save(self.path)
             if on_epoch is not None:
                 on_epoch(step)
-        raise AssertionError  # counting never ends
+        return self._trained("finished", "all epochs were done", seconds)
 
     def _epoch(self) -> float:
         """One pass over newly drawn samples; the mean of the surface's losses."""
@@ -257,33 +236,19 @@ class _Training:
         self.optimizers[name].step()
         return loss.detach()
 
-    def _slide(self, t: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """Φ(t): the parameter of Γ for that of ∂Ω."""
-        psi = self.homeomorphism
-        return psi.inverse(t) if self.options.homeomorphism == "inverse" else psi(t)
-
     def _surface_loss(self, t: Float[Tensor, " n"]) -> Float[Tensor, ""]:
         with torch.no_grad():
-            onto = self.curve.point_and_derivative(self._slide(t))
+            onto = self.curve.point_and_derivative(self.homeomorphism.inverse(t))
         return boundary_loss(self.boundary.point_and_velocity(t), onto, tangent_weight=self.options.tangent_weight)
 
     def _homeomorphism_loss(self, t: Float[Tensor, " n"]) -> Float[Tensor, ""]:
-        if self.options.homeomorphism == "inverse":
-            of, onto = self.boundary.moved_with(self.homeomorphism(t)), self.curve.point_and_derivative(t)
-        else:
-            with torch.no_grad():
-                of = self.boundary.point_and_velocity(t)
-            onto = self.curve.point_and_derivative(self.homeomorphism(t))
+        of, onto = self.boundary.moved_with(self.homeomorphism(t)), self.curve.point_and_derivative(t)
         return boundary_loss(of, onto, tangent_weight=self.options.tangent_weight)
 
     def _diverged(self, loss: float) -> bool:
         finite = all(bool(parameter.isfinite().all()) for parameter in self.modules.parameters())
         first = self.history[0].loss if self.history else math.inf
         return not finite or not math.isfinite(loss) or loss > _GROWTH * first
-
-    def _has_patience_run_out(self) -> bool:
-        losses, patience = [step.loss for step in self.history], self.options.patience
-        return patience is not None and bool(losses) and len(losses) - int(np.argmin(losses)) > patience
 
     def _misfit(self) -> Misfit:
         """Distance between the boundary and Γ, the larger of both ways: neither passes over a part of the other."""
@@ -343,7 +308,7 @@ class _Training:
         self.history = [TrainingStep(**step) for step in state["history"]]
 
     def _own_options(self) -> dict[str, Any]:
-        """Options that the state depends on: more epochs, or another patience, go on from the same one."""
+        """Options that the state depends on: more epochs go on from the same one."""
         return {name: value for name, value in asdict(self.options).items() if name not in _FREE}
 
     def _some_of_curve(self) -> Float[Tensor, "k 3"]:
@@ -360,7 +325,7 @@ class _Training:
         misfit = self._misfit()
         t = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=self.device) / _BOUNDARY_POINTS
         with torch.no_grad():
-            slide = self._slide(t)
+            slide = self.homeomorphism.inverse(t)
         return Trained(
             surface=surface,
             matching=torch.stack([t, slide], dim=-1).cpu().numpy(),

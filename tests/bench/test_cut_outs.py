@@ -8,13 +8,14 @@ import pytest
 from spinor_geom.adapters import read_mesh
 from spinor_geom.bench import page, runner
 from spinor_geom.bench.claims import CAP_DISTANCES, claims
-from spinor_geom.bench.cut_out_pictures import pieces_of, scale_of
-from spinor_geom.bench.cut_out_tables import cut_out_tables
 from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, is_disk, named_cut_out, scan_names
 from spinor_geom.bench.holes import ODD, PEER_TESTS
 from spinor_geom.bench.measure import cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.peers import Filled
-from spinor_geom.bench.runner import Settings, measure, plan
+from spinor_geom.bench.pieces import pieces_of, scale_of
+from spinor_geom.bench.runner import measure
+from spinor_geom.bench.suites import Settings, chosen_tasks
+from spinor_geom.bench.tables import tables
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
@@ -86,8 +87,10 @@ def test_scans_need_their_files(tmp_path):
     assert scan_names(None) == scan_names(tmp_path) == ()
     with pytest.raises(OptionError, match="scans are read from"):
         named_cut_out("spot_cut-00", tmp_path)
-    with pytest.raises(OptionError, match="none of bunny_scan"):
-        plan(Settings(cases=("scans",)), tmp_path)
+    with pytest.raises(
+        OptionError, match="no case 'spot_cut-00' in the suites cut-outs, of the mesh files in no folder"
+    ):
+        chosen_tasks(Settings(suites=("cut-outs",), cases=("spot_cut-00",)), tmp_path)
 
 
 def test_distances_are_those_from_the_sphere():
@@ -172,23 +175,31 @@ def test_cases_of_other_projects_have_the_rims_they_are_known_for(name, rims):
     )
 
 
-def test_a_group_of_cases_has_a_name():
-    settings = Settings(cases=("cut-outs", "knot"), data=DATA)
-    assert settings.cut_out_names() == (*CAPS, *WINDOWS, *scan_names(DATA))
-    assert set(settings.odd_names()) == {*PEER_TESTS, "knot"}
-    assert settings.known_names() == ()
-    assert settings.files() == []
+def test_cases_are_chosen_by_suites_and_patterns(tmp_path):
+    def cases(**chosen):
+        return {
+            task["case"] for task in chosen_tasks(Settings(data=DATA, methods=("spinor-fill",), **chosen), tmp_path)
+        }
+
+    assert cases(suites=("cut-outs",)) == {*CAPS, *WINDOWS, *scan_names(DATA)}
+    assert cases(suites=("odd", "cut-outs"), cases=("icosphere-*", "knot")) == {
+        *(name for name in CAPS if name.startswith("icosphere-")),
+        "knot",
+    }
 
 
 def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     settings = Settings.short(cases=("torus-outside-0.4", "open-cone"), methods=("spinor-fill", "trimesh"))
     run = measure(settings, tmp_path)
-    ours, theirs = (r for r in run.records if r["suite"] == "cut-out")
+    ours, theirs = (r for r in run.records if r["suite"] == "cut-outs")
     assert ours["status"] == theirs["status"] == "done"
     # a soap film lies flatter than the torus
     assert 0.01 < ours["distance"] < 0.2
-    fillers, kinds, tests = cut_out_tables(run.records)
+    by_title = {table.title: table for table in tables(run.records)}
+    fillers = by_title["Cut-outs: who puts back what was removed"]
+    kinds = by_title["Cut-outs: median distance by kind"]
+    tests = by_title["Odd rims, and test cases of other projects"]
     assert fillers.rows[0][:2] == ("spinor-fill", "1 of 1")
     assert fillers.rows[1][1] == "0 of 1"
     assert kinds.columns == ("filler", "curved")
@@ -207,7 +218,7 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
 def cut_out_record(method, **changed):
     record = {
         **{
-            "suite": "cut-out",
+            "suite": "cut-outs",
             "status": "done",
             "case": "icosphere-3-0.85",
             "kind": "dome",
@@ -222,13 +233,16 @@ def cut_out_record(method, **changed):
 
 
 def met(*records):
-    return {(claim.case, claim.text.split(":")[0]): claim.met for claim in claims(records)}
+    return {(claim.case, claim.text): claim.met for claim in claims(records)}
 
 
 def test_promises_of_the_continuation_are_kept_or_missed():
     ours, other = cut_out_record("spinor-fill-c1"), cut_out_record("cgal-fair", distance=5e-3)
-    sphere = ("caps", "new vertices of caps above z = 0.85 at most 0.002 from the unit sphere, root mean square")
-    share = ("caps", "at most 0.25 times as far as the best other filler")
+    sphere = (
+        "caps",
+        "new vertices of caps above z = 0.85, root mean square distance from the unit sphere, at most 0.002",
+    )
+    share = ("caps", "distance by the best other filler's at most 0.25")
     assert CAP_DISTANCES[0.85] == 2e-3
     assert met(ours, other)[sphere]
     assert not met(cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other)[sphere]
@@ -237,7 +251,7 @@ def test_promises_of_the_continuation_are_kept_or_missed():
     # ours without continuity is no other filler, and neither is one that leaves the hole open
     for spared in ({"method": "spinor-fill"}, {"method": "vtk", "open_rim_edges": 3}):
         assert met(ours, other, cut_out_record(**{"method": "", "distance": 1e-9, **spared}))[share]
-    bend = ("cut-outs", "bend across the rim at most 1.3 times the removed piece's")
+    bend = ("cut-outs", "bend across the rim by the removed piece's at most 1.3")
     assert met(ours)[bend]
     assert not met(cut_out_record("spinor-fill-c1", bend=0.14))[bend]
     assert claims([other]) == []
@@ -250,8 +264,8 @@ def test_the_continuation_is_nearest_on_most_scans_or_not():
             for k, distance in enumerate(distances)
         ]
 
-    nearest = ("scans", "nearer than every other filler on at least 85% of the disks")
-    ratio = ("scans", "median distance at most 0.6 times the best other filler's")
+    nearest = ("scans", "nearer than every other filler, at least 85%")
+    ratio = ("scans", "median distance by the best other filler's at most 0.6")
     theirs = scans("cgal-fair", [1e-2] * 10)
     good = met(*scans("spinor-fill-c1", [5e-3] * 9 + [2e-2]), *theirs)
     assert good[nearest]

@@ -6,13 +6,17 @@ import os
 import numpy as np
 import pytest
 
-from spinor_geom.bench.cases import KNOWN, Variation, known_case
+from spinor_geom.bench.cases import KNOWN, known_case
 from spinor_geom.bench.fillers import FILLERS, OURS
-from spinor_geom.bench.holes import ODD, hole_over, odd_hole
-from spinor_geom.bench.measure import hole_figures
+from spinor_geom.bench.holes import NOISY, ODD, hole_over, named_hole
+from spinor_geom.bench.limit import points_limit
+from spinor_geom.bench.measure import disk_figures, hole_figures
+from spinor_geom.bench.methods import Spanned
 from spinor_geom.bench.peers import Filled
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.solve import solve_plateau
 from tests.plateau.rims import CATENOIDS
 
 
@@ -41,7 +45,7 @@ def test_a_collar_has_one_rim_and_a_longer_outer_boundary():
     ],
 )
 def test_odd_rims_are_what_they_are_called(name, rims):
-    hole = odd_hole(name)
+    hole = named_hole(name)
     assert len(hole.places) == rims
     assert len(hole.loops) > rims
     assert hole.expected
@@ -52,7 +56,7 @@ def test_odd_rims_are_what_they_are_called(name, rims):
 
 
 def test_an_untouched_hole_is_open_and_our_fill_closes_it():
-    hole = hole_over("enneper", (case := known_case("enneper-0.8")).loop(40))
+    hole = hole_over("enneper", (case := known_case("enneper-0.8")).loop(40), case.area)
     open_ = hole_figures(Filled(vertices=hole.vertices, faces=hole.faces, succeeded=True), hole, case)
     assert open_["open_rim_edges"] == 40
     assert open_["triangles"] == 0
@@ -83,7 +87,7 @@ def test_an_untouched_hole_is_open_and_our_fill_closes_it():
     ],
 )
 def test_our_fill_joins_islands_and_facing_rims_where_a_surface_does(name, patches, says):
-    hole = odd_hole(name)
+    hole = named_hole(name)
     tool = FILLERS[OURS]
     state = tool.prepare(hole)
     filled = tool.finish(state, tool.fill(state))
@@ -121,7 +125,7 @@ def test_a_peer_that_is_missing_is_skipped_or_required_and_a_broken_one_fails(tm
 
 def test_meshlib_stitches_facing_rims():
     require_peer("meshlib")
-    hole = odd_hole("facing-0.5")
+    hole = named_hole("facing-0.5")
     tool = FILLERS["meshlib-nicely"]
     state = tool.prepare(hole)
     tool.fill(state)
@@ -133,7 +137,7 @@ def test_meshlib_stitches_facing_rims():
 def test_every_peer_that_is_installed_takes_a_mesh_and_gives_one_back(name):
     tool = FILLERS[name]
     require_peer(tool.package)
-    hole = hole_over("plane", known_case("plane-square").loop(16))
+    hole = hole_over("plane", (case := known_case("plane-square")).loop(16), case.area)
     state = tool.prepare(hole)
     filled = tool.finish(state, tool.fill(state))
     figures = hole_figures(filled, hole, known_case("plane-square"))
@@ -154,17 +158,8 @@ def test_all_known_cases_have_an_area_and_a_loop_on_their_chart():
         assert case.chart.distances(loop.points).max() < 1e-9 * case.diameter, name
 
 
-def test_variations_keep_the_answer_and_noise_has_none():
-    plain = known_case("scherk")
-    turned = known_case("scherk", Variation(turn=3, scale=2.5))
-    assert turned.area == pytest.approx(2.5**2 * plain.area, rel=1e-15)
-    assert turned.diameter == pytest.approx(2.5 * plain.diameter, rel=1e-12)
-    assert turned.chart.distances(turned.loop(32).points).max() < 1e-12
-    assert plain.chart.distances(turned.loop(32).points).max() > 0.1
-    noisy = known_case("scherk", Variation(noise=0.1))
-    assert noisy.area is None
-    assert noisy.chart is None
-    even = known_case("twisted-circle", Variation(sampling="even")).loop(60).edge_lengths
+def test_samplings_keep_the_answer():
+    even = known_case("twisted-circle@even").loop(60).edge_lengths
     assert even.max() / even.min() < 1.01
     for name in ("random-2", "enneper-0.8", "henneberg"):
         edges = known_case(f"{name}@even").loop(200).edge_lengths
@@ -172,13 +167,35 @@ def test_variations_keep_the_answer_and_noise_has_none():
         edges = known_case(f"{name}@uneven").loop(200).edge_lengths
         assert edges.max() / edges.min() > 3
         assert known_case(f"{name}@even").area == known_case(name).area
-    with pytest.raises(OptionError, match="no case"):
-        known_case("scherk@even")
-    with pytest.raises(OptionError, match="no case"):
-        known_case("random-2@formula")
-    with pytest.raises(OptionError, match="scale"):
-        Variation(scale=0.0)
-    with pytest.raises(OptionError, match="random-SEED"):
-        known_case("ennneper")
+    for wrong, told in (("scherk@even", "samplings"), ("random-2@formula", "samplings"), ("ennneper", "random-SEED")):
+        with pytest.raises(OptionError, match=told):
+            known_case(wrong)
     assert known_case("random-77").area > 0
     assert set(ODD) & set(KNOWN) == set()
+
+
+def test_the_points_limit_is_what_interpolants_of_the_points_reach():
+    # equal steps of the parameter of a trigonometric curve say all of it
+    assert points_limit(known_case("random-0"), 32) < 1e-14
+    even = points_limit(known_case("random-0@even"), 48)
+    assert 1e-8 < even < 1e-4
+    # more points say more
+    assert points_limit(known_case("random-0@even"), 96) < even / 4
+    assert points_limit(known_case("random-0@uneven"), 96) > 0
+
+
+def test_our_surface_is_measured_beside_its_mesh():
+    case = known_case("enneper-0.8")
+    loop = case.loop(48)
+    solution = solve_plateau(loop)
+    patch = mesh_patch(solution)
+    spanned = Spanned(vertices=patch.vertices, faces=patch.faces, area=solution.area, solution=solution, converged=True)
+    figures = disk_figures(spanned, loop, case)
+    # the surface is exact, the chords of its mesh are not
+    assert figures["surface_distance_max"] < 1e-12 < 1e-4 < figures["distance_max"]
+    assert figures["area_error"] < 1e-12 < 1e-4 < figures["mesh_area_error"]
+
+
+def test_noisy_rims_are_as_long_as_they_are_called():
+    for name, (_, points) in NOISY.items():
+        assert [len(named_hole(name).loops[place]) for place in named_hole(name).places] == [points]

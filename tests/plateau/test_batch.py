@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 
 from spinor_geom import boundary_loops, gallery, read_mesh
@@ -43,6 +44,17 @@ def test_every_solution_is_the_one_of_its_loop_alone(seed):
         assert (solution.surface.normal(0j) @ alone.surface.normal(0j) if solution.route == "disk" else 1) > 1 - 1e-5
         assert len(solution.history) == len(alone.history)
         assert set(solution.timings) == set(alone.timings)
+
+
+def test_solutions_are_the_same_to_the_last_bit_in_bundles_of_any_size():
+    loops = [saddle(n, n) for n in (12, 24, 30, 48, 100, 24, 100)]
+    every = list(solve_plateau_batch(loops))
+    some = [*solve_plateau_batch(loops[:1]), *solve_plateau_batch(loops[1:4]), *solve_plateau_batch(loops[4:])]
+    for solution, again in zip(every, some, strict=True):
+        assert solution.area == again.area
+        assert solution.boundary_residual == again.boundary_residual
+        for ours, own in zip(solution.surface.parameters(), again.surface.parameters(), strict=True):
+            assert torch.equal(ours, own)
 
 
 def test_errors_stand_in_the_place_of_their_loops():

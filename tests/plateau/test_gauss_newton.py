@@ -21,7 +21,7 @@ NO_CORNERS = CornerPairs(t=np.empty(0), s=np.empty(0))
 @pytest.fixture(scope="module")
 def stage():
     curve = CurveTensors.of(BoundaryCurve.from_loop(LOOP), torch.device("cpu"))
-    return Discretisation.first(DOMAIN, (curve,), NO_CORNERS, degree=12, offset=1.0, turning=0.1, tolerance=1e-3)
+    return Discretisation.first(DOMAIN, (curve,), NO_CORNERS, degree=12, offset=1.0, tolerance=1e-3)
 
 
 def exact_readout(stage):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from spinor_geom import gallery
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
@@ -13,7 +14,7 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy
-from spinor_geom.plateau.lift import _with_between_nodes, lifted, surface_of
+from spinor_geom.plateau.lift import _with_between_nodes, lifted, lifted_together, surface_of
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.formulas import phi
@@ -168,6 +169,29 @@ def test_more_nodes_bring_the_surface_nearer():
         distances.append(lifted(disk, form, curve, allowed=0.0).misfit.rms)
     assert distances[-1] < 0.05 * distances[0]
     assert (np.diff(distances) < 0).all()
+
+
+# --- several disks at once --------------------------------------------------------------------------------------------
+
+
+def test_disks_of_a_batch_do_not_know_of_each_other():
+    curves = [tensors(gallery.random_curve(seed).sample(40 + 7 * seed)) for seed in range(4)]
+    curves += [tensors(noisy_ellipse(80, amount=0.1))]
+    slides = [minimise_dirichlet_energy(curve, DISK, even(256), tolerance=1e-6, max_steps=40) for curve in curves]
+    # some are settled, some are not
+    allowed = [1e-4, 1e-9, 1.0, 1e-6, 1e-5]
+    together = lifted_together(slides, DISK, CurveTensors.batch(curves), allowed=allowed)
+    assert sum(lift is not None for lift in together) > 0
+    for curve, disk, limit, lift in zip(curves, slides, allowed, together, strict=True):
+        if lift is None:
+            with pytest.raises(SurfaceError, match="branch point of odd order"):
+                lifted(disk, DISK, curve, allowed=limit)
+            continue
+        alone = lifted(disk, DISK, curve, allowed=limit)
+        assert lift.misfit == alone.misfit
+        assert lift.area == alone.area
+        for ours, own in zip(lift.model.parameters(), alone.model.parameters(), strict=True):
+            assert torch.equal(ours, own)
 
 
 # --- between the nodes ------------------------------------------------------------------------------------------------

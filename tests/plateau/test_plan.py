@@ -46,7 +46,7 @@ def finger() -> BoundaryLoop:
 
 
 def task_of(loop, *, model="auto", between="smooth", tolerance=1e-3, on_iteration=None) -> Task:
-    return Task.of(loop, Options.checked(model, tolerance, 100, "leave", "cpu", between=between), on_iteration)
+    return Task.of(loop, Options(model=model, tolerance=tolerance, between=between), on_iteration)
 
 
 # --- the plan ---------------------------------------------------------------------------------------------------------

@@ -1,0 +1,201 @@
+"""Puts a run of `spinor-geom bench` beside this script: CSV of every measurement, the page's tables, the picture.
+
+`python benchmarks/publish.py RUN` takes the folder of a run; its records take the places of those of the same suite,
+case, method and size. Without a run the page is made anew from the CSV: rows of ours whose code has changed are marked.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from spinor_geom.bench.cases import known_kind
+from spinor_geom.bench.claims import claims
+from spinor_geom.bench.figures import Figure
+from spinor_geom.bench.isolate import Record
+from spinor_geom.bench.machine import is_older
+from spinor_geom.bench.page import table_of, write_text
+from spinor_geom.bench.pieces import pieces_of, scale_of
+from spinor_geom.bench.runner import read_records
+from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS
+from spinor_geom.bench.tables import OLDER, Table, filler_table, kind_table, method_name
+from spinor_geom.files import atomic_path
+from spinor_geom.render.portrait import plain_portrait
+
+HERE = Path(__file__).parent
+README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
+BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end -->"
+COLOURS, SIDE, EYE, POINTS = 128, 220, (0.0, -2.0, 1.3), (64, 128, 256)
+SAME = ("suite", "case", "method", "n")  # of two records makes them one measurement
+LEFT_OUT = ("told", "expected")  # too long for a table
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Publishes a run, or the page alone."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="folder of a run")
+    run = parser.parse_args(arguments).run
+    if run is not None:
+        publish(read_records(run))
+        if folders := [run / VIEWS / case for case in PICTURED if (run / VIEWS / case).is_dir()]:
+            draw(folders)
+    before, rest = README.read_text(encoding="utf-8").split(BEGIN)
+    text = "\n\n".join(map(str, page_tables(read_all())))
+    write_text(README, f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
+
+
+def publish(records: Sequence[Record]) -> None:
+    """Adds records to the CSV of their suites."""
+    for suite in dict.fromkeys(r["suite"] for r in records):
+        whole = {key(r): r for r in read(suite)}
+        for record in records:
+            if record["suite"] == suite and record["status"] != "missing":
+                kept = {name: value for name, value in record.items() if name not in LEFT_OUT}
+                short = {name: float(f"{v:.4g}") if isinstance(v, float) else v for name, v in kept.items()}
+                short["case"] = record["case"].rpartition("/")[2]
+                whole[key(short)] = short
+        write_text(HERE / f"{suite}.csv", table_of(list(whole.values())))
+
+
+def key(record: Record) -> tuple[object, ...]:
+    """What makes a record another one."""
+    return tuple(record.get(name) for name in SAME)
+
+
+def read_all() -> list[Record]:
+    """All that was published."""
+    return [record for suite in SUITES for record in read(suite)]
+
+
+def read(suite: str) -> list[Record]:
+    """The records of a suite; empty cells are no fields."""
+    path = HERE / f"{suite}.csv"
+    if not path.exists():
+        return []
+    with open(path, encoding="utf-8", newline="") as file:
+        return [{name: parsed(text) for name, text in row.items() if text != ""} for row in csv.DictReader(file)]
+
+
+def parsed(text: str) -> object:
+    """A cell's value."""
+    if text in ("True", "False"):
+        return text == "True"
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    return int(text) if text.lstrip("-").isdigit() else number
+
+
+def page_tables(records: Sequence[Record]) -> list[Table]:
+    """What stands on the page."""
+    found = claims(records)
+    cut_outs = [r for r in records if r["suite"] == "cut-outs"]
+    missed = [(f.suite, f.case, f.text, f.measured) for f in found if not f.met and f.kind == "accuracy"]
+    return [
+        Table(
+            title="Suites",
+            columns=("suite", "rows", "commits", "dates", "loads", "older", "promises kept", "times kept"),
+            rows=tuple(suite_row(suite, records, found) for suite in SUITES),
+            note="Older: rows of ours whose code has changed since their commit; marked † below.",
+        ),
+        Table(title="Promises missed", columns=("suite", "case", "promise", "measured"), rows=tuple(missed)),
+        disk_table([r for r in records if r["suite"] == "disks"]),
+        fill_table([r for r in records if r["suite"] == "fills" and r["case"] == "enneper-0.8"]),
+        filler_table(cut_outs),
+        kind_table(cut_outs),
+    ]
+
+
+def suite_row(suite: str, records: Sequence[Record], found: Sequence[Figure]) -> tuple[str, ...]:
+    """How much was measured, when and at which load, and which promises are kept."""
+    here = [r for r in records if r["suite"] == suite]
+    commits, dates = (list(dict.fromkeys(str(r[name]) for r in here)) for name in ("commit", "date"))
+    loads = [r["load"] for r in here if r.get("load") is not None]
+    kept = []
+    for kind in ("accuracy", "time"):
+        mine = [f.met for f in found if f.suite == suite and f.kind == kind]
+        kept.append(f"{sum(mine)} of {len(mine)}" if mine else "")
+    return (
+        f"[{suite}]({suite}.csv)",
+        str(len(here)),
+        ", ".join(commit.rpartition("+g")[2] for commit in commits),
+        " to ".join(dict.fromkeys((min(dates, default=""), max(dates, default="")))),
+        " to ".join(dict.fromkeys(f"{load:g}" for load in (min(loads), max(loads)))) if loads else "not kept",
+        str(sum(map(is_older, here))),
+        *kept,
+    )
+
+
+def disk_table(disks: Sequence[Record]) -> Table:
+    """Ours on smooth cases beside uniform discrete surfaces: three samplings, and meshes of like sizes."""
+    of = {(r["case"], r["n"], r["method"]): r for r in disks}
+    rows = []
+    for (case, n, method), mine in of.items():
+        other = of.get((case, n, "libigl-uniform"))
+        if method != "spinor" or n not in POINTS or other is None or "@" in case or known_kind(case) != "smooth":
+            continue
+        samplings = [of.get((f"{case}{sampling}", n, "spinor"), {}) for sampling in ("", "@even", "@uneven")]
+        surface = (
+            " / ".join(number(r.get(name)) for r in samplings)
+            for name in ("area_error", "limit_error", "surface_distance_max")
+        )
+        names = ("triangles", "mesh_area_error", "distance_max", "curvature_rms", "seconds")
+        meshes = (" / ".join(number(r.get(name)) for r in (mine, other)) for name in names)
+        rows.append((f"{case}{f' {OLDER}' if is_older(mine) else ''}", str(n), *surface, *meshes))
+    meshed = ("triangles", "mesh area error", "mesh distance max", "mesh |H| rms", "s")
+    return Table(
+        title="Disks over smooth curves",
+        columns=("case", "points", "surface area error", "points' limit", "surface distance max", *meshed),
+        rows=tuple(rows),
+        note="Of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
+        "Of meshes, at the formula's steps: ours / libigl-uniform's. Where nothing stands it is not measured yet.",
+    )
+
+
+def fill_table(fills: Sequence[Record]) -> Table:
+    """Enneper's rim, a line a tool."""
+    rows = []
+    for method in dict.fromkeys(r["method"] for r in fills):
+        here = [r for r in fills if r["method"] == method]
+        cells = (" / ".join(number(r.get(name)) for r in here) for name in ("area_excess", "curvature_rms", "seconds"))
+        left = sum(r["open_rim_edges"] + r["new_open_edges"] for r in here)
+        rows.append((method_name(here[0]), ", ".join(str(r["n"]) for r in here), *cells, str(left)))
+    columns = ("tool", "points", "mesh area excess", "mesh |H| rms", "s", "open edges")
+    return Table(title="Enneper's rim filled", columns=columns, rows=tuple(rows))
+
+
+def number(value: object) -> str:
+    """A number in a cell."""
+    return "–" if value is None else f"{value:.2g}" if isinstance(value, float) else str(value)
+
+
+def draw(folders: Sequence[Path]) -> None:
+    """The picture: a line a cut-out, what was removed and what the fillers put there, yellow the farthest away."""
+    strips = []
+    with tempfile.TemporaryDirectory() as place:
+        for folder in folders:
+            pieces = pieces_of(folder)
+            scale = scale_of(pieces)
+            first, *others = (
+                plain_portrait(piece.vertices, piece.faces, np.clip(piece.values, scale.low, scale.high))
+                for piece in pieces
+            )
+            path = Path(place) / f"{folder.name}.png"
+            first.beside(*others).write(path, eye=EYE, size=(SIDE * len(pieces), SIDE))
+            strips.append(Image.open(path).convert("RGB"))
+    whole = Image.new("RGB", (max(strip.width for strip in strips), SIDE * len(strips)), "white")
+    for place, strip in enumerate(strips):
+        whole.paste(strip, (0, SIDE * place))
+    with atomic_path(PICTURE) as temporary:
+        whole.quantize(COLOURS).save(temporary, format="PNG", optimize=True)
+
+
+if __name__ == "__main__":
+    main()

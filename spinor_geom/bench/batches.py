@@ -1,0 +1,113 @@
+"""Batches of many files: loops a second, memory of the driver, and equal bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from spinor_geom.batching.engine import batch
+from spinor_geom.gallery import noisy_loop
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+
+POINTS, NOISE = 100, 0.05
+FILES, FEW_INPUTS = 300, 300  # of each batch, and refused ones for the memory of the driver
+
+
+def smooth_loop(seed: int, points: int = POINTS) -> BoundaryLoop:
+    """A random curve of three harmonics around an ellipse of up to 2:1."""
+    random = np.random.default_rng(seed)
+    t = 2 * np.pi * np.arange(points) / points
+    curve = np.stack([random.uniform(1, 2) * np.cos(t), np.sin(t), np.zeros(points)], axis=1)
+    for k in (2, 3):
+        cosine, sine = random.uniform(-0.15, 0.15, size=(2, 3)) / k
+        curve += np.cos(k * t)[:, None] * cosine + np.sin(k * t)[:, None] * sine
+    return BoundaryLoop.from_points(curve)
+
+
+def rough_loop(seed: int) -> BoundaryLoop:
+    """The same with noise."""
+    return noisy_loop(smooth_loop(seed), NOISE, seed=seed)
+
+
+def write_files(folder: Path, count: int, loop: Callable[[int], BoundaryLoop]) -> Path:
+    """OBJ files of one closed curve each."""
+    folder.mkdir()
+    for seed in range(count):
+        points = loop(seed).points
+        text = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in points.tolist())
+        numbers = " ".join(map(str, [*range(1, len(points) + 1), 1]))
+        (folder / f"loop{seed:05}.obj").write_text(f"{text}l {numbers}\n")
+    return folder
+
+
+def _rate(work: Path, loop: Callable[[int], BoundaryLoop], files: int, workers: int | None = None) -> dict[str, Any]:
+    """Loops a second, up to the written summary."""
+    inputs = write_files(work / "in", files, loop)
+    start = perf_counter()
+    result = batch(str(inputs), work / "out", workers=workers)
+    seconds = perf_counter() - start
+    progress = result.progress
+    return {"files": files, "seconds": seconds, "rate": progress.loops / seconds, "files_failed": progress.files_failed}
+
+
+def _memory(work: Path, inputs: int) -> dict[str, Any]:
+    """Peak memory of the driver while it works through inputs that are refused quickly."""
+    import psutil
+
+    driver, peak = psutil.Process(), 0.0
+
+    def look(_: object) -> None:
+        # while it works: the packages of the summary take more than the work
+        nonlocal peak
+        peak = max(peak, driver.memory_info().rss / 2**20)
+
+    manifest = work / "nowhere.csv"
+    manifest.write_text("path\n" + "nowhere.obj\n" * inputs)
+    start = perf_counter()
+    batch(str(manifest), work / "out", on_progress=look)
+    return {"files": inputs, "seconds": perf_counter() - start, "driver_mib": peak}
+
+
+def _cluster(work: Path, files: int) -> dict[str, Any]:
+    """Whether a cluster of four processes on loopback leaves the bytes of an embedded run."""
+    from distributed import LocalCluster
+
+    inputs = str(write_files(work / "in", files, smooth_loop))
+    batch(inputs, work / "embedded")
+    start = perf_counter()
+    with LocalCluster(n_workers=4, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
+        batch(inputs, work / "cluster", scheduler=cluster.scheduler_address)
+    ours, theirs = _checksums(work / "embedded"), _checksums(work / "cluster")
+    return {"files": files, "seconds": perf_counter() - start, "equal": bool(ours) and ours == theirs}
+
+
+def _checksums(output: Path) -> dict[str, str]:
+    """Of all files of results but the records, which hold seconds."""
+    return {
+        str(path.relative_to(output)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in output.glob("files/**/*")
+        if path.is_file() and path.suffix != ".json"
+    }
+
+
+BATCHES: Mapping[str, Callable[[Path, float], dict[str, Any]]] = {
+    "smooth loops": lambda work, share: _rate(work, smooth_loop, round(FILES * share)),
+    "smooth loops, one worker": lambda work, share: _rate(work, smooth_loop, round(FILES * share), workers=1),
+    "loops with 5% noise": lambda work, share: _rate(work, rough_loop, round(FILES / 10 * share)),
+    "cluster of 4 processes": lambda work, share: _cluster(work, round(FILES * share)),
+    "few inputs": lambda work, share: _memory(work, round(FEW_INPUTS * share)),
+    "ten times as many inputs": lambda work, share: _memory(work, round(10 * FEW_INPUTS * share)),
+}
+"""What is measured, given a folder to work in and the share of the files that are taken."""
+
+
+def batch_figures(name: str, share: float) -> dict[str, Any]:
+    """The figures of one of them."""
+    with tempfile.TemporaryDirectory() as folder:
+        return BATCHES[name](Path(folder), share)

@@ -1,0 +1,357 @@
+"""What ours alone is to solve, and what is promised of it: loops of every kind, pairs of rims, the paper's curves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache, partial
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.distance import pdist
+
+from spinor_geom import gallery
+from spinor_geom.bench.figures import Limit
+from spinor_geom.bench.holes import catenoid_area
+from spinor_geom.errors import SpinorGeomError
+from spinor_geom.experiments.timing import boundary_distance
+from spinor_geom.gallery.known import KnownCurve, KnownDisk
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import ClosedCurve
+from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
+from spinor_geom.training import LevenbergMarquardt
+
+Subject: TypeAlias = BoundaryLoop | ClosedCurve | tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve]
+SUITES = ("curves", "rims", "speed", "paper")
+
+RANDOM, RANDOM_POINTS, RANDOM_NOISE = 100, 120, 0.15  # every second one has noise
+OVERSTATED = 2.0  # so many times the distance that is reported, a distance contradicts it
+AREA_GAP = 0.05  # relative, between the area and that of a mesh, whose edges are chords
+HEIGHTS, TOO_FAR = (0.25, 0.5, 0.6, 0.66), (0.7, 1.0)  # of unit circles above and below a plane
+SMOOTH_SECONDS, ROUGH_SECONDS = {64: 0.05, 256: 0.08, 1000: 0.3, 5000: 2.0}, {300: 1.0, 1000: 8.0, 5000: 60.0}
+QUICK = (
+    "ellipse 2:1 height 0.3 at 100 points",
+    "slit 50 × 0.866 at 102 points",
+    "random curve 2",
+    "catenoid h = 0.5 of formulas",
+    "circles h = 0.7",
+    "tennis seam a=0.8 at 256 points, timed",
+    "Douglas-Newton, twisted circle R=1 k=3 α=0.2",
+)
+"""Those of the short run."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solve:
+    """Something to be solved.
+
+    Attributes:
+        suite: of the case.
+        name: of the case.
+        subject: makes it.
+        limits: what is promised.
+        options: of `solve_plateau`.
+        disks: minimal surfaces that it is known to bound, smallest area first.
+        also: what is looked at besides: the "null error" of its slide, or whether what the solution says of itself is
+            the "truth".
+    """
+
+    suite: str
+    name: str
+    subject: Callable[[], Subject]
+    limits: tuple[Limit, ...]
+    options: dict[str, Any] = field(default_factory=dict)
+    disks: tuple[KnownDisk, ...] = ()
+    also: Literal["", "null error", "truth"] = ""
+
+
+@cache
+def solves() -> Mapping[str, Solve]:
+    """All of them by name."""
+    return {one.name: one for one in (*_curves(), *_random(), *_rims(), *_speed(), *_paper())}
+
+
+def solve_figures(case: Solve, answer: PlateauSolution | NoConnectedSurface) -> dict[str, Any]:
+    """What is measured of an answer, from the surface and the curve alone where nothing else is said."""
+    figures: dict[str, Any] = {"annulus": isinstance(answer, PlateauSolution), "area": answer.area}
+    if case.disks and answer.area is not None:
+        figures["area_error"] = min(abs(answer.area / disk.area - 1) for disk in case.disks)
+    if isinstance(answer, NoConnectedSurface):
+        return figures | {"told": answer.reason}
+    figures |= {"converged": answer.converged, "steps": len(answer.history), "told": answer.reason}
+    if len(answer.rims) > 1:
+        return figures | {"rms_per_edge": answer.boundary_residual.rms_per_edge}
+    rms = rms_distance(answer)
+    figures |= {
+        "rms_per_edge": rms / answer.loop.mean_edge_length,
+        "rms_per_diameter": rms / float(pdist(answer.loop.points).max()),
+        "max_per_diagonal": boundary_distance(answer.surface, answer.curve) / answer.loop.diagonal,
+        "verdict": f"{answer.stability.verdict}, index {answer.stability.index}",
+        "stages": {name: round(seconds, 4) for name, seconds in answer.solve_timings.items()},
+    }
+    if case.also == "null error":
+        figures["null_error"] = null_error(answer)
+    elif case.also == "truth":
+        figures["untrue"] = untrue(answer, figures["rms_per_edge"])
+    return figures
+
+
+def rms_distance(solution: PlateauSolution, samples_per_edge: int = 8) -> float:
+    """Root mean square distance, by arc length, of the surface's boundary from the nearest points of Γ.
+
+    Evaluated from the surface's public methods at equal parameters of ∂Ω; the solver's own figure is not used.
+    """
+    boundary, count = solution.domain.boundary, samples_per_edge * len(solution.loop)
+    t = (np.arange(count) + 0.5) / count
+    z = boundary.point(t)
+    points = np.asarray(solution.surface.position(z))
+    distance = np.linalg.norm(points - solution.curve.point(solution.curve.nearest(points)), axis=1)
+    length = np.asarray(solution.surface.conformal_factor(z)) * np.abs(boundary.derivative(t))
+    return float(np.sqrt(length @ distance**2 / length.sum()))
+
+
+def untrue(solution: PlateauSolution, rms_per_edge: float) -> str:
+    """What a solution says of itself that is not so; empty where nothing is."""
+    reported = solution.boundary_residual.rms_per_edge
+    if not rms_per_edge <= OVERSTATED * max(reported, solution.tolerance):
+        return f"its distance from Γ is {rms_per_edge:.1e} of an edge, not {reported:.1e}"
+    if not solution.converged:
+        return ""
+    try:
+        gap = abs(mesh_patch(solution).area / solution.area - 1)
+    except SpinorGeomError as error:
+        return f"its patch cannot be meshed: {error}"
+    return f"its area and its mesh's are {gap:.0%} apart" if gap > AREA_GAP else ""
+
+
+def null_error(solution: PlateauSolution) -> float:
+    """Largest |φ·φ| on the circle by the largest |φ|², φ that of the harmonic map with the solution's boundary values.
+
+    It comes from the slide along Γ alone; p and q of the solution make a null φ whatever they are.
+    """
+    x: Float[np.ndarray, "n 3"] = solution.curve.point(solution.matching[:, 1] % 1)
+    n = len(x)
+    k = np.arange(n // 2)[:, None]
+    # φ z = 2 Σ k c_k zᵏ
+    phi = np.fft.ifft(np.concatenate([2 * k * np.fft.fft(x, axis=0)[: n // 2], np.zeros((n - n // 2, 3))]), axis=0)
+    return float(np.abs((phi * phi).sum(1)).max() / (np.abs(phi) ** 2).sum(1).max())
+
+
+# --- what is to be solved ---------------------------------------------------------------------------------------------
+
+
+def _met(tolerance: float) -> tuple[Limit, ...]:
+    return (Limit("rms_per_edge", "RMS distance from Γ, in mean edges,", tolerance), _CONVERGED)
+
+
+def _area(error: float) -> Limit:
+    return Limit("area_error", "error of the area", error)
+
+
+def _seconds(limit: float) -> Limit:
+    return Limit("seconds", "seconds", limit, "time")
+
+
+_CONVERGED = Limit("converged", "converged", True)
+
+
+def _curves() -> Iterator[Solve]:
+    """Smooth curves, noisy ones, strips, polygons, and rims with straight sides."""
+
+    def case(curve: KnownCurve, n: int, tolerance: float, *limits: Limit) -> Solve:
+        subject, options = partial(curve.sample, n), {"tolerance": tolerance}
+        name = f"{curve.name} at {n} points"
+        return Solve(suite="curves", name=name, subject=subject, limits=limits, options=options, disks=curve.disks)
+
+    for curve in (gallery.twisted_circle(), gallery.tennis_seam(0.8), gallery.tennis_seam(0.75)):
+        verdict = Limit("verdict", "verdict", "stable, index 0")
+        yield case(curve, 128, 1e-8, *_met(1e-8), _area(1e-6), verdict)
+    for ratio, n in ((2.0, 100), (4.0, 100), (8.0, 100), (16.0, 200), (32.0, 400)):
+        yield case(gallery.ellipse(ratio, 0.3), n, 1e-8, *_met(1e-8))
+    for ratio, n in ((2.0, 100), (4.0, 100), (8.0, 200)):
+        curve = gallery.ellipse(ratio, 0.3)
+        name = f"{curve.name} at {n} points, 20% noise"
+        yield Solve(suite="curves", name=name, subject=partial(_noisy, curve, n, 0.2, 0), limits=_met(1e-3))
+    for curve, n in (
+        (gallery.slit(), 102),
+        (gallery.slit(bend=np.pi / 2), 102),
+        (gallery.horseshoe(), 160),
+        *((gallery.helical_ramp(turns), 160) for turns in (1.3, 2.0, 3.0)),
+    ):
+        yield case(curve, n, 1e-3, *_met(1e-3))
+    yield case(gallery.schwarz_d_quadrilateral(), 96, 1e-8, _area(1e-9))
+    yield case(gallery.schwarz_d_hexagon(), 144, 1e-8, _area(1e-8))
+    yield case(gallery.schwarz_p_hexagon(), 144, 1e-8, _area(1e-8))
+    near = Limit("rms_per_diameter", "RMS distance from Γ, in diameters,", 1e-5)
+    for curve, n in ((gallery.l_shape(), 64), (gallery.l_shape(rise=0.25), 64), (gallery.zigzag_rim(20), 100)):
+        yield case(curve, n, 1e-4, near, _CONVERGED)
+
+
+def _random() -> Iterator[Solve]:
+    """Random closed curves: what is promised of them is promised of all together."""
+    for seed in range(RANDOM):
+        noise = RANDOM_NOISE if seed % 2 else 0.0
+        yield Solve(
+            suite="curves",
+            name=f"random curve {seed}",
+            subject=partial(_random_loop, seed, noise),
+            limits=(),
+            options={"tolerance": 1e-3 if noise else 1e-6},
+            also="truth",
+        )
+
+
+def _random_loop(seed: int, noise: float) -> BoundaryLoop:
+    return _noisy(gallery.random_curve(seed), RANDOM_POINTS, noise, seed)
+
+
+def _noisy(curve: KnownCurve, n: int, noise: float, seed: int) -> BoundaryLoop:
+    loop = gallery.evenly_sampled(curve, n)
+    return gallery.noisy_loop(loop, noise, seed=seed) if noise else loop
+
+
+def _rims() -> Iterator[Solve]:
+    """Two rims: catenoids, rings, and rims that crowd, tilt and shake."""
+    whole = partial(Solve, suite="rims")
+    annulus = Limit("annulus", "an annulus is found", True)
+    for h in HEIGHTS:
+        pair, disks = (ring(1.0, h), ring(1.0, -h)), (KnownDisk(area=catenoid_area(h)),)
+        for way, subject, error in (
+            ("of 64 points a rim", partial(_sampled, pair, (64, 64)), 1e-6),
+            ("of formulas", partial(_same, pair), 1e-12),
+        ):
+            limits = annulus, _area(error), _seconds(0.1)
+            yield whole(name=f"catenoid h = {h:g} {way}", subject=subject, limits=limits, disks=disks)
+    for h in TOO_FAR:
+        none = Limit("annulus", "an annulus is found", False)
+        pair, disks = (ring(1.0, h), ring(1.0, -h)), (KnownDisk(area=2 * np.pi),)
+        disks_area = Limit("area_error", "error of the two disks' area", 1e-12)
+        subject = partial(_same, pair)
+        yield whole(name=f"circles h = {h:g}", subject=subject, limits=(none, disks_area), disks=disks)
+    for name, pair, area in (
+        ("plane ring, eccentric hole", (ring(1, 0), ring(0.2, 0, centre=(0.5, 0.1))), 0.96 * np.pi),
+        (
+            "plane ellipse 4:1, hole near an end",
+            (ring(1, 0, stretch=4.0), ring(0.2, 0, centre=(2.5, 0.1))),
+            3.96 * np.pi,
+        ),
+    ):
+        disks = (KnownDisk(area=area),)
+        yield whole(name=name, subject=partial(_same, pair), limits=(annulus, _area(1e-10)), disks=disks)
+    inner = ring(0.7, 0.2, centre=(0.1, 0.05), stretch=7.6 / 0.7)
+    tilted = ring(1.0, 0.35, stretch=1.3), ring(0.8, -0.35, centre=(0.2, 0.1))
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.4), -np.sin(0.4)], [0.0, np.sin(0.4), np.cos(0.4)]])
+    slender = ring(1.0, 0.0, stretch=4.0), ring(0.2, 0.1, centre=(2.5, 0.1))
+    for name, subject in (
+        ("small hole near the end of an ellipse 4:1, lifted", partial(_sampled, slender, (120, 40))),
+        ("ellipse 8:1 in another", partial(_sampled, (ring(1.0, 0.0, stretch=8.0), inner), (200, 180))),
+        *(
+            (f"tilted rims, noise {noise:.0%} of an edge", partial(_sampled, tilted, (80, 60), noise=noise, turn=tilt))
+            for noise in (0.0, 0.1, 0.2)
+        ),
+    ):
+        yield whole(name=name, subject=subject, limits=(Limit("rms_per_edge", "RMS residual, in mean edges,", 1e-3),))
+
+
+def ring(
+    radius: float, height: float, *, centre: tuple[float, float] = (0.0, 0.0), stretch: float = 1.0
+) -> ClosedCurve:
+    """An ellipse in a horizontal plane."""
+
+    def around(order: int, offset: Float[np.ndarray, "3"]) -> Callable[..., Float[np.ndarray, "*pts 3"]]:
+        def function(s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+            angle = 2 * np.pi * np.asarray(s) + order * np.pi / 2
+            flat = np.stack([stretch * np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+            return np.asarray((2 * np.pi) ** order * radius * flat + offset)
+
+        return function
+
+    place = np.array([*centre, height])
+    return ClosedCurve(point=around(0, place), derivative=around(1, 0 * place), second_derivative=around(2, 0 * place))
+
+
+def _sampled(
+    pair: tuple[ClosedCurve, ClosedCurve],
+    counts: tuple[int, int],
+    *,
+    noise: float = 0.0,
+    turn: Float[np.ndarray, "3 3"] | None = None,
+) -> tuple[BoundaryLoop, BoundaryLoop]:
+    """Points at equal steps, moved at random by a share of their distance; the first rim turned."""
+    loops = []
+    for seed, (curve, count) in enumerate(zip(pair, counts, strict=True)):
+        points = curve.point(np.arange(count) / count)
+        edge = np.linalg.norm(points[1] - points[0])
+        points = points + noise * edge * np.random.default_rng(seed).normal(size=points.shape)
+        loops.append(BoundaryLoop.from_points(points if turn is None or seed else points @ turn.T, corners=()))
+    return loops[0], loops[1]
+
+
+def _speed() -> Iterator[Solve]:
+    """From few points to thousands."""
+    ellipse = gallery.ellipse(2.0, 0.3)
+    for curve in (gallery.twisted_circle(), ellipse, gallery.tennis_seam(0.8)):
+        for n, seconds in SMOOTH_SECONDS.items():
+            limits = _seconds(seconds), *_met(1e-3)
+            name = f"{curve.name} at {n} points, timed"
+            yield Solve(suite="speed", name=name, subject=partial(curve.sample, n), limits=limits)
+    for n, seconds in ROUGH_SECONDS.items():
+        limits = _seconds(seconds), *_met(1e-2), Limit("memory_mib", "peak memory in MiB", 6144)
+        name = f"{ellipse.name} at {n} points, 15% noise, timed"
+        subject = partial(_noisy, ellipse, n, 0.15, 0)
+        yield Solve(suite="speed", name=name, subject=subject, limits=limits, options={"tolerance": 1e-2})
+
+
+def _paper() -> Iterator[Solve]:
+    """The paper's curves by power series, and by networks of its kind; what it measured besides is `reproduce`'s."""
+    circle, tame, seam = gallery.twisted_circle(), gallery.tennis_seam(0.8), gallery.tennis_seam(0.75)
+
+    def near(error: float) -> Limit:
+        return Limit("max_per_diagonal", "largest distance from Γ, in diagonals,", error)
+
+    for curve, disk, which, keep in (
+        (circle, circle.disks[0], "", True),
+        (tame, tame.disks[0], "", True),
+        (seam, seam.disks[-1], ", symmetric disk", True),
+        (seam, seam.disks[0], ", stable disk", False),
+    ):
+        null = Limit("null_error", "largest |φ·φ| by the largest |φ|²", 1e-13)
+        # leaving an unstable disk is a second solve, of twice as many nodes
+        limits = near(1e-13), null, _area(1e-13), *([_seconds(0.1)] if keep else [])
+        yield Solve(
+            suite="paper",
+            name=f"Douglas-Newton, {curve.name}{which}",
+            subject=partial(_same, curve),
+            limits=limits,
+            options={"model": "series", "unstable": "keep" if keep else "leave"},
+            disks=(disk,),
+            also="null error",
+        )
+    wide = LevenbergMarquardt(tolerance=1e-7, width=40, nodes=256, distillation_steps=400)
+    for curve, finer in (
+        (circle, LevenbergMarquardt(tolerance=1e-7)),
+        (tame, LevenbergMarquardt(tolerance=1e-7)),
+        (seam, wide),
+    ):
+        for name, network, limits in (
+            ("Levenberg-Marquardt", LevenbergMarquardt(tolerance=1e-5), (near(1e-5), _seconds(5.0))),
+            (f"Levenberg-Marquardt, {finer.width} units, {finer.nodes} nodes", finer, (near(1e-7),)),
+            (
+                "10 × 20 network",
+                LevenbergMarquardt(tolerance=1e-4, depth=10, width=20),
+                (near(1e-4), _seconds(30.0)),
+            ),
+        ):
+            yield Solve(
+                suite="paper",
+                name=f"{name}, {curve.name}",
+                subject=partial(_same, curve),
+                limits=limits,
+                options={"model": "mlp", "optimizer": network},
+            )
+
+
+def _same(subject: Subject) -> Subject:
+    return subject

@@ -1,0 +1,101 @@
+"""What ours alone is to solve: its cases, what is measured of the answers, and the promises."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom import gallery, read_mesh, solve_plateau
+from spinor_geom.bench import batches, worker
+from spinor_geom.bench.claims import claims
+from spinor_geom.bench.solves import QUICK, null_error, solve_figures, solves, untrue
+from tests.exact_solutions import ENNEPER, exact_solution
+
+
+def task(suite, case, **more):
+    return {"suite": suite, "method": "spinor", "package": "spinor_geom", "case": case, "repeat": 0, **more}
+
+
+def measured(name):
+    one = task(solves()[name].suite, name)
+    return {**one, **worker.run(one)}
+
+
+@pytest.mark.parametrize("name", [name for name in QUICK if "formulas" not in name])
+def test_promises_of_accuracy_are_kept(name):
+    record = measured(name)
+    figures = [figure for figure in claims([record]) if figure.kind == "accuracy"]
+    assert figures
+    assert [figure.text for figure in figures if not figure.met] == []
+
+
+def test_a_catenoid_between_formulas_is_exact_and_an_annulus():
+    record = measured("catenoid h = 0.5 of formulas")
+    assert record["annulus"]
+    assert record["area_error"] < 1e-12
+
+
+def test_every_kind_of_loop_is_there():
+    for kind in ("ellipse 32:1", "20% noise", "slit", "horseshoe", "ramp of 3", "hexagon", "L-shape", "zigzag"):
+        assert any(kind in name for name in solves()), kind
+
+
+def test_random_curves_are_counted_and_wrong_ones_named():
+    def record(seed, **changed):
+        return {
+            **task("curves", f"random curve {seed}"),
+            "status": "done",
+            "rms_per_edge": 1e-8,
+            "untrue": "",
+            **changed,
+        }
+
+    refused = {**task("curves", "random curve 4"), "status": "refused", "reason": "no plane domain"}
+    wrong = record(6, untrue="its area and its mesh's are 10% apart")
+    found = {f.text: f for f in claims([record(2), record(3, rms_per_edge=5e-3), refused, wrong])}
+    near = found["within 1e-2 of an edge, at least 98%"]
+    assert (near.measured, near.met) == ("75% of 4", False)
+    assert not found["what a solution says of itself is so"].met
+    assert found["median RMS distance from Γ, in mean edges, without noise at most 1e-06"].met
+    assert not found["median RMS distance from Γ, in mean edges, with 15% noise at most 0.002"].met
+
+
+def test_what_a_solution_says_is_checked():
+    exact = exact_solution(ENNEPER, 120, radius=0.8)
+    assert untrue(exact, 1e-8) == ""
+    assert "apart" in untrue(dataclasses.replace(exact, area=1.1 * exact.area), 1e-8)
+    # nine tenths as large, the surface misses the curve by far more than it says
+    smaller = dataclasses.replace(exact, surface=exact.surface.transform(scale=0.9))
+    case = next(iter(solves().values()))
+    figures = solve_figures(dataclasses.replace(case, also="truth"), smaller)
+    assert "not 0.0e+00" in figures["untrue"]
+
+
+def test_the_null_error_sees_a_wrong_slide():
+    solution = solve_plateau(gallery.twisted_circle(), model="series")
+    assert null_error(solution) < 1e-13
+    # the harmonic map of another slide is not conformal
+    t = solution.matching[:, 0]
+    slid = dataclasses.replace(solution.rims[0], matching=np.column_stack([t, t + 0.05 * np.sin(4 * np.pi * t)]))
+    assert null_error(dataclasses.replace(solution, rims=(slid,))) > 1e-2
+
+
+def test_files_of_a_batch_hold_one_loop_each(tmp_path: Path):
+    folder = batches.write_files(tmp_path / "in", 2, batches.rough_loop)
+    for seed, path in enumerate(sorted(folder.iterdir())):
+        file = read_mesh(path)
+        (curve,) = file.polylines
+        np.testing.assert_array_equal(file.mesh.vertices[curve[:-1]], batches.rough_loop(seed).points)
+
+
+def test_batches_are_measured_and_their_promises_judged():
+    done = [worker.run(task("batch", name, share=0.01)) for name in ("smooth loops", "few inputs")]
+    assert [record["status"] for record in done] == ["done", "done"]
+    assert done[0]["files_failed"] == 0
+    assert done[1]["driver_mib"] > 50
+    whole = {**task("batch", "smooth loops"), "status": "done", "rate": 10.0}
+    alone = {**whole, "case": "smooth loops, one worker", "rate": 6.0}
+    found = {(f.case, f.text): f.met for f in claims([whole, alone])}
+    assert found["smooth loops", "loops a second at least 6"]
+    assert not found["smooth loops", "times the rate of one worker at least 1.8"]
