@@ -170,7 +170,8 @@ class RimsTask:
             moduli = [math.log(mean_modulus(placed.surface.domain)) for placed in found]
             near = min(zip(moduli, found, strict=True), key=lambda pair: abs(pair[0] - log), default=None)
             return self._none() if near is None else self._solution(near[1])
-        passed = self._through_points() if self.options.is_free and self.options.is_free_between else None
+        passes = self.options.is_free and self.options.between == "free"
+        passed = self._through_points() if passes else None
         if passed is not None and passed.converged:
             return passed
         if self.options.is_series or len(self.loops) > 2:
@@ -471,7 +472,7 @@ class RimsTask:
             self,
             loops=tuple(self.loops[k] for k in numbers),
             curves=tuple(self.curves[k] for k in numbers),
-            options=replace(self.options, laurent=None),
+            options=self.options if self.options.laurent is None else replace(self.options, model="auto"),
             on_iteration=None,
             clock=Clock(),
             history=[],

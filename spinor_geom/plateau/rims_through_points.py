@@ -33,6 +33,7 @@ from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.through_points import (
     EdgeIntegrals,
     PointEquations,
+    curve_through,
     misfit_at_points,
     nearest_through,
     nodes_on_edges,
@@ -172,12 +173,12 @@ class _Basis:
 
     circles: CircularDomain
     antiperiodic: tuple[bool, ...]
-    powers: tuple[int, ...]
+    powers: list[int]
     rims: tuple[_OnRim, ...]
 
     @classmethod
     def on(cls, domain: PlaneDomain, circles: CircularDomain, antiperiodic: tuple[bool, ...]) -> _Basis:
-        powers = tuple(math.ceil(_POWERS * len(boundary.vertices)) for boundary in domain.boundaries)
+        powers = [math.ceil(_POWERS * len(boundary.vertices)) for boundary in domain.boundaries]
         odd = torch.tensor(antiperiodic, device=circles.radii.device)
         first = np.cumsum([0, *powers]).tolist()
 
@@ -330,7 +331,7 @@ class _Passing:
             surface.constant.sub_(surface.constant.new_tensor(error.mean(0)))
         off = np.split(error - error.mean(0), np.cumsum([len(each) for each in self.points])[:-1])
         curves = tuple(
-            along.curve_through(each.cpu().numpy(), own)
+            curve_through(each.cpu().numpy(), along.velocity.real.cpu().numpy(), own)
             for along, each, own in zip(self._integrals, self.points, off, strict=True)
         )
         misfits = [misfit_at_points(curve, own) for curve, own in zip(curves, off, strict=True)]

@@ -192,14 +192,15 @@ class RimDisks:
         """
         if self.all is None:
             return {}
-        disks = {(number,): disk.area for number, disk in enumerate(self.all)}
-        groups = {group for partition in _partitions(len(disks)) for group in partition if len(group) > 1}
+        areas: dict[tuple[int, ...], float] = {(number,): disk.area for number, disk in enumerate(self.all)}
+        partitions = _partitions(len(areas))
+        groups = {group for partition in partitions for group in partition if len(group) > 1}
         with one_thread(), self.clock.stage("disks"):
             joined = {group: self.joined(group) for group in sorted(groups)}
-        areas = {**disks, **{group: area for group, area in joined.items() if area is not None}}
+        areas.update({group: area for group, area in joined.items() if area is not None})
         return {
             partition: sum(areas[group] for group in partition)
-            for partition in _partitions(len(disks))
+            for partition in partitions
             if all(group in areas for group in partition)
         }
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -148,7 +148,7 @@ class Passing(Protocol):
         """How that changes with the read-outs."""
         ...
 
-    def at(self, readout: Complex[Tensor, "k 2"]) -> Self:
+    def at(self, readout: Complex[Tensor, "k 2"]) -> Passing:
         """The surface of other read-outs."""
         ...
 
