@@ -185,7 +185,9 @@ def _solves(suite: str) -> Callable[[Settings, Path], Iterator[Task]]:
 
 
 def _batch(settings: Settings, _: Path) -> Iterator[Task]:
-    """Many files, and many loops."""
+    """Many files; in the short run only where it is asked for."""
+    if settings.few and not settings.suites:
+        return
     yield from _each("batch", BATCHES, ("spinor",), share=QUICK_SHARE if settings.quick else 1.0)
 
 

@@ -170,8 +170,7 @@ class RimsTask:
             moduli = [math.log(mean_modulus(placed.surface.domain)) for placed in found]
             near = min(zip(moduli, found, strict=True), key=lambda pair: abs(pair[0] - log), default=None)
             return self._none() if near is None else self._solution(near[1])
-        passes = self.options.is_free and self.options.between == "free"
-        passed = self._through_points() if passes else None
+        passed = self._through_points() if self.options.is_free and self.options.between == "free" else None
         if passed is not None and passed.converged:
             return passed
         if self.options.is_series or len(self.loops) > 2:

@@ -56,8 +56,6 @@ _RIDGE = 1e-10
 _PLACINGS = 3
 # Newton's method goes on to this share of the distance allowed.
 _BELOW_ALLOWED = 0.3
-# Quadrature nodes on each piece of a path in Ω.
-_PATH_ORDER = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -219,17 +217,17 @@ class _Basis:
 
     def coefficients(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
         """Of the powers themselves from read-outs of those that are orthonormal in H¹ on their own rims."""
-        parts = zip(self.rims, torch.split(readout, self.powers), strict=True)
+        parts = zip(self.rims, torch.split(readout, list(self.powers)), strict=True)
         return torch.cat([torch.linalg.solve_triangular(rim.norm.mH, part, upper=True) for rim, part in parts])
 
     def orthonormal(self, coefficients: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
         """The other way round."""
-        parts = zip(self.rims, torch.split(coefficients, self.powers), strict=True)
+        parts = zip(self.rims, torch.split(coefficients, list(self.powers)), strict=True)
         return torch.cat([rim.norm.mH @ part for rim, part in parts])
 
     def model(self, coefficients: Complex[Tensor, "k 2"]) -> LaurentSeries:
         """The series, with the residues of φ made real."""
-        outward, *inward = torch.split(coefficients, self.powers)
+        outward, *inward = torch.split(coefficients, list(self.powers))
         together = torch.nn.utils.rnn.pad_sequence(inward, batch_first=True)
         return closed(LaurentSeries(outward, together, self.circles, antiperiodic=self.antiperiodic))
 
@@ -318,13 +316,13 @@ class _Passing:
         return PointEquations.of(*(self._orthonormal(part) for part in rows))
 
     def _orthonormal(self, rows: Complex[Tensor, "r k"]) -> Complex[Tensor, "k r"]:
-        parts = zip(self.basis.rims, torch.split(rows, self.basis.powers, dim=1), strict=True)
+        parts = zip(self.basis.rims, torch.split(rows, list(self.basis.powers), dim=1), strict=True)
         return torch.cat([torch.linalg.solve_triangular(rim.norm, part.mH, upper=False) for rim, part in parts])
 
     def passed(self, domain: PlaneDomain) -> PassedRims:
         """The surface, its distances from the points told by its series in closed form."""
         model = self.basis.model(self.coefficients)
-        surface = SpinorSurface(model, domain, order=_PATH_ORDER).to(self.coefficients.device)
+        surface = SpinorSurface(model, domain).to(self.coefficients.device)
         points = torch.cat(self.points).cpu().numpy()
         error = surface.position(domain.vertices) - points
         with torch.no_grad():

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -36,8 +36,6 @@ _KEEP = 0.3
 _HALVINGS, _STALL = 6, 0.99
 # Linearisations in all: rims that are met take one to ten.
 _MOST_LINEARISATIONS = 12
-
-Array = TypeVar("Array", bound="np.ndarray[Any, Any] | Tensor")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +81,8 @@ class EdgeIntegrals:
 
     def centred(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
         """Distances of the vertices from given points, with the constant of r that makes their sum 0."""
-        return centred(self.starts - points)
+        error = self.starts - points
+        return error - error.mean(0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -270,8 +269,3 @@ def shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
     """Lengths of a polygon's edges by all."""
     edge = (polygon.roll(-1) - polygon).abs()
     return edge / edge.sum()
-
-
-def centred(error: Array) -> Array:
-    """Less their mean."""
-    return error - error.mean(0)

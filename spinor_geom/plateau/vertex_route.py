@@ -38,7 +38,6 @@ from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.through_points import (
     EdgeIntegrals,
     PointEquations,
-    centred,
     curve_through,
     misfit_at_points,
     nearest_through,
@@ -118,7 +117,8 @@ class VertexSolver:
             with self.clock.stage("surface"):
                 network = basis.network(raw)
                 rim = RimPrimitive.along(domain.boundary, partial(_phi_of, network), _NODES_TOLD)
-                error = centred(rim.at_breaks[:-1].real - points)
+                error = rim.at_breaks[:-1].real - points
+                error -= error.mean(axis=0)
             if rms(torch.from_numpy(error)) <= self.allowed or is_out_of_time():
                 break
         with self.clock.stage("surface"):

@@ -32,7 +32,7 @@ class CircleHomeomorphism(torch.nn.Module):
         super().__init__()
         pairs = itertools.pairwise(_SIZES)
         # made without the random numbers of all torch
-        linear = [torch.nn.utils.skip_init(torch.nn.Linear, *pair, dtype=torch.float64) for pair in pairs]
+        linear = [torch.nn.Linear(*pair, dtype=torch.float64, device="meta").to_empty(device="cpu") for pair in pairs]
         for name in ("weight", "bias"):
             for layer in linear:
                 bound = layer.in_features**-0.5

@@ -262,10 +262,10 @@ class _Training:
         to_curve, nearest = cKDTree(self.gamma).query(r)
         to_boundary, arcs = cKDTree(polygon).query(self.gamma)[0], _arcs(self.gamma)
         length = float(arcs.sum())
-        ways = [
-            Misfit.from_distances(*(torch.as_tensor(part).to(self.device) for part in way), self.curve, length=length)
-            for way in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs))
-        ]
+        ways = []
+        for way in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs)):
+            distance, slide, weights = (torch.as_tensor(part).to(self.device) for part in way)
+            ways.append(Misfit.from_distances(distance, slide, weights, self.curve, length=length))
         largest = {name: max(getattr(way, name) for way in ways) for name in ("rms", "max", "max_per_local_edge")}
         return Misfit(**largest, length=length)
 
