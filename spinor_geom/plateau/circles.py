@@ -16,7 +16,6 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.plateau.cylinder import multipliers
 
 # Powers of the coordinates that are smaller on every other circle are rounding errors.
 ROUND_OFF = 1e-17
@@ -99,6 +98,26 @@ class DirichletForm:
         matrix = matrix.reshape(m, n, m, n).clone()
         matrix.diagonal(dim1=0, dim2=2).add_(own[..., None])
         return matrix.reshape(m * n, m * n)
+
+
+def multipliers(modulus: Float[Tensor, "*m"], n: int) -> tuple[Float[Tensor, "*m f"], Float[Tensor, "*m f"]]:
+    """The Dirichlet-to-Neumann map Λ(m) of cylinders of any moduli on n equal steps of both rims.
+
+    Both rims run with the cylinder on their left, as the boundary of an annulus does: the angle of the first one is
+    2πt, that of the second −2πt. For the frequency k a rim's own part is |k| coth |k|m, the other's −|k| / sinh |k|m
+    (for k = 0: ±1/m).
+
+    Returns:
+        Multipliers of a rim's own values and of the conjugate spectrum of the other rim, frequencies 0 … n/2.
+    """
+    m = modulus[..., None]
+    k = torch.arange(n // 2 + 1, dtype=m.dtype, device=m.device)
+    k[0] = 1
+    # coth and 1/sinh of km without overflow
+    e, rest = torch.exp(-k * m), -torch.expm1(-2 * k * m)
+    own, other = k * (1 + e * e) / rest, -2 * k * e / rest
+    own[..., 0], other[..., 0] = 1 / modulus, -1 / modulus
+    return own, other
 
 
 def _functions(zeta: Complex[Tensor, "m *pts"], n: int) -> Float[Tensor, "m n *pts"]:

@@ -20,8 +20,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.plateau.circles import DirichletForm, HarmonicExtension
-from spinor_geom.plateau.cylinder import multipliers
+from spinor_geom.plateau.circles import DirichletForm, HarmonicExtension, multipliers
 from spinor_geom.plateau.douglas_rims import MOST_MODULUS, RimsProblem
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface

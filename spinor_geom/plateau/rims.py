@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations
 
 import numpy as np
 import torch
@@ -18,16 +17,13 @@ from torch import Tensor
 from spinor_geom.deadline import require_time
 from spinor_geom.errors import (
     DomainError,
-    LoopsMeetError,
     OptionError,
     SingularMatrixError,
     SpinorGeomError,
     SurfaceError,
 )
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.mesh.interpolation import DEGREES
-from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.circles import ROUND_OFF
@@ -44,6 +40,7 @@ from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plan import minimal_disk, plan
 from spinor_geom.plateau.plane_route import beside_in_plane, plane_between
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.rim_curves import at_unit_size, grown, is_rough, require_apart, sampled
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between, start_over
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.rims_through_points import surface_through
@@ -56,7 +53,7 @@ from spinor_geom.plateau.solution import (
     RimDisks,
     RimMatch,
 )
-from spinor_geom.plateau.task import Task, sampled_formula
+from spinor_geom.plateau.task import Task
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Nodes on each rim where an annulus is sought, most for which matrices are factored, most of all, and most an edge.
@@ -69,9 +66,6 @@ _MOST_SMOOTH = 2048
 _NODES_PER_GAP = 4
 # Nodes for each edge of rough rims to begin with, and how many times more come next.
 _PER_EDGE, _MORE_NODES = 6, 2
-# Turning angle, exceeded by one point in ten, from which a loop counts as rough; the smooth curve that leads to it: its
-# width, in points and at least as a share of the loop; and how many curves there are between.
-_ROUGH_TURN, _SMOOTHING, _NARROWEST_AVERAGE, _DEFORMATIONS = np.radians(12.0), 3.0, 0.03, 4
 # Of rough rims: gradient to stop at, as a share of the distance allowed in edges; fall of the energy that is none, as a
 # share of that of waves of that height; steps of one solve.
 _FINE_ROUGH, _NEGLIGIBLE, _MOST_STEPS = 3e-2, 1e-3, 60
@@ -143,19 +137,13 @@ class RimsTask:
             raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
         if len(given) > 2 and not options.is_free and not options.is_series:
             raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
-        samples = [_sampled(one) for one in given]
+        samples = [sampled(one) for one in given]
         loops = tuple(loop for loop, _ in samples)
-        for loop in loops:
-            require_simple(loop)
-        for first, second in combinations(loops, 2):
-            meeting = crossings_between(first.points, second.points)
-            if len(meeting):
-                i, j = meeting[0].tolist()
-                raise LoopsMeetError(edges=[_edge(first, i), _edge(second, j)])
+        require_apart(loops)
         scale = float(np.linalg.norm(np.ptp(np.concatenate([loop.points for loop in loops]), axis=0)))
         lengths = np.array([loop.perimeter for loop in loops])
         centre = lengths @ np.stack([loop.centroid for loop in loops]) / lengths.sum()
-        curves = [_at_unit_size(loop, formula, centre, scale) for loop, formula in samples]
+        curves = [at_unit_size(loop, formula, centre, scale) for loop, formula in samples]
         return cls(
             loops=loops,
             curves=tuple((curve, curve.reversed()) for curve in curves),
@@ -399,16 +387,12 @@ class RimsTask:
         given = tuple(curve for curve, _ in self.curves)
         if not self._is_rough:
             return (given,)
-        ways = [_grown(curve, len(loop)) for curve, loop in zip(given, self.loops, strict=True)]
+        ways = [grown(curve, len(loop)) for curve, loop in zip(given, self.loops, strict=True)]
         return tuple(zip(*ways, strict=True))
 
     @cached_property
     def _is_rough(self) -> bool:
-        return any(
-            curve.degree == min(DEGREES)
-            and np.quantile(turning_angles(loop.points), 0.9) - 3 * np.pi / len(loop) > _ROUGH_TURN
-            for (curve, _), loop in zip(self.curves, self.loops, strict=True)
-        )
+        return any(is_rough(curve, loop) for (curve, _), loop in zip(self.curves, self.loops, strict=True))
 
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
@@ -479,7 +463,24 @@ class RimsTask:
     def _disks(self) -> RimDisks:
         options = self.options if self.options.laurent is None else replace(self.options, model="auto")
         curves = tuple(curve for curve, _ in self.curves)
-        return RimDisks(solve=partial(_disks_over, self.loops, curves, options))
+        return RimDisks(solve=partial(_disks_over, self.loops, curves, options), joined=self._area_over)
+
+    def _area_over(self, numbers: tuple[int, ...]) -> float | None:
+        """The area of the surface over some of the loops; None where none was found."""
+        some = replace(
+            self,
+            loops=tuple(self.loops[k] for k in numbers),
+            curves=tuple(self.curves[k] for k in numbers),
+            options=self.options if self.options.laurent is None else replace(self.options, model="auto"),
+            on_iteration=None,
+            clock=Clock(),
+            history=[],
+        )
+        try:
+            answer = some.solved()
+        except SpinorGeomError:
+            return None
+        return answer.area if isinstance(answer, PlateauSolution) else None
 
     def _solution(self, placed: Placement) -> PlateauSolution:
         """The surface with as many nodes as the tolerance asks for, or as help."""
@@ -638,18 +639,6 @@ def _disks_over(
         return None
 
 
-def _grown(curve: BoundaryCurve, points: int) -> list[BoundaryCurve]:
-    """Curves from a smooth average to a rough one.
-
-    Averaged once, curves shrink; twice the average less the average's average keeps what is much longer than its width.
-    """
-    width = max(_SMOOTHING / points, _NARROWEST_AVERAGE)
-    once = curve.smoothed(width)
-    average = once.towards(once.smoothed(width), -1.0)
-    shares = np.arange(1, _DEFORMATIONS + 1) / _DEFORMATIONS
-    return [average, *(average.towards(curve, share) for share in shares)]
-
-
 def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:
     """The pairs of `RimMatch` for curve parameters at equal steps."""
     return np.column_stack([np.arange(len(slide)) / len(slide), slide.cpu().numpy()])
@@ -658,22 +647,3 @@ def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:
 def _even(nodes: float) -> int:
     """An even number of nodes, not smaller, that is fast to transform."""
     return 2 * next_fast_len(math.ceil(nodes / 2))
-
-
-def _sampled(given: BoundaryLoop | ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve | None]:
-    """The loop, or that of a formula's polynomials with them."""
-    return (given, None) if isinstance(given, BoundaryLoop) else sampled_formula(given)
-
-
-def _edge(loop: BoundaryLoop, number: int) -> list[int]:
-    return [int(loop.vertex_ids[number]), int(loop.vertex_ids[(number + 1) % len(loop)])]
-
-
-def _at_unit_size(
-    loop: BoundaryLoop, formula: BoundaryCurve | None, centre: Float[np.ndarray, "3"], scale: float
-) -> BoundaryCurve:
-    """The curve through a loop, with the loops' common centre at 0 and their diagonal 1."""
-    points = (loop.points - centre) / scale
-    if formula is not None:
-        return formula.placed(points, 1 / scale)
-    return BoundaryCurve.from_loop(BoundaryLoop(points=points, vertex_ids=loop.vertex_ids, corners=loop.corners))

@@ -171,12 +171,12 @@ class _Basis:
 
     circles: CircularDomain
     antiperiodic: tuple[bool, ...]
-    powers: tuple[int, ...]
+    powers: list[int]
     rims: tuple[_OnRim, ...]
 
     @classmethod
     def on(cls, domain: PlaneDomain, circles: CircularDomain, antiperiodic: tuple[bool, ...]) -> _Basis:
-        powers = tuple(math.ceil(_POWERS * len(boundary.vertices)) for boundary in domain.boundaries)
+        powers = [math.ceil(_POWERS * len(boundary.vertices)) for boundary in domain.boundaries]
         odd = torch.tensor(antiperiodic, device=circles.radii.device)
         first = np.cumsum([0, *powers]).tolist()
 

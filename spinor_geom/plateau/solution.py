@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -156,16 +156,25 @@ class RimMatch:
         return self.boundary.point(PchipInterpolator(s[keep], t[keep])(self.curve.breaks[:-1]))
 
 
+# Numbers of the rims of each surface.
+Partition: TypeAlias = tuple[tuple[int, ...], ...]
+
+# Rims up to which Douglas's condition is told of every partition: four have 14 that are not all in one.
+_MOST_FOR_ALL_PARTITIONS = 4
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimDisks:
     """The minimal disks over several rims, which a surface between them is set against.
 
     Attributes:
         solve: finds them, in the order in which the rims were given; None where one was not found.
+        joined: the least area found of a surface over some of the rims, by their numbers; None where there is none.
         clock: of the stage "disks".
     """
 
     solve: Callable[[], tuple[PlateauSolution, ...] | None]
+    joined: Callable[[tuple[int, ...]], float | None]
     clock: Clock = field(default_factory=Clock)
 
     @cached_property
@@ -173,6 +182,42 @@ class RimDisks:
         """A disk over each rim."""
         with one_thread(), self.clock.stage("disks"):
             return self.solve()
+
+    @cached_property
+    def partitions(self) -> dict[Partition, float]:
+        """Areas of surfaces of fewer rims each that bound all rims together, by the numbers of the rims of each.
+
+        Of up to four rims all partitions are there that have surfaces; of more all disks, and each disk with a surface
+        over all other rims: the number of partitions grows faster than exponentially.
+        """
+        if self.all is None:
+            return {}
+        areas: dict[tuple[int, ...], float] = {(number,): disk.area for number, disk in enumerate(self.all)}
+        partitions = _partitions(len(areas))
+        groups = {group for partition in partitions for group in partition if len(group) > 1}
+        with one_thread(), self.clock.stage("disks"):
+            joined = {group: self.joined(group) for group in sorted(groups)}
+        areas.update({group: area for group, area in joined.items() if area is not None})
+        return {
+            partition: sum(areas[group] for group in partition)
+            for partition in partitions
+            if all(group in areas for group in partition)
+        }
+
+
+def _partitions(count: int) -> list[Partition]:
+    """The partitions of rims that Douglas's condition is told of; see `RimDisks.partitions`."""
+    if count > _MOST_FOR_ALL_PARTITIONS:
+        one_apart = [((k,), tuple(j for j in range(count) if j != k)) for k in range(count)]
+        return [tuple((k,) for k in range(count)), *one_apart]
+    found: list[Partition] = [()]
+    for number in range(count):
+        found = [
+            (*partition[:place], (*group, number), *partition[place + 1 :])
+            for partition in found
+            for place, group in enumerate((*partition, ()))
+        ]
+    return [partition for partition in found if len(partition) > 1]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,6 +266,11 @@ class Annulus:
     def disk_area(self) -> float | None:
         """Area of all disks together."""
         return None if self.disks is None else sum(disk.area for disk in self.disks)
+
+    @property
+    def partition_areas(self) -> dict[Partition, float]:
+        """`RimDisks.partitions`: what Douglas's condition sets the surface's area against."""
+        return self.rim_disks.partitions
 
     def to_dict(self) -> dict[str, Any]:
         """The figures, JSON-ready."""
@@ -339,17 +389,17 @@ class PlateauSolution(Shown):
 
     @property
     def is_area_minimum(self) -> bool:
-        """Whether the area is a local minimum and, over several rims, below that of their disks: Douglas's condition.
+        """Whether the area is a local minimum and, over several rims, below those of `Annulus.partition_areas`.
 
-        A surface that is stable but has more area than the disks is a local minimum only. Where the disks are not known
-        the condition counts as not met.
+        That is Douglas's condition. A surface that is stable but has more area than surfaces of fewer rims each is a
+        local minimum only. Where the disks are not known the condition counts as not met.
         """
         if self.stability.verdict != "stable":
             return False
         if self.annulus is None:
             return True
-        disks = self.annulus.disk_area
-        return disks is not None and self.area < disks
+        areas = self.annulus.partition_areas.values()
+        return bool(areas) and self.area < min(areas)
 
     def loop_points_in_domain(self) -> Complex[np.ndarray, " m"]:
         """The points of ∂Ω that the surface matches with the loop's points, in loop order, rim after rim."""
@@ -409,6 +459,11 @@ class NoConnectedSurface:
     def timings(self) -> dict[str, float]:
         """Wall time of each stage of the search, and of the disks where they were asked for, in seconds."""
         return {**self.solve_timings, **self.rim_disks.clock.seconds}
+
+    @property
+    def partition_areas(self) -> dict[Partition, float]:
+        """`RimDisks.partitions`: of what is left the least has the least area."""
+        return self.rim_disks.partitions
 
     @property
     def area(self) -> float | None:

@@ -11,7 +11,8 @@ from spinor_geom.errors import LoopsMeetError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
-from tests.plateau.rims import CUBE, KNOIDS, TETRAHEDRON, facing, knoid, ring
+from spinor_geom.plateau.solution import _partitions
+from tests.plateau.rims import CATENOIDS, CUBE, KNOIDS, TETRAHEDRON, coaxial, facing, knoid, ring
 
 
 @cache
@@ -129,6 +130,26 @@ def test_rims_too_far_apart_have_no_surface():
     assert len(answer.disks) == 4
     assert answer.area == pytest.approx(4 * np.pi / 4, rel=1e-12)
     assert answer.to_dict()["disk_area"] == answer.area
+
+
+def test_douglas_condition_is_told_of_every_partition():
+    # more area than the disks, and no two of the rims have an annulus
+    assert trinoid().stability.verdict == "stable"
+    assert list(trinoid().annulus.partition_areas) == [((0,), (1,), (2,))]
+    assert not trinoid().is_area_minimum
+    # a catenoid and a disk far beside it
+    answer = solve_plateau((*coaxial(0.25), ring(0.3, 0.0, centre=(5.0, 0.0))))
+    assert isinstance(answer, NoConnectedSurface)
+    areas = answer.partition_areas
+    assert set(areas) == {((0,), (1,), (2,)), ((0, 1), (2,))}
+    assert areas[(0,), (1,), (2,)] == answer.area == pytest.approx(2.09 * np.pi, rel=1e-12)
+    assert areas[(0, 1), (2,)] == pytest.approx(CATENOIDS[0.25][0] + 0.09 * np.pi, rel=1e-12)
+
+
+def test_partitions_of_many_rims_have_one_surface_beside_one_disk():
+    assert len(set(_partitions(4))) == 14
+    assert _partitions(5)[:2] == [((0,), (1,), (2,), (3,), (4,)), ((0,), (1, 2, 3, 4))]
+    assert len(_partitions(5)) == 6
 
 
 # --- what must not matter ---------------------------------------------------------------------------------------------
