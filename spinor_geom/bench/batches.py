@@ -10,13 +10,16 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from spinor_geom.batching.engine import batch
+from spinor_geom.bench.ragged import CUT, ragged_hole
 from spinor_geom.gallery import noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
 POINTS, NOISE = 100, 0.05
-FILES, FEW_INPUTS = 300, 300  # of each batch, and refused ones for the memory of the driver
+FILES, FEW_INPUTS = 3000, 300  # of each batch, and refused ones for the memory of the driver
 
 
 def smooth_loop(seed: int, points: int = POINTS) -> BoundaryLoop:
@@ -30,25 +33,42 @@ def smooth_loop(seed: int, points: int = POINTS) -> BoundaryLoop:
     return BoundaryLoop.from_points(curve)
 
 
-def rough_loop(seed: int) -> BoundaryLoop:
+def smooth(seed: int) -> str:
+    """A smooth loop as OBJ."""
+    return _curve(smooth_loop(seed).points)
+
+
+def rough(seed: int) -> str:
     """The same with noise."""
-    return noisy_loop(smooth_loop(seed), NOISE, seed=seed)
+    return _curve(noisy_loop(smooth_loop(seed), NOISE, seed=seed).points)
 
 
-def write_files(folder: Path, count: int, loop: Callable[[int], BoundaryLoop]) -> Path:
-    """OBJ files of one closed curve each."""
+def cut(seed: int) -> str:
+    """A mesh whose rim is cut along triangles, one of sixty, turned at random."""
+    hole = ragged_hole(CUT[seed % len(CUT)])
+    turned = hole.vertices @ Rotation.random(random_state=seed).as_matrix().T
+    return _points(turned) + "".join(f"f {a} {b} {c}\n" for a, b, c in (hole.faces + 1).tolist())
+
+
+def _curve(points: Float[np.ndarray, "n 3"]) -> str:
+    return _points(points) + "l " + " ".join(map(str, [*range(1, len(points) + 1), 1])) + "\n"
+
+
+def _points(points: Float[np.ndarray, "n 3"]) -> str:
+    return "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in points.tolist())
+
+
+def write_files(folder: Path, count: int, text: Callable[[int], str]) -> Path:
+    """OBJ files of one loop each."""
     folder.mkdir()
     for seed in range(count):
-        points = loop(seed).points
-        text = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in points.tolist())
-        numbers = " ".join(map(str, [*range(1, len(points) + 1), 1]))
-        (folder / f"loop{seed:05}.obj").write_text(f"{text}l {numbers}\n")
+        (folder / f"loop{seed:05}.obj").write_text(text(seed))
     return folder
 
 
-def _rate(work: Path, loop: Callable[[int], BoundaryLoop], files: int, workers: int | None = None) -> dict[str, Any]:
+def _rate(work: Path, text: Callable[[int], str], files: int, workers: int | None = None) -> dict[str, Any]:
     """Loops a second, up to the written summary."""
-    inputs = write_files(work / "in", files, loop)
+    inputs = write_files(work / "in", files, text)
     start = perf_counter()
     result = batch(str(inputs), work / "out", workers=workers)
     seconds = perf_counter() - start
@@ -78,7 +98,7 @@ def _cluster(work: Path, files: int) -> dict[str, Any]:
     """Whether a cluster of four processes on loopback leaves the bytes of an embedded run."""
     from distributed import LocalCluster
 
-    inputs = str(write_files(work / "in", files, smooth_loop))
+    inputs = str(write_files(work / "in", files, smooth))
     batch(inputs, work / "embedded")
     start = perf_counter()
     with LocalCluster(n_workers=4, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
@@ -97,10 +117,11 @@ def _checksums(output: Path) -> dict[str, str]:
 
 
 BATCHES: Mapping[str, Callable[[Path, float], dict[str, Any]]] = {
-    "smooth loops": lambda work, share: _rate(work, smooth_loop, round(FILES * share)),
-    "smooth loops, one worker": lambda work, share: _rate(work, smooth_loop, round(FILES * share), workers=1),
-    "loops with 5% noise": lambda work, share: _rate(work, rough_loop, round(FILES / 10 * share)),
-    "cluster of 4 processes": lambda work, share: _cluster(work, round(FILES * share)),
+    "smooth loops": lambda work, share: _rate(work, smooth, round(FILES * share)),
+    "smooth loops, one worker": lambda work, share: _rate(work, smooth, round(FILES / 4 * share), workers=1),
+    "loops with 5% noise": lambda work, share: _rate(work, rough, round(FILES / 10 * share)),
+    "rims cut along triangles": lambda work, share: _rate(work, cut, round(FILES / 10 * share)),
+    "cluster of 4 processes": lambda work, share: _cluster(work, round(FILES / 10 * share)),
     "few inputs": lambda work, share: _memory(work, round(FEW_INPUTS * share)),
     "ten times as many inputs": lambda work, share: _memory(work, round(10 * FEW_INPUTS * share)),
 }

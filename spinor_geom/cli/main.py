@@ -201,7 +201,7 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         dest="suites",
         metavar="NAME[,NAME…]",
         type=_names,
-        help="disks, fills, odd, cut-outs, meshes, noisy: ours beside others; curves, rims, speed, paper, batch: "
+        help="disks, fills, odd, cut-outs, meshes, ragged: ours beside others; curves, rims, speed, paper, batch: "
         "ours alone (default: all)",
     )
     add(

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import spinor_geom
 from spinor_geom import gallery, read_mesh, solve_plateau
 from spinor_geom.bench import batches, worker
 from spinor_geom.bench.claims import claims
@@ -82,20 +83,24 @@ def test_the_null_error_sees_a_wrong_slide():
 
 
 def test_files_of_a_batch_hold_one_loop_each(tmp_path: Path):
-    folder = batches.write_files(tmp_path / "in", 2, batches.rough_loop)
+    folder = batches.write_files(tmp_path / "in", 2, batches.smooth)
     for seed, path in enumerate(sorted(folder.iterdir())):
         file = read_mesh(path)
         (curve,) = file.polylines
-        np.testing.assert_array_equal(file.mesh.vertices[curve[:-1]], batches.rough_loop(seed).points)
+        np.testing.assert_array_equal(file.mesh.vertices[curve[:-1]], batches.smooth_loop(seed).points)
+    for path in batches.write_files(tmp_path / "cut", 2, batches.cut).iterdir():
+        assert len(spinor_geom.boundary_loops(path)) == 1
 
 
 def test_batches_are_measured_and_their_promises_judged():
-    done = [worker.run(task("batch", name, share=0.01)) for name in ("smooth loops", "few inputs")]
+    done = [
+        worker.run(task("batch", name, share=share)) for name, share in (("smooth loops", 1e-3), ("few inputs", 1e-2))
+    ]
     assert [record["status"] for record in done] == ["done", "done"]
     assert done[0]["files_failed"] == 0
     assert done[1]["driver_mib"] > 50
-    whole = {**task("batch", "smooth loops"), "status": "done", "rate": 10.0}
-    alone = {**whole, "case": "smooth loops, one worker", "rate": 6.0}
+    whole = {**task("batch", "smooth loops"), "status": "done", "rate": 70.0}
+    alone = {**whole, "case": "smooth loops, one worker", "rate": 40.0}
     found = {(f.case, f.text): f.met for f in claims([whole, alone])}
-    assert found["smooth loops", "loops a second at least 6"]
+    assert found["smooth loops", "loops a second at least 60"]
     assert not found["smooth loops", "times the rate of one worker at least 1.8"]
