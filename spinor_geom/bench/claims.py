@@ -273,7 +273,7 @@ def _meshes(done: list[Record]) -> list[Figure]:
     ours = [r for r in done if r["method"] == OURS and "within_1e-2" in r]
     if not ours:
         return []
-    loops, near = (sum(r[name] for r in ours) for name in ("rims", "within_1e-2"))
+    loops, near = (sum(r[name] for r in ours) for name in ("requested", "within_1e-2"))
     text = f"at least {MESH_SHARE:.0%} of the loops within 1e-2 of an edge"
     return [
         _judged("meshes", "all meshes", text, f"{near} of {loops}", near >= MESH_SHARE * loops),

@@ -23,7 +23,12 @@ SMOOTHEST = (
 
 
 def _prepare(hole: Hole) -> Any:
-    return (hole.vertices, hole.faces), {"bridge" if hole.facing else "loop": hole.places}
+    if hole.facing:
+        which = {"bridge": hole.places}
+    else:
+        # of a mesh all of whose loops are asked for, borders of sheets are left open as for any user
+        which = {} if len(hole.places) == len(hole.loops) else {"loop": hole.places}
+    return (hole.vertices, hole.faces), which
 
 
 def _fill(state: Any, continuity: Continuity) -> Any:
@@ -58,6 +63,7 @@ def _own_figures(requested: Sequence[LoopOutcome]) -> dict[str, Any]:
     ]
     return {
         **{kind: kinds.count(kind) for kind in ("minimal", "discrete", "smooth")},
+        "requested": len(requested),
         "unexplained": sum(not outcome.filled and not outcome.reason for outcome in requested),
         "within_1e-2": sum(residual <= 1e-2 for residual in residuals),
         "within_1e-3": sum(residual <= 1e-3 for residual in residuals),
