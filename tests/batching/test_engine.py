@@ -80,6 +80,8 @@ def started(*arguments: object, limit_file: int | None = None) -> subprocess.Pop
         stderr=subprocess.PIPE,
         text=True,
         cwd=os.path.abspath(os.sep),
+        # a process whose files may not grow would leave cut-off bytecode to all others
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         preexec_fn=limited,
         start_new_session=True,
     )
