@@ -3,10 +3,11 @@
 import re
 from pathlib import Path
 
-import tomllib
+import pytest
 
 import spinor_geom
 
+tomllib = pytest.importorskip("tomllib", reason="Python 3.10 has none")
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 
