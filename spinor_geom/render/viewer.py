@@ -57,13 +57,6 @@ class Scene:
     shape: str = ""
 
 
-def turning_mesh(title: str, mesh: Faces) -> Scene:
-    """A mesh to be looked at, alone and turning, coloured by its first field at first."""
-    return Scene(
-        title=title, layers=(mesh,), scales={name: Scale.of(own) for name, own in mesh.fields.items()}, spins=True
-    )
-
-
 class Views:
     """The views of one page: `figure` where each is to stand, `script` once at the page's end."""
 

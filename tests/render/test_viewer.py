@@ -7,12 +7,16 @@ import re
 import numpy as np
 import pytest
 
-from spinor_geom.render.layers import Faces
+from spinor_geom.render.layers import Faces, Scale
 from spinor_geom.render.page import document, picture
-from spinor_geom.render.viewer import Views, turning_mesh
+from spinor_geom.render.viewer import Scene, Views
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]])
 FACES = np.array([[0, 1, 2]])
+
+
+def shown(title, mesh):
+    return Scene(title=title, layers=(mesh,), scales={name: Scale.of(own) for name, own in mesh.fields.items()})
 
 
 def views_of(text):
@@ -29,7 +33,7 @@ def test_a_page_holds_its_meshes_and_their_colours():
     views = Views()
     field = np.array([1.0, np.nan, 3.0])
     figure = views.figure(
-        turning_mesh("a mesh", Faces(vertices=VERTICES, faces=FACES, fields={"distance": field}, edges=True))
+        shown("a mesh", Faces(vertices=VERTICES, faces=FACES, fields={"distance": field}, edges=True))
     )
     text = document("title", [figure, views.script()])
     (view,) = views_of(text)
@@ -44,7 +48,7 @@ def test_a_page_holds_its_meshes_and_their_colours():
 @pytest.mark.parametrize("evil", ["</script><script>alert(1)</script>", "<!--<script>"])
 def test_no_title_ends_the_script_or_the_page_or_hides_their_end(evil):
     views = Views()
-    figure = views.figure(turning_mesh(evil, Faces(vertices=VERTICES, faces=FACES, edges=True)))
+    figure = views.figure(shown(evil, Faces(vertices=VERTICES, faces=FACES, edges=True)))
     text = document(evil, [figure, views.script()])
     assert text.count("</script>") == text.count("<script") == 4
     assert "<!--" not in text
@@ -55,7 +59,7 @@ def test_no_title_ends_the_script_or_the_page_or_hides_their_end(evil):
 def test_a_field_without_values_is_grey_and_pictures_are_in_the_page():
     views = Views()
     nothing = np.full(3, np.nan)
-    views.figure(turning_mesh("", Faces(vertices=VERTICES, faces=FACES, fields={"none": nothing}, edges=True)))
+    views.figure(shown("", Faces(vertices=VERTICES, faces=FACES, fields={"none": nothing}, edges=True)))
     (view,) = views_of(views.script())
     assert (view["scales"]["none"]["low"], view["scales"]["none"]["high"]) == (0.0, 1.0)
     assert picture(b"\x89PNG", 'a "b"').startswith('<img alt="a &quot;b&quot;" src="data:image/png;base64,iVBORw')
@@ -64,7 +68,7 @@ def test_a_field_without_values_is_grey_and_pictures_are_in_the_page():
 def test_an_array_that_several_layers_have_is_in_the_page_once():
     views = Views()
     for title in ("a", "b"):
-        views.figure(turning_mesh(title, Faces(vertices=VERTICES, faces=FACES, edges=True)))
+        views.figure(shown(title, Faces(vertices=VERTICES, faces=FACES, edges=True)))
     text = views.script()
     assert text.count(base64.b64encode(VERTICES.astype("<f4").tobytes()).decode()) == 1
     first, second = (view["layers"][0] for view in views_of(text))
