@@ -137,15 +137,10 @@ class Task:
         """That of a disk at unit size."""
         return self.curves[0]
 
-    @cached_property
-    def mean_edge(self) -> float:
-        """Mean length of all loops' edges, at unit size."""
-        return sum(unit.perimeter for unit in self.units) / sum(map(len, self.units))
-
     @property
     def allowed(self) -> float:
         """RMS distance from Γ that is allowed, at unit size."""
-        return self.options.tolerance * self.mean_edge
+        return self.options.tolerance * _mean_edge(self.units)
 
     @property
     def rim(self) -> Rim:
@@ -210,7 +205,7 @@ class Task:
         scale, history, between = self.scale, tuple(self.steps.history), found.between
         with self.clock.stage("surface"):
             surface = found.surface.transform(scale=scale, translation=self.centre)
-        residual = BoundaryResidual.of(found.misfit.enlarged(scale), mean_edge=scale * self.mean_edge, diagonal=scale)
+        residual = BoundaryResidual.of(found.misfit.enlarged(scale), mean_edge=_mean_edge(self.loops), diagonal=scale)
         converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
         order, back = ((0,), (False,)) if between is None else (between.order, between.back)
         loops = [self.loops[k].reversed() if way else self.loops[k] for k, way in zip(order, back, strict=True)]
@@ -243,6 +238,10 @@ class Task:
                 rim_disks=rim_disks,
             ),
         )
+
+
+def _mean_edge(loops: Sequence[BoundaryLoop]) -> float:
+    return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
 
 
 def _placed(loop: BoundaryLoop, centre: Float[np.ndarray, "3"], scale: float) -> BoundaryLoop:
