@@ -15,7 +15,7 @@ from spinor_geom import gallery
 from spinor_geom.bench.figures import Limit
 from spinor_geom.bench.holes import catenoid_area
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.experiments.timing import boundary_distance
+from spinor_geom.experiments.paper_surfaces import boundary_distance
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
