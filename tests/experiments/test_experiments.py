@@ -30,8 +30,8 @@ from spinor_geom.experiments import (
     trainings,
 )
 from spinor_geom.experiments.experiment import Outcome, experiment
-from spinor_geom.experiments.trainings import CAUCHY, DOUGLAS, OURS, PAPER
 from spinor_geom.experiments.report import Done, report, reproduce
+from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
 from spinor_geom.holomorphic import PowerSeries
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
