@@ -1,4 +1,4 @@
-"""All hole fillers by name: ours, and those of other projects, each through its own package with options that serve it."""
+"""All hole fillers by name: ours, and those of other projects, each by its own package and options that serve it."""
 
 from __future__ import annotations
 

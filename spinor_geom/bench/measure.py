@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.bench.cases import Case
 from spinor_geom.bench.cut_outs import CutOut
+from spinor_geom.bench.fillers import Filled
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.methods import Spanned
-from spinor_geom.bench.peers import Filled
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature

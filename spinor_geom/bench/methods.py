@@ -66,9 +66,7 @@ def _spinor(loop: BoundaryLoop) -> Spanned:
 
 
 def _discrete(loop: BoundaryLoop, *, method: DiscreteMethod, uniform: bool = True) -> Spanned:
-    found = discrete_minimal_surface(
-        loop, method=method, target_edge_length=loop.mean_edge_length if uniform else None
-    )
+    found = discrete_minimal_surface(loop, method=method, target_edge_length=loop.mean_edge_length if uniform else None)
     return Spanned(vertices=found.vertices, faces=found.faces, area=found.area, converged=found.converged)
 
 

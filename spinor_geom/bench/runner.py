@@ -5,16 +5,16 @@ from __future__ import annotations
 import itertools
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from spinor_geom.bench.isolate import Record, Task, run_isolated
-from spinor_geom.bench.machine import machine, stamp
+from spinor_geom.bench.machine import Record, Task, machine, stamp
 from spinor_geom.bench.suites import Settings, chosen_tasks
 from spinor_geom.errors import OptionError
 from spinor_geom.files import finite, write_json
+from spinor_geom.isolate import FaultError, Process
 
 RECORDS, DESCRIPTION = "records.jsonl", "run.json"
 WORKER = "spinor_geom.bench.worker"
@@ -82,6 +82,35 @@ def measure(
     for _, group in itertools.groupby(todo, key=lambda task: None if settings.quick else task["method"]):
         run_isolated(group, module=WORKER, time_limit=settings.time_limit, on_record=keep)
     return Run(folder=place, description=description, records=[done[key(task)] for task in tasks])
+
+
+def run_isolated(
+    tasks: Iterable[Task], *, module: str, time_limit: float, on_record: Callable[[Task, Record], None]
+) -> None:
+    """Runs tasks one after the other in a process that is replaced when it crashes or hangs.
+
+    A crash or a hang is one task's, and so is the memory. The process runs the module as a program, which tells one
+    answer to each task. What it writes besides is kept beside the answer, as "said".
+
+    Args:
+        tasks: JSON-ready.
+        module: of the process.
+        time_limit: of each task, in seconds.
+        on_record: called with each task and its answer. A task that crashed has the status "crashed", one
+            that took too long "timed out".
+    """
+    process = Process(module)
+    try:
+        for task in tasks:
+            record: Record = {}
+            try:
+                said = process.run(task, record.update, seconds=time_limit)
+            except FaultError as fault:
+                record = {"status": "timed out" if fault.kind == "time" else "crashed", "reason": str(fault)}
+                said = fault.said
+            on_record(task, {**record, "said": said} if said else record)
+    finally:
+        process.end()
 
 
 def read_records(folder: Path) -> list[Record]:

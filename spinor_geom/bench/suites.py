@@ -15,7 +15,7 @@ from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTHEST
 from spinor_geom.bench.holes import ODD, mesh_files
-from spinor_geom.bench.isolate import Task
+from spinor_geom.bench.machine import Task
 from spinor_geom.bench.methods import LOOP_METHODS
 from spinor_geom.bench.ragged import CUT, NOISY
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES

@@ -15,7 +15,7 @@ from markdown_it import MarkdownIt
 
 from spinor_geom.experiments.experiment import Experiment, experiment
 from spinor_geom.files import atomic_path, finite, write_json, write_text
-from spinor_geom.render.page import document, picture
+from spinor_geom.render.page import cell, document, markdown, picture
 from spinor_geom.training import RMSprop
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
@@ -148,30 +148,15 @@ def _link(address: str) -> str:
 
 def _section(done: Done, quick: bool, shown: Callable[[str], str]) -> str:
     one = done.experiment
+    columns = list(dict.fromkeys(name for row in done.rows for name in row))
     shortened = [f"{name} {short} instead of {long}" for name, (long, short) in one.shortened().items()]
     parts = [
         f"## {done.name}: {one.title}",
         f"**The paper.** {one.paper}",
         f"**Here.** {one.here} {done.seconds:.0f} s.",
         *([f"**Shortened.** {'; '.join(shortened)}."] if quick and shortened else []),
-        _table(done.rows),
+        markdown(columns, [[cell(row.get(name)) for name in columns] for row in done.rows]),
         *(shown(f"{done.name}/{name}.png") for name in done.pictures),
         f"**{'Seen' if done.holds else 'Not seen'}.** {done.verdict}",
     ]
     return "\n\n".join(parts)
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    lines = [
-        [_cell(name) for name in columns],
-        ["---"] * len(columns),
-        *([_cell(row.get(name)) for name in columns] for row in rows),
-    ]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _cell(value: Any) -> str:
-    if value is None or isinstance(value, bool):
-        return {None: "", True: "yes", False: "no"}[value]
-    return f"{value:.4g}" if isinstance(value, float) else str(value).replace("|", "\\|")

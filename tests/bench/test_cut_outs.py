@@ -9,9 +9,9 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.bench import page, runner
 from spinor_geom.bench.claims import CAP_DISTANCES, claims
 from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, is_disk, named_cut_out, scan_names
+from spinor_geom.bench.fillers import Filled
 from spinor_geom.bench.holes import ODD, PEER_TESTS
 from spinor_geom.bench.measure import cut_out_figures, hole_figures, rim_bend
-from spinor_geom.bench.peers import Filled
 from spinor_geom.bench.pieces import pieces_of, scale_of
 from spinor_geom.bench.runner import measure
 from spinor_geom.bench.suites import Settings, chosen_tasks

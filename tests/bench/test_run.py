@@ -250,7 +250,7 @@ def test_rows_that_leave_edges_open_without_a_word_are_marked():
 def test_a_run_with_a_missing_tool_says_so():
     missing = {"suite": "fills", "status": "missing", "case": "c", "method": "open3d", "n": 64}
     table = tables.trouble_table([{**missing, "reason": "open3d is not installed"}])
-    assert table.rows == (("open3d", "missing", "all", "open3d is not installed"),)
+    assert table.rows == [("open3d", "missing", "all", "open3d is not installed")]
 
 
 def test_the_page_needs_nothing_from_elsewhere(tmp_path):
