@@ -14,7 +14,7 @@ from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTHEST
-from spinor_geom.bench.holes import ODD, mesh_files
+from spinor_geom.bench.holes import mesh_files, odd_holes
 from spinor_geom.bench.machine import Task
 from spinor_geom.bench.methods import LOOP_METHODS
 from spinor_geom.bench.ragged import CUT, NOISY
@@ -196,7 +196,7 @@ def _batch(settings: Settings, _: Path) -> Iterator[Task]:
 SUITES: Mapping[str, Callable[[Settings, Path], Iterator[Task]]] = {
     "disks": _disks,
     "fills": _fills,
-    "odd": lambda settings, _: _each("odd", ODD, FILLERS),
+    "odd": lambda settings, _: _each("odd", odd_holes(), FILLERS),
     "cut-outs": _cut_outs,
     "meshes": _meshes,
     "ragged": _ragged,

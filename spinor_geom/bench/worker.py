@@ -17,7 +17,7 @@ from spinor_geom.bench.cases import known_case
 from spinor_geom.bench.claims import LEAST_POINTS
 from spinor_geom.bench.cut_outs import named_cut_out
 from spinor_geom.bench.fillers import FILLERS
-from spinor_geom.bench.holes import ODD, file_hole, hole_over
+from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
 from spinor_geom.bench.limit import points_limit
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measure import cut_out_figures, cut_out_views, disk_figures, hole_figures
@@ -91,7 +91,7 @@ def _fill(task: Task) -> Record:
     elif task["suite"] == "meshes":
         hole = file_hole(Path(name))
     else:
-        hole = ODD[name]() if task["suite"] == "odd" else ragged_hole(name)
+        hole = odd_holes()[name] if task["suite"] == "odd" else ragged_hole(name)
     timed, answer, finish = _timed(lambda: FILLERS[task["method"]].prepare(hole), task["repeat"])
     filled = finish(answer)
     if cut_out is not None:

@@ -8,7 +8,7 @@ import pytest
 
 from spinor_geom.bench.cases import KNOWN, known_case
 from spinor_geom.bench.fillers import FILLERS, OURS, Filled
-from spinor_geom.bench.holes import ODD, hole_over
+from spinor_geom.bench.holes import hole_over, odd_holes
 from spinor_geom.bench.limit import points_limit
 from spinor_geom.bench.measure import disk_figures, hole_figures
 from spinor_geom.bench.methods import Spanned
@@ -45,7 +45,7 @@ def test_a_collar_has_one_rim_and_a_longer_outer_boundary():
     ],
 )
 def test_odd_rims_are_what_they_are_called(name, rims):
-    hole = ODD[name]()
+    hole = odd_holes()[name]
     assert len(hole.places) == rims
     assert len(hole.loops) > rims
     assert hole.expected
@@ -86,7 +86,7 @@ def test_an_untouched_hole_is_open_and_our_fill_closes_it():
     ],
 )
 def test_our_fill_joins_islands_and_facing_rims_where_a_surface_does(name, patches, says):
-    hole = ODD[name]()
+    hole = odd_holes()[name]
     fill, finish = FILLERS[OURS].prepare(hole)
     filled = finish(fill())
     figures = hole_figures(filled, hole, None)
@@ -123,7 +123,7 @@ def test_a_peer_that_is_missing_is_skipped_or_required_and_a_broken_one_fails(tm
 
 def test_meshlib_stitches_facing_rims():
     require_peer("meshlib")
-    hole = ODD["facing-0.5"]()
+    hole = odd_holes()["facing-0.5"]
     fill, finish = FILLERS["meshlib-nicely"].prepare(hole)
     figures = hole_figures(finish(fill()), hole, None)
     assert (figures["patches"], figures["open_rim_edges"]) == (1, 0)
@@ -167,7 +167,7 @@ def test_samplings_keep_the_answer():
         with pytest.raises(OptionError, match=told):
             known_case(wrong)
     assert known_case("random-77").area > 0
-    assert set(ODD) & set(KNOWN) == set()
+    assert set(odd_holes()) & set(KNOWN) == set()
 
 
 def test_the_points_limit_is_what_interpolants_of_the_points_reach():
