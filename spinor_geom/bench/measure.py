@@ -14,10 +14,11 @@ from spinor_geom.bench.cut_outs import CutOut
 from spinor_geom.bench.fillers import Filled
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.methods import Spanned
+from spinor_geom.comparison import exact_curvature
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
-from spinor_geom.measures.quality import triangle_quality
+from spinor_geom.measures.quality import smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.operators import face_areas, internal_angles
@@ -60,7 +61,13 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
         solution = spanned.solution
         figures["solve_seconds"] = sum(solution.solve_timings.values())
         figures["residual_per_edge"] = solution.boundary_residual.rms_per_edge
-        figures |= _exact_curvature(solution, diameter)
+        mesh = solution.domain.triangulation
+        curvature = exact_curvature(solution, mesh.points[mesh.boundary_size :], _CURVATURE_POINTS) * diameter
+        if len(curvature):
+            figures |= {
+                "exact_curvature_median": float(np.median(curvature)),
+                "exact_curvature_max": float(curvature.max()),
+            }
         figures |= _surface_distance(solution, case.chart, diameter)
     return figures
 
@@ -174,7 +181,7 @@ def patch_figures(
         "mesh_area": float(face_areas(vertices, faces).sum()),
         "curvature_max": curvature.max * diameter,
         "curvature_rms": curvature.rms * diameter,
-        "min_angle": triangle_quality(vertices, faces).min,
+        "min_angle": float(smallest_angles(vertices, faces).min()),
         # of a triangle without area as of one that is flat
         "max_angle": float(np.degrees(np.nan_to_num(internal_angles(vertices, faces), nan=np.pi).max())),
         "nonmanifold_edges": int((HalfEdges.of(faces).counts > 2).sum()),
@@ -185,17 +192,6 @@ def patch_figures(
         figures["distance_max"] = distance.max / diameter
         figures["distance_mean"] = distance.mean / diameter
     return figures
-
-
-def _exact_curvature(solution: PlateauSolution, diameter: float) -> Figures:
-    """|H| of the surface at inner points, by automatic differentiation of its position."""
-    inner = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
-    if not len(inner):
-        return {}
-    inner = inner[np.linspace(0, len(inner) - 1, min(len(inner), _CURVATURE_POINTS)).astype(int)]
-    values = np.abs(np.asarray(solution.surface.mean_curvature(inner))) * diameter
-    values = values[np.isfinite(values)]
-    return {"exact_curvature_median": float(np.median(values)), "exact_curvature_max": float(values.max(initial=0))}
 
 
 def _surface_distance(solution: PlateauSolution, chart: Chart, diameter: float) -> Figures:
