@@ -6,7 +6,7 @@ import itertools
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -127,20 +127,22 @@ def read_records(folder: Path) -> list[Record]:
 
 
 def _description(settings: Settings, folder: Path) -> dict[str, Any]:
-    here = {"settings": settings.description(), "machine": machine()}
-    path = folder / DESCRIPTION
+    told = {**asdict(settings), "data": None if settings.data is None else str(settings.data)}
+    here, path = {"settings": told, "machine": machine()}, folder / DESCRIPTION
     if path.exists():
-        before, now = json.loads(path.read_text(encoding="utf-8"))["machine"], here["machine"]
-        # of ours every record has its commit
-        for name in ("versions", "cores", "processor"):
-            if before[name] != now[name] and not (name == "versions" and _peers(before) == _peers(now)):
-                raise OptionError(
-                    f"{folder} holds a run on another machine or of other versions ({name} differ); name another folder"
-                )
+        before = json.loads(path.read_text(encoding="utf-8"))["machine"]
+        differ = [name for name, value in _compared(here["machine"]).items() if value != _compared(before)[name]]
+        if differ:
+            raise OptionError(
+                f"{folder} holds a run on another machine or of other versions ({', '.join(differ)} differ); "
+                "name another folder"
+            )
         here["machine"] = before
     write_json(path, here)
     return here
 
 
-def _peers(machine: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: version for name, version in machine["versions"].items() if name != "spinor-geom"}
+def _compared(machine: Mapping[str, Any]) -> dict[str, Any]:
+    # of ours every record has its commit
+    peers = {name: version for name, version in machine["versions"].items() if name != "spinor-geom"}
+    return {"versions": peers, "cores": machine["cores"], "processor": machine["processor"]}
