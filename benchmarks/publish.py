@@ -19,6 +19,7 @@ from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.claims import claims
 from spinor_geom.bench.figures import Figure
 from spinor_geom.bench.machine import Record, is_older
+from spinor_geom.bench.measure import DISTANCE
 from spinor_geom.bench.page import table_of
 from spinor_geom.bench.pieces import pieces_of, scale_of
 from spinor_geom.bench.runner import read_records
@@ -183,8 +184,8 @@ def draw(folders: Sequence[Path]) -> None:
             pieces = pieces_of(folder)
             scale = scale_of(pieces)
             first, *others = (
-                plain_portrait(piece.vertices, piece.faces, np.clip(piece.values, scale.low, scale.high))
-                for piece in pieces
+                plain_portrait(piece.vertices, piece.faces, np.clip(piece.fields[DISTANCE], scale.low, scale.high))
+                for piece in pieces.values()
             )
             path = Path(place) / f"{folder.name}.png"
             first.beside(*others).write(path, eye=EYE, size=(SIDE * len(pieces), SIDE))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -39,7 +39,6 @@ _SAME = 1e-6
 DISTANCE = "distance / diameter"
 
 Figures = dict[str, Any]
-View: TypeAlias = tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]
 
 
 def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
@@ -138,15 +137,22 @@ def cut_out_figures(filled: Filled, cut_out: CutOut) -> Figures:
     return figures
 
 
-def cut_out_views(filled: Filled, cut_out: CutOut) -> dict[str, View]:
-    """What was removed, by the name "removed", and the patches, by none; coloured by distance per diameter."""
-    _, _, patch = _parts(filled, cut_out.hole)
-    made: dict[str, View] = {}
+def cut_out_views(filled: Filled, cut_out: CutOut) -> dict[str, dict[str, np.ndarray]]:
+    """Arrays of what was removed, by the name "removed", and of the patches, by none.
+
+    Vertices, faces, and as values the vertices' distances from what was removed, per diameter of the hole.
+    """
+    made = {}
+    patch = _parts(filled, cut_out.hole)[2]
     for name, vertices, faces in (("removed", cut_out.vertices, cut_out.faces), ("", filled.vertices, patch)):
         if len(faces):
             used, index = np.unique(faces, return_inverse=True)
             distance = cut_out.distances(vertices[used]) / cut_out.diameter
-            made[name] = vertices[used], index.reshape(-1, 3), {DISTANCE: distance}
+            made[name] = {
+                "vertices": vertices[used].astype(np.float32),
+                "faces": index.reshape(-1, 3).astype(np.int32),
+                "values": distance.astype(np.float32),
+            }
     return made
 
 

@@ -18,7 +18,6 @@ from spinor_geom.bench.suites import VIEWS
 from spinor_geom.bench.tables import Table, option_table, tables
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render import page
-from spinor_geom.render.layers import Faces
 from spinor_geom.render.plots import log_log
 from spinor_geom.render.viewer import STYLE, Scene, Views
 
@@ -97,10 +96,8 @@ def _cut_outs(folder: Path, views: Views) -> list[str]:
     found = []
     for case in sorted(path for path in folder.glob("*") if path.is_dir()):
         pieces = pieces_of(case)
-        layers = [Faces(vertices=p.vertices, faces=p.faces, fields={DISTANCE: p.values}, edges=True) for p in pieces]
-        view = Scene(title="", layers=layers, scales={DISTANCE: scale_of(pieces)}, shape="wide")
-        names = ", ".join(piece.name for piece in pieces)
-        found.append(f"<h3>{case.name}</h3><p>From left to right: {names}.</p>{views.figure(view)}")
+        view = Scene(title="", layers=[*pieces.values()], scales={DISTANCE: scale_of(pieces)}, shape="wide")
+        found.append(f"<h3>{case.name}</h3><p>From left to right: {', '.join(pieces)}.</p>{views.figure(view)}")
     return ["<h2>Cut-outs</h2><p>Drag to turn, wheel to zoom.</p>", *found] if found else []
 
 

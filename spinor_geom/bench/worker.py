@@ -97,8 +97,11 @@ def _fill(task: Task) -> Record:
     if cut_out is not None:
         figures = cut_out_figures(filled, cut_out)
         if task["view"]:
-            for piece, view in cut_out_views(filled, cut_out).items():
-                _keep(Path(task["view"]) / f"{piece or task['method']}.npz", *view)
+            folder = Path(task["view"])
+            folder.mkdir(parents=True, exist_ok=True)
+            for piece, arrays in cut_out_views(filled, cut_out).items():
+                with atomic_path(folder / f"{piece or task['method']}.npz") as temporary:
+                    np.savez_compressed(temporary, **arrays)
     else:
         figures = hole_figures(filled, hole, case)
     if task["suite"] == "ragged":
@@ -139,13 +142,6 @@ def forget_peak_memory() -> None:
             control.write("5")
     except OSError:
         pass
-
-
-def _keep(path: Path, vertices: Any, faces: Any, fields: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(path) as temporary, open(temporary, "wb") as file:
-        arrays = {f"field/{name}": values.astype(np.float32) for name, values in fields.items()}
-        np.savez_compressed(file, vertices=vertices.astype(np.float32), faces=faces.astype(np.int32), **arrays)
 
 
 def _sentence(error: BaseException) -> str:

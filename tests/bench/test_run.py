@@ -261,7 +261,7 @@ def test_the_page_needs_nothing_from_elsewhere(tmp_path):
             tmp_path / "views" / "cap" / f"{name}.npz",
             vertices=np.eye(3, dtype=np.float32),
             faces=np.array([[0, 1, 2]], dtype=np.int32),
-            **{"field/distance / diameter": np.array([0, 1, 2], dtype=np.float32)},
+            values=np.array([0, 1, 2], dtype=np.float32),
         )
     records = [loop_record(), libigl_record(), loop_record(n=128, seconds=0.2)]
     run = Run(folder=tmp_path, description={"settings": settings, "machine": machine()}, records=records)
