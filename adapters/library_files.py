@@ -17,7 +17,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import Addition, FileContents, malformed
+from spinor_geom.adapters.contents import FileContents, malformed
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.pyvista_mesh import polygons_of
@@ -49,14 +49,8 @@ class LibrarySource:
     held: Any
     encode: Callable[[Any], bytes]
 
-    def appended(self, addition: Addition) -> bytes:
-        """A new file of what the old one held, with the addition after it."""
-        extension = MeshExtension(
-            vertices=addition.vertices,
-            faces=addition.faces,
-            face_loops=np.zeros(len(addition.faces), dtype=np.int64),
-            vertex_attributes=addition.attributes,
-        )
+    def appended(self, extension: MeshExtension) -> bytes:
+        """A new file of what the old one held, with the extension after it."""
         return self.encode(extend(self.held, extension))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
@@ -19,7 +20,7 @@ from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
     color_scale_of,
-    first_unreadable,
+    converted,
     integer,
     malformed,
     nonfinite_rows,
@@ -340,12 +341,12 @@ class _Block:
     def floats(self, key: bytes, start: int, stop: int) -> Float[np.ndarray, "n k"]:
         """Words `start` to `stop` of all lines that begin with a word, as numbers."""
         rows = self.of(key)
-        try:
-            flat = list(map(real, chain.from_iterable(row[start:stop] for row in rows)))
-        except ValueError:
-            number, word = first_unreadable((row[start:stop] for row in rows), real)
-            raise self.error(key, number, f"'{word}' is no number", "correct the line") from None
+        words = [row[start:stop] for row in rows]
+        flat = converted(words, real, partial(self._unreadable, key, "number", "correct the line"))
         return np.array(flat, dtype=np.float64).reshape(len(rows), stop - start)
+
+    def _unreadable(self, key: bytes, what: str, advice: str, number: int, word: str) -> MeshFileError:
+        return self.error(key, number, f"'{word}' is no {what}", advice)
 
     def corners(self, key: bytes, counts: dict[bytes, int]) -> tuple[Int[np.ndarray, "n 3"], list[tuple[int, str]]]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
@@ -359,10 +360,10 @@ class _Block:
         """
         rows = self.of(key)
         words = list(chain.from_iterable(row[1:] for row in rows))
-        corners = _split_corners(words)
+        corners = _uniform_corners(words)
         if corners is None:
-            number, word = first_unreadable((row[1:] for row in rows), _corner)
-            raise self.error(key, number, f"'{word}' is no corner", "write v, v/vt, v//vn or v/vt/vn")
+            error = partial(self._unreadable, key, "corner", "write v, v/vt, v//vn or v/vt/vn")
+            corners = np.array(converted([row[1:] for row in rows], _corner, error), dtype=np.int64).reshape(-1, 3)
         line_of = np.repeat(np.arange(len(rows)), [len(row) - 1 for row in rows])
         if (corners < 0).any():
             standing = self.rows_of(key)
@@ -399,22 +400,20 @@ def _logical_lines(data: bytes, split_at: bytes) -> tuple[list[bytes], Iterable[
     return joined, line_numbers
 
 
-def _split_corners(words: list[bytes]) -> Int[np.ndarray, "n 3"] | None:
-    """Corners "v", "v/vt", "v//vn" or "v/vt/vn" as they stand in the file, 0 where not given; None if malformed."""
+def _uniform_corners(words: list[bytes]) -> Int[np.ndarray, "n 3"] | None:
+    """Corners as they stand in the file, 0 where not given; None unless they all have one form, and are well-formed."""
     text = b" ".join(words)
     slashes = words[0].count(b"/") if words else 0
     # what is left without the numbers tells whether all corners have one form, much faster than looking at each
-    is_uniform = text.translate(None, b"-0123456789") == b" ".join([b"/" * slashes] * len(words))
+    if slashes > 2 or text.translate(None, b"-0123456789") != b" ".join([b"/" * slashes] * len(words)):
+        return None
     corners = np.zeros((len(words), 3), dtype=np.int64)
     try:
-        if is_uniform and slashes <= 2:
-            flat = list(map(int, text.replace(b"//", b"/0/").replace(b"/", b" ").split()))
-            if len(flat) == (slashes + 1) * len(words):
-                corners[:, : slashes + 1] = np.array(flat, dtype=np.int64).reshape(-1, slashes + 1)
-                return corners
-        return np.array(list(map(_corner, words)), dtype=np.int64).reshape(-1, 3)
+        flat = list(map(int, text.replace(b"//", b"/0/").replace(b"/", b" ").split()))
+        corners[:, : slashes + 1] = np.array(flat, dtype=np.int64).reshape(len(words), slashes + 1)
     except (ValueError, OverflowError):
         return None
+    return corners
 
 
 def _corner(word: bytes) -> tuple[int, int, int]:

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int, Real
+from jaxtyping import Int
 
-from spinor_geom.adapters.contents import Addition, FileContents, color_scale_of, malformed, nonfinite_rows
+from spinor_geom.adapters.contents import FileContents, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import cast_values, most_frequent_row
 from spinor_geom.adapters.ply_body import line_of_record, read_ascii, read_binary
 from spinor_geom.adapters.ply_header import PlyElement, PlyHeader, read_header
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import seam_representatives
+from spinor_geom.mesh.extension import MeshExtension
 
 # attributes that several properties make up, by the names that programs give these
 GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
@@ -63,18 +64,18 @@ class PlySource:
     groups: Mapping[str, tuple[str, ...]]
     suffix: str = ".ply"
 
-    def appended(self, addition: Addition) -> bytes:
+    def appended(self, extension: MeshExtension) -> bytes:
         """The file with records added after its own vertices and faces; all other bytes but the two counts stay.
 
         New positions and attributes are rounded to the types that the file declares. Properties of new faces get the
         value that occurs most often, lists beside the corners get zeros.
         """
-        counts = {"vertex": len(addition.vertices), "face": len(addition.faces)}
+        counts = {"vertex": len(extension.vertices), "face": len(extension.faces)}
         if not any(counts.values()):
             return self.data
         new = {
-            self.vertices.stop: self._encoded(self.vertices, self._vertex_columns(addition), counts["vertex"]),
-            self.faces.stop: self._encoded(self.faces, self._face_columns(addition), counts["face"]),
+            self.vertices.stop: self._encoded(self.vertices, self._vertex_columns(extension), counts["vertex"]),
+            self.faces.stop: self._encoded(self.faces, self._face_columns(extension), counts["face"]),
         }
         pieces = [self.header.with_more(counts)]
         position = self.header.size
@@ -83,21 +84,21 @@ class PlySource:
             position = stop
         return b"".join([*pieces, self.data[position:]])
 
-    def _vertex_columns(self, addition: Addition) -> dict[str, np.ndarray]:
-        columns = dict(zip("xyz", addition.vertices.T, strict=True))
+    def _vertex_columns(self, extension: MeshExtension) -> dict[str, np.ndarray]:
+        columns = dict(zip("xyz", extension.vertices.T, strict=True))
         for attribute, names in self.groups.items():
-            columns |= dict(zip(names, addition.attributes[attribute].T, strict=True))
+            columns |= dict(zip(names, extension.vertex_attributes[attribute].T, strict=True))
         return columns
 
-    def _face_columns(self, addition: Addition) -> dict[str, np.ndarray]:
+    def _face_columns(self, extension: MeshExtension) -> dict[str, np.ndarray]:
         columns: dict[str, np.ndarray] = {
-            name: np.repeat(most_frequent_row(values), len(addition.faces))
+            name: np.repeat(most_frequent_row(values), len(extension.faces))
             for name, values in self.faces.scalars.items()
         }
         for name, (_, lengths) in self.faces.lists.items():
             usual = int(most_frequent_row(lengths)[0])
-            columns[name] = np.zeros((len(addition.faces), usual))
-        return columns | {self.corner_list: addition.faces}
+            columns[name] = np.zeros((len(extension.faces), usual))
+        return columns | {self.corner_list: extension.faces}
 
     @property
     def corner_list(self) -> str:
@@ -161,7 +162,12 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
         for attribute, names in groups.items()
     }
     source = PlySource(data=data, header=header, vertices=vertices, faces=faces, groups=groups)
-    polygons = _checked_polygons(*faces.lists[source.corner_list], len(points), path)
+    corners, sizes = faces.lists[source.corner_list]
+    if corners.dtype.kind not in "iu":
+        raise malformed(path, "header", "the corners of faces are not integers", "check the file")
+    polygons = Polygons.of_sizes(corners, sizes).checked(
+        len(points), lambda face, problem: malformed(path, f"face {face}", problem, "correct or remove the face")
+    )
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
     wrong = nonfinite_rows(points)
     return FileContents(
@@ -245,24 +251,6 @@ def _color_scale(vertices: PlyBody, groups: Mapping[str, tuple[str, ...]]) -> fl
         return 1.0
     values = vertices.scalars[groups["color"][0]]
     return color_scale_of(values) if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
-
-
-def _checked_polygons(
-    corners: Real[np.ndarray, " n"], sizes: Int[np.ndarray, " p"], vertices: int, path: Path | None
-) -> Polygons:
-    if corners.dtype.kind not in "iu":
-        raise malformed(path, "header", "the corners of faces are not integers", "check the file")
-    polygons = Polygons.of_sizes(corners.astype(np.int64), sizes)
-    few = np.flatnonzero(sizes < 3)
-    if len(few):
-        problem = f"has {sizes[few[0]]} corners, a face needs three"
-        raise malformed(path, f"face {few[0]}", problem, "remove the face")
-    wrong = np.flatnonzero((polygons.corners < 0) | (polygons.corners >= vertices))
-    if len(wrong):
-        face = int(np.searchsorted(polygons.starts, wrong[0], side="right")) - 1
-        problem = f"names vertex {polygons.corners[wrong[0]]}, but the file has vertices 0 to {vertices - 1}"
-        raise malformed(path, f"face {face}", problem, "correct the index")
-    return polygons
 
 
 def _read_bodies(data: bytes, header: PlyHeader, path: Path | None) -> dict[str, PlyBody]:

@@ -12,15 +12,16 @@ from jaxtyping import Float
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
-    first_unreadable,
+    converted,
     malformed,
     nonfinite_rows,
-    numbers,
     real,
     single_precision,
+    text_rows,
     unit_vectors,
 )
 from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.errors import MeshFileError
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER = 80
@@ -62,11 +63,10 @@ def encode_stl(contents: FileContents) -> bytes:
     corners = contents.vertices[faces]
     normals = _normals(corners)
     if contents.is_text_stl:
+        rows = text_rows(corners.reshape(-1, 3))
         blocks = [
-            f"facet normal {numbers(normal)}\n outer loop\n"
-            + "".join(f"  vertex {numbers(corner)}\n" for corner in triangle)
-            + " endloop\nendfacet\n"
-            for normal, triangle in zip(normals.tolist(), corners.tolist(), strict=True)
+            f"facet normal {normal}\n outer loop\n  vertex {a}\n  vertex {b}\n  vertex {c}\n endloop\nendfacet\n"
+            for normal, a, b, c in zip(text_rows(normals), rows[::3], rows[1::3], rows[2::3], strict=True)
         ]
         return f"solid {SOLID}\n{''.join(blocks)}endsolid {SOLID}\n".encode("ascii")
     facets = np.zeros(len(faces), dtype=FACET)
@@ -111,12 +111,11 @@ def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
     if begins != ends or len(words) != 3 * ends:
         problem = f"{begins} facets begin, {ends} end, and {len(words)} vertices can be read, three for each are needed"
         raise malformed(path, f"about facet {min(ends, len(words) // 3)}", problem, "check that the file is complete")
-    try:
-        flat = [real(word) for row in words for word in row]
-    except ValueError:
-        number, word = first_unreadable(words, real)
-        raise malformed(path, f"facet {number // 3}", f"'{word}' is no number", "correct it") from None
-    return np.array(flat).reshape(-1, 3, 3)
+
+    def error(number: int, word: str) -> MeshFileError:
+        return malformed(path, f"facet {number // 3}", f"'{word}' is no number", "correct it")
+
+    return np.array(converted(words, real, error)).reshape(-1, 3, 3)
 
 
 def _normals(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"]:
