@@ -45,7 +45,7 @@ def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
     """
     if len(extension.vertices) == 0 and len(extension.faces) == 0:
         return b""
-    colors = [extension.vertex_attributes["color"]] if text.color_width else []
+    colors = [extension.vertex_attributes["color"]] if "color" in text.contents.attributes else []
     lines = [f"v {row}" for row in text_rows(extension.vertices, *colors)]
     corners = [extension.faces + 1]
     for name, keyword in (("uv", "vt"), ("normal", "vn")):
