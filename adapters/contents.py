@@ -122,7 +122,10 @@ def color_scale_of(values: np.ndarray) -> float:
 
 
 def converted(
-    rows: Sequence[Sequence[bytes]], convert: Callable[[bytes], Value], error: Callable[[int, str], MeshFileError]
+    rows: Sequence[Sequence[bytes]],
+    convert: Callable[[bytes], Value],
+    error: Callable[[int, str], MeshFileError],
+    columns: slice = slice(None),
 ) -> list[Value]:
     """The words of all rows of a text file, one row after the other, as `convert` understands them.
 
@@ -130,11 +133,12 @@ def converted(
         rows: words.
         convert: raises ValueError of what it does not understand.
         error: what to raise of the number of the first row with such a word, and that word.
+        columns: which words of each row.
     """
     try:
-        return list(map(convert, chain.from_iterable(rows)))
+        return list(map(convert, chain.from_iterable(row[columns] for row in rows)))
     except ValueError:
-        words = ((number, word) for number, row in enumerate(rows) for word in row)
+        words = ((number, word) for number, row in enumerate(rows) for word in row[columns])
         number, word = next((number, word) for number, word in words if not _is_readable(word, convert))
         raise error(number, word.decode("utf-8", "replace")) from None
 

@@ -311,12 +311,12 @@ class _Block:
 
     def floats(self, key: bytes, start: int, stop: int) -> Float[np.ndarray, "n k"]:
         """Words `start` to `stop` of all lines of a key, as numbers."""
-        words = [row[start:stop] for row in self.rows[key]]
 
         def error(number: int, word: str) -> MeshFileError:
             return self._error(key, number, f"'{word}' is no number", "correct the line")
 
-        return np.array(converted(words, real, error), dtype=np.float64).reshape(len(words), stop - start)
+        flat = converted(self.rows[key], real, error, slice(start, stop))
+        return np.array(flat, dtype=np.float64).reshape(-1, stop - start)
 
     def corners(self, key: bytes, counts: dict[bytes, int]) -> tuple[Int[np.ndarray, "n 3"], list[tuple[int, str]]]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
@@ -328,16 +328,16 @@ class _Block:
         Returns:
             The indices, and the first line with a position that cannot exist and the word there, if there is one.
         """
-        rows = [row[1:] for row in self.rows[key]]
-        words = list(chain.from_iterable(rows))
+        rows = self.rows[key]
+        words = list(chain.from_iterable(row[1:] for row in rows))
 
         def error(number: int, word: str) -> MeshFileError:
             return self._error(key, number, f"'{word}' is no corner", "write v, v/vt, v//vn or v/vt/vn")
 
         corners = _uniform_corners(words)
         if corners is None:
-            corners = np.array(converted(rows, _corner, error), dtype=np.int64)
-        line_of = np.repeat(np.arange(len(rows)), list(map(len, rows)))
+            corners = np.array(converted(rows, _corner, error, slice(1, None)), dtype=np.int64)
+        line_of = np.repeat(np.arange(len(rows)), [len(row) - 1 for row in rows])
         if (corners < 0).any():
             standing = self.standing(key)
             before = [counts[name] + np.searchsorted(self.standing(name), standing) for name in COUNTED]

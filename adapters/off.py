@@ -222,7 +222,7 @@ def _polygons(rows: list[list[bytes]], lines: list[int], vertices: int, error: E
     def no_index(row: int, word: str) -> MeshFileError:
         return error(lines[row], f"'{word}' is no index")
 
-    sizes = converted([row[:1] for row in rows], integer, no_index)
+    sizes = converted(rows, integer, no_index, slice(1))
     for row, size, line in zip(rows, sizes, lines, strict=True):
         if size < 3 or len(row) <= size:
             text = b" ".join(row[:8]).decode("latin-1")
