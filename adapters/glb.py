@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from spinor_geom.adapters.contents import FileContents, malformed, single_precision
 from spinor_geom.adapters.extending import parts_of_faces
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer
-from spinor_geom.adapters.glb_pieces import COPIED, TRIANGLES, Piece, have_one_layout, scene_pieces, shared_semantics
+from spinor_geom.adapters.glb_pieces import COPIED, Piece, have_one_layout, scene_pieces, shared_semantics
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import seam_representatives
 from spinor_geom.errors import MeshFileError
@@ -100,7 +100,6 @@ class GlbSource:
         primitive["indices"] = container.store(
             all_faces.reshape(-1, 1).astype(dtype), target=ELEMENT_ARRAY_BUFFER, instead_of=primitive.get("indices")
         )
-        primitive["mode"] = TRIANGLES
 
 
 def read_glb(data: bytes, path: Path | None) -> FileContents:
@@ -114,8 +113,8 @@ def read_glb(data: bytes, path: Path | None) -> FileContents:
     as the file has bytes.
 
     Raises:
-        MeshFileError: malformed, truncated, compressed (Draco, meshopt), with sparse arrays, morph targets or data
-            outside of the file, of more rows than that, or without triangles; names the place.
+        MeshFileError: malformed, truncated, compressed (Draco, meshopt), with sparse arrays, strips, morph targets
+            or data outside of the file, of more rows than that, or without triangles; names the place.
     """
     try:
         pieces = scene_pieces(GlbContainer.read(data, path))

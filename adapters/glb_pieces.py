@@ -13,7 +13,7 @@ from spinor_geom.adapters.contents import malformed, unit_vectors
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.glb_container import GlbContainer, Json
 
-TRIANGLES, STRIP, FAN = 4, 5, 6  # a primitive's mode
+TRIANGLES, STRIPS_AND_FANS = 4, (5, 6)  # a primitive's mode
 WIDTHS = {"POSITION": 3, "NORMAL": 3, "TEXCOORD_0": 2}
 # A mesh that many nodes show, or an array that many primitives name, is read once for each: what a scene may hold in
 # rows of arrays, beyond as many as the file has bytes; 35 bytes of memory or so each.
@@ -137,7 +137,9 @@ def _piece(
     primitive = tree["meshes"][mesh]["primitives"][index]
     place = f"mesh {mesh}, primitive {index}"
     mode = primitive.get("mode", TRIANGLES)
-    if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in primitive["attributes"]:
+    if mode in STRIPS_AND_FANS:
+        raise malformed(path, place, "is a triangle strip or fan", "convert it to a list of triangles")
+    if mode != TRIANGLES or "POSITION" not in primitive["attributes"]:
         return None
     if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
         raise malformed(path, place, "is compressed with Draco", "decompress the file first")
@@ -154,8 +156,7 @@ def _piece(
         if stored.dtype.kind != "u":
             raise malformed(path, place, "its indices are no unsigned integers", "correct the indices")
         indices = stored[:, 0].astype(np.int64)
-    faces = _triangles(indices, mode)
-    if faces is None or faces.max(initial=-1) >= count:
+    if len(indices) % 3 or indices.max(initial=-1) >= count:
         problem = f"its indices are no triangles over its {count} vertices"
         raise malformed(path, place, problem, "correct the indices")
     normalized = {
@@ -167,25 +168,12 @@ def _piece(
         node=node,
         primitive=index,
         start=start,
-        faces=faces,
+        faces=indices.reshape(-1, 3),
         rows=rows,
         normalized=frozenset(normalized),
         transform=transform,
     )
-    return piece if len(faces) else None
-
-
-def _triangles(indices: Int[np.ndarray, " n"], mode: int) -> Int[np.ndarray, "f 3"] | None:
-    """The triangles of a list, strip or fan of indices; None if a list is no multiple of three."""
-    if mode == TRIANGLES:
-        return indices.reshape(-1, 3) if len(indices) % 3 == 0 else None
-    second, third = indices[1:-1], indices[2:]
-    first = indices[: len(third)] if mode == STRIP else np.broadcast_to(indices[:1], len(third))
-    faces = np.stack([first, second[: len(third)], third], axis=1)
-    if mode == STRIP:
-        faces[1::2] = faces[1::2, [1, 0, 2]]
-    # strips name a vertex twice to jump to another place
-    return np.asarray(faces[(faces != np.roll(faces, -1, axis=1)).all(axis=1)])
+    return piece if len(indices) else None
 
 
 def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:

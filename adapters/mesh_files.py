@@ -222,21 +222,11 @@ class MeshFileAdapter:
     types = ("spinor_geom.MeshFile", "pathlib.PurePath", "builtins.str")
 
     def to_mesh(self, obj: MeshFile | str | os.PathLike[str]) -> TriangleMesh:
-        """The triangles of the file.
-
-        Raises:
-            MeshFileError: the file is missing or malformed.
-        """
+        """The triangles of the file; a MeshFileError if it is missing or malformed."""
         return _opened(obj).mesh
 
     def extend(self, obj: Any, extension: MeshExtension) -> MeshFile:
-        """The file with the extension appended, as a `MeshFile`; nothing is written.
-
-        Raises:
-            MeshFileError: the file is missing or malformed.
-            VertexIndexError: a new face names a vertex that does not exist.
-            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
-        """
+        """The file with the extension appended, as a `MeshFile`; nothing is written."""
         return _opened(obj).extended(extension)
 
 
