@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int, Real
@@ -20,18 +20,17 @@ LONGEST_PROBLEM = 240  # letters
 Value = TypeVar("Value")
 
 
-@runtime_checkable
-class Source(Protocol):
-    """A file as it was read, able to give back its own bytes with something appended."""
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A file as it was read.
 
-    @property
-    def suffix(self) -> str:
-        """The format, as ".obj"."""
-        ...
+    Attributes:
+        suffix: the format, as ".obj".
+        appended: gives the file with new elements after those that were in it, which stay as they are.
+    """
 
-    def appended(self, extension: MeshExtension) -> bytes:
-        """The file with new elements after those that were in it, which stay as they are."""
-        ...
+    suffix: str
+    appended: Callable[[MeshExtension], bytes]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from spinor_geom.adapters.contents import FileContents, malformed, single_precision
+from spinor_geom.adapters.contents import FileContents, Source, malformed, single_precision
 from spinor_geom.adapters.extending import parts_of_faces
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer
 from spinor_geom.adapters.glb_pieces import COPIED, Piece, have_one_layout, scene_pieces, shared_semantics
@@ -24,82 +25,6 @@ from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.extension import MeshExtension
 
 NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GlbSource:
-    """A GLB file as it was read.
-
-    Attributes:
-        data: the file's bytes.
-        pieces: its triangle primitives, in the order of the scene's vertices.
-        path: its name, for errors.
-    """
-
-    data: bytes
-    pieces: tuple[Piece, ...]
-    path: Path | None
-    suffix: str = ".glb"
-
-    def appended(self, extension: MeshExtension) -> bytes:
-        """The file with every new patch in the primitive that most of its rim belongs to.
-
-        Materials, textures, animations and all other content stay as they are. New vertices stand after those of their
-        primitive; those that no new face uses are not written. Rim vertices of other primitives are copied, bit by bit
-        where both lie in one node.
-        """
-        if len(extension.faces) == 0 and len(extension.vertices) == 0:
-            return self.data
-        container = GlbContainer.read(self.data, self.path)
-        vertices = np.concatenate([*(piece.decoded("POSITION") for piece in self.pieces), extension.vertices])
-        votes = parts_of_faces(extension, [piece.start for piece in self.pieces], self.pieces[-1].stop)
-        owners = votes.argmax(axis=1)
-        for number in np.unique(owners).tolist():
-            self._grow(container, self.pieces[number], extension, extension.faces[owners == number], vertices)
-        return container.encoded()
-
-    def _grow(
-        self,
-        container: GlbContainer,
-        piece: Piece,
-        extension: MeshExtension,
-        faces: Int[np.ndarray, "t 3"],
-        vertices: Float[np.ndarray, "v 3"],
-    ) -> None:
-        """Append faces and the vertices they need to one piece in the file."""
-        nodes, meshes = container.tree["nodes"], container.tree["meshes"]
-        node = nodes[piece.node]
-        if Counter(other.get("mesh") for other in nodes)[node["mesh"]] > 1:
-            # what other nodes show stays as it is
-            meshes.append(deepcopy(meshes[node["mesh"]]))
-            node["mesh"] = len(meshes) - 1
-        primitive = meshes[node["mesh"]]["primitives"][piece.primitive]
-        own = (faces >= piece.start) & (faces < piece.stop)
-        others = np.unique(faces[~own])
-        is_new = others >= self.pieces[-1].stop
-        new = others[is_new] - self.pieces[-1].stop
-        _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[others])
-        for semantic, rows in piece.rows.items():
-            new_rows = rows[nearest]
-            name = NAMES.get(semantic, semantic)
-            if semantic == "POSITION":
-                new_rows = piece.encoded(semantic, vertices[others])
-            elif name in extension.vertex_attributes and not semantic.startswith(COPIED):
-                new_rows[is_new] = piece.encoded(semantic, extension.vertex_attributes[name][new])
-            for other in self.pieces:
-                if other.node == piece.node and have_one_layout(piece, other, semantic):
-                    taken = (others >= other.start) & (others < other.stop)
-                    new_rows[taken] = other.rows[semantic][others[taken] - other.start]
-            primitive["attributes"][semantic] = container.store(
-                np.concatenate([rows, new_rows]), target=ARRAY_BUFFER, instead_of=primitive["attributes"][semantic]
-            )
-        local = np.where(own, faces - piece.start, piece.stop - piece.start + np.searchsorted(others, faces))
-        all_faces = np.concatenate([piece.faces, local])
-        # the largest index of each type means "restart" to graphics hardware
-        dtype = np.uint16 if all_faces.max() < np.iinfo(np.uint16).max else np.uint32
-        primitive["indices"] = container.store(
-            all_faces.reshape(-1, 1).astype(dtype), target=ELEMENT_ARRAY_BUFFER, instead_of=primitive.get("indices")
-        )
 
 
 def read_glb(data: bytes, path: Path | None) -> FileContents:
@@ -137,7 +62,69 @@ def read_glb(data: bytes, path: Path | None) -> FileContents:
         attributes=attributes,
         color_scale=1.0 if color_dtype.kind == "f" else float(np.iinfo(color_dtype).max),
         representatives=_representatives(vertices, pieces),
-        source=GlbSource(data=data, pieces=tuple(pieces), path=path),
+        source=Source(".glb", partial(_appended, data, pieces, path)),
+    )
+
+
+def _appended(data: bytes, pieces: Sequence[Piece], path: Path | None, extension: MeshExtension) -> bytes:
+    """The file with every new patch in the primitive that most of its rim belongs to.
+
+    Materials, textures, animations and all other content stay as they are. New vertices stand after those of their
+    primitive; those that no new face uses are not written. Rim vertices of other primitives are copied, bit by bit
+    where both lie in one node.
+    """
+    if len(extension.faces) == 0 and len(extension.vertices) == 0:
+        return data
+    container = GlbContainer.read(data, path)
+    vertices = np.concatenate([*(piece.decoded("POSITION") for piece in pieces), extension.vertices])
+    votes = parts_of_faces(extension, [piece.start for piece in pieces], pieces[-1].stop)
+    owners = votes.argmax(axis=1)
+    for number in np.unique(owners).tolist():
+        _grow(container, pieces, pieces[number], extension, extension.faces[owners == number], vertices)
+    return container.encoded()
+
+
+def _grow(
+    container: GlbContainer,
+    pieces: Sequence[Piece],
+    piece: Piece,
+    extension: MeshExtension,
+    faces: Int[np.ndarray, "t 3"],
+    vertices: Float[np.ndarray, "v 3"],
+) -> None:
+    """Append faces and the vertices they need to one piece in the file."""
+    nodes, meshes = container.tree["nodes"], container.tree["meshes"]
+    node = nodes[piece.node]
+    if Counter(other.get("mesh") for other in nodes)[node["mesh"]] > 1:
+        # what other nodes show stays as it is
+        meshes.append(deepcopy(meshes[node["mesh"]]))
+        node["mesh"] = len(meshes) - 1
+    primitive = meshes[node["mesh"]]["primitives"][piece.primitive]
+    own = (faces >= piece.start) & (faces < piece.stop)
+    others = np.unique(faces[~own])
+    is_new = others >= pieces[-1].stop
+    new = others[is_new] - pieces[-1].stop
+    _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[others])
+    for semantic, rows in piece.rows.items():
+        new_rows = rows[nearest]
+        name = NAMES.get(semantic, semantic)
+        if semantic == "POSITION":
+            new_rows = piece.encoded(semantic, vertices[others])
+        elif name in extension.vertex_attributes and not semantic.startswith(COPIED):
+            new_rows[is_new] = piece.encoded(semantic, extension.vertex_attributes[name][new])
+        for other in pieces:
+            if other.node == piece.node and have_one_layout(piece, other, semantic):
+                taken = (others >= other.start) & (others < other.stop)
+                new_rows[taken] = other.rows[semantic][others[taken] - other.start]
+        primitive["attributes"][semantic] = container.store(
+            np.concatenate([rows, new_rows]), target=ARRAY_BUFFER, instead_of=primitive["attributes"][semantic]
+        )
+    local = np.where(own, faces - piece.start, piece.stop - piece.start + np.searchsorted(others, faces))
+    all_faces = np.concatenate([piece.faces, local])
+    # the largest index of each type means "restart" to graphics hardware
+    dtype = np.uint16 if all_faces.max() < np.iinfo(np.uint16).max else np.uint32
+    primitive["indices"] = container.store(
+        all_faces.reshape(-1, 1).astype(dtype), target=ELEMENT_ARRAY_BUFFER, instead_of=primitive.get("indices")
     )
 
 

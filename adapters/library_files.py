@@ -7,7 +7,7 @@ What such a file holds is what its library reads of it, and it is written anew b
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +16,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import FileContents, malformed
+from spinor_geom.adapters.contents import FileContents, Source, malformed
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.pyvista_mesh import polygons_of
@@ -31,23 +31,6 @@ if TYPE_CHECKING:
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
 _LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LibrarySource:
-    """A file as its library read it.
-
-    Attributes:
-        suffix: the format, as ".vtp".
-        held: the library's object, which an adapter can extend.
-    """
-
-    suffix: str
-    held: Any
-
-    def appended(self, extension: MeshExtension) -> bytes:
-        """A new file of what the old one held, with the extension after it."""
-        return _encoded(extend(self.held, extension), self.suffix)
 
 
 def require_library(suffix: str) -> None:
@@ -124,7 +107,7 @@ def _contents(held: Any, path: Path | None, suffix: str) -> FileContents:
         labels=mesh.labels,
         color_scale=255.0,
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
-        source=LibrarySource(suffix=suffix, held=held),
+        source=Source(suffix, partial(_appended, held, suffix)),
     )
 
 
@@ -152,6 +135,10 @@ def _read_by_vtk(reader: Any, data: bytes, path: Path | None) -> Any:
     if lines:
         raise malformed(path, "", f"VTK cannot read it ({lines[0].rpartition('): ')[2]})", "check that it is complete")
     return pyvista.wrap(reader.GetOutput())
+
+
+def _appended(held: Any, suffix: str, extension: MeshExtension) -> bytes:
+    return _encoded(extend(held, extension), suffix)
 
 
 def _encoded(held: Any, suffix: str) -> bytes:

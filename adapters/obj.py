@@ -6,36 +6,19 @@ What is read and what is not: see `obj_stream`. Lines that are not read stay in 
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import FileContents, text_rows
+from spinor_geom.adapters.contents import FileContents, Source, text_rows
 from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
 from spinor_geom.mesh.extension import MeshExtension
 
 GROUP = "spinor_geom_fill"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ObjSource:
-    """An OBJ file as it was read.
-
-    Attributes:
-        data: the file's bytes.
-        text: what is in it.
-    """
-
-    data: bytes
-    text: ObjText
-    suffix: str = ".obj"
-
-    def appended(self, extension: MeshExtension) -> bytes:
-        """The file's own bytes, then the lines of the extension."""
-        return self.data + added_lines(self.text, extension)
 
 
 def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
@@ -67,7 +50,11 @@ def read_obj(data: bytes, path: Path | None) -> FileContents:
         MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
     """
     text = read_obj_stream(io.BytesIO(data), path)
-    return replace(text.contents, source=ObjSource(data=data, text=text))
+    return replace(text.contents, source=Source(".obj", partial(_appended, data, text)))
+
+
+def _appended(data: bytes, text: ObjText, extension: MeshExtension) -> bytes:
+    return data + added_lines(text, extension)
 
 
 def encode_obj(contents: FileContents) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeAlias
@@ -15,6 +15,7 @@ from jaxtyping import Float
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
+    Source,
     color_scale_of,
     converted,
     integer,
@@ -35,52 +36,6 @@ COUNTS = re.compile(rb"^((?:" + BYTE_ORDER_MARK + rb")?\s*(?:[A-Za-z]\w*\s+)?)(\
 SIZE = re.compile(rb"([3-9]|[1-9]\d{1,8})$")  # of a face
 LONGEST_COUNT = 18  # digits; no file holds more
 Error: TypeAlias = Callable[[int, str], MeshFileError]  # of a line, from 0, and what is wrong with it
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OffSource:
-    """An OFF file as it was read.
-
-    Attributes:
-        lines: its lines, line ends included.
-        counts_line: which of them holds the counts.
-        vertex_stop: the line after the last vertex.
-        face_stop: the line after the last face.
-        columns: the attributes that follow the coordinates in a vertex line, in order, and how many numbers each has.
-        integer_colors: whether colours are written as integers.
-    """
-
-    lines: tuple[bytes, ...]
-    counts_line: int
-    vertex_stop: int
-    face_stop: int
-    columns: Mapping[str, int]
-    integer_colors: bool
-    suffix: str = ".off"
-
-    def appended(self, extension: MeshExtension) -> bytes:
-        """The file with lines added after its own vertices and faces; all other text but the counts stays."""
-        if len(extension.vertices) == 0 and len(extension.faces) == 0:
-            return b"".join(self.lines)
-        given = extension.vertex_attributes
-        columns = [
-            cast_values(given[name], np.dtype(np.int64)) if name == "color" and self.integer_colors else given[name]
-            for name in self.columns
-        ]
-        newline = b"\r\n" if self.lines[0].endswith(b"\r\n") else b"\n"
-        vertices = [row.encode("ascii") + newline for row in text_rows(extension.vertices, *columns)]
-        faces = [f"3 {row}".encode("ascii") + newline for row in text_rows(extension.faces)]
-        lines = list(self.lines)
-        lines[self.counts_line] = COUNTS.sub(
-            lambda match: b"%s%d%s%d" % (match[1], int(match[2]) + len(vertices), match[3], int(match[4]) + len(faces)),
-            lines[self.counts_line],
-            count=1,
-        )
-        if not lines[self.face_stop - 1].endswith(b"\n"):
-            lines[self.face_stop - 1] += newline
-        lines[self.face_stop : self.face_stop] = faces
-        lines[self.vertex_stop : self.vertex_stop] = vertices
-        return b"".join(lines)
 
 
 def read_off(data: bytes, path: Path | None) -> FileContents:
@@ -127,14 +82,8 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
     polygons = _polygons(records[counts[0] :], chosen[counts[0] :], counts[0], error)
     appearance = [attributes[name] for name in ("uv", "normal") if name in attributes]
     wrong = nonfinite_rows(points)
-    source = OffSource(
-        lines=tuple(lines),
-        counts_line=counts_line,
-        vertex_stop=vertex_lines[-1] + 1,
-        face_stop=chosen[-1] + 1,
-        columns=columns,
-        integer_colors=integer_colors,
-    )
+    stops = vertex_lines[-1] + 1, chosen[-1] + 1
+    source = Source(".off", partial(_appended, lines, counts_line, *stops, columns, integer_colors))
     return FileContents(
         vertices=points,
         polygons=polygons,
@@ -144,6 +93,49 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
         first_nonfinite=f"line {vertex_lines[wrong[0]] + 1}" if len(wrong) else "",
         source=source if is_one_a_line else None,
     )
+
+
+def _appended(
+    lines: list[bytes],
+    counts_line: int,
+    vertex_stop: int,
+    face_stop: int,
+    columns: Mapping[str, int],
+    integer_colors: bool,
+    extension: MeshExtension,
+) -> bytes:
+    """The file with lines added after its own vertices and faces; all other text but the counts stays.
+
+    Args:
+        lines: of the file, line ends included.
+        counts_line: which of them holds the counts.
+        vertex_stop: the line after the last vertex.
+        face_stop: the line after the last face.
+        columns: the attributes that follow the coordinates in a vertex line, in order.
+        integer_colors: whether colours are written as integers.
+        extension: what to append.
+    """
+    if len(extension.vertices) == 0 and len(extension.faces) == 0:
+        return b"".join(lines)
+    given = extension.vertex_attributes
+    values = [
+        cast_values(given[name], np.dtype(np.int64)) if name == "color" and integer_colors else given[name]
+        for name in columns
+    ]
+    newline = b"\r\n" if lines[0].endswith(b"\r\n") else b"\n"
+    vertices = [row.encode("ascii") + newline for row in text_rows(extension.vertices, *values)]
+    faces = [f"3 {row}".encode("ascii") + newline for row in text_rows(extension.faces)]
+    lines = list(lines)
+    lines[counts_line] = COUNTS.sub(
+        lambda match: b"%s%d%s%d" % (match[1], int(match[2]) + len(vertices), match[3], int(match[4]) + len(faces)),
+        lines[counts_line],
+        count=1,
+    )
+    if not lines[face_stop - 1].endswith(b"\n"):
+        lines[face_stop - 1] += newline
+    lines[face_stop:face_stop] = faces
+    lines[vertex_stop:vertex_stop] = vertices
+    return b"".join(lines)
 
 
 def encode_off(contents: FileContents) -> bytes:

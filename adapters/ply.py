@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import FileContents, color_scale_of, malformed, nonfinite_rows
+from spinor_geom.adapters.contents import FileContents, Source, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import most_frequent_row
 from spinor_geom.adapters.ply_records import (
     TYPES,
@@ -31,41 +31,6 @@ GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "uv": (("s", "t"), ("u", "v"), ("texture_u", "texture_v")),
 }
 FACE_LISTS = ("vertex_indices", "vertex_index")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlySource:
-    """A PLY file as it was read.
-
-    Attributes:
-        records: its elements.
-        groups: the properties that make up each attribute.
-        corner_list: the property that holds the corners of faces.
-    """
-
-    records: PlyRecords
-    groups: Mapping[str, tuple[str, ...]]
-    corner_list: str
-    suffix: str = ".ply"
-
-    def appended(self, extension: MeshExtension) -> bytes:
-        """The file with records added after its own vertices and faces; all other bytes but the two counts stay.
-
-        New positions and attributes are rounded to the types that the file declares. Properties of new faces get the
-        value that occurs most often, lists beside the corners get zeros.
-        """
-        vertices = dict(zip("xyz", extension.vertices.T, strict=True))
-        for attribute, names in self.groups.items() if len(extension.vertices) else ():
-            vertices |= dict(zip(names, extension.vertex_attributes[attribute].T, strict=True))
-        count = len(extension.faces)
-        own = self.records.elements["face"]
-        faces = {name: np.repeat(most_frequent_row(values), count) for name, values in own.values.items()}
-        for name, lengths in own.lengths.items():
-            faces[name] = np.zeros((count, int(most_frequent_row(lengths)[0])))
-        return self.records.appended(
-            {"vertex": vertices, "face": faces | {self.corner_list: extension.faces}},
-            {"vertex": len(extension.vertices), "face": count},
-        )
 
 
 def read_ply(data: bytes, path: Path | None) -> FileContents:
@@ -112,7 +77,35 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
         color_scale=_color_scale(vertices.values[groups["color"][0]]) if "color" in groups else 1.0,
         representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=f"line {line_of_record(records.text, vertices.start, wrong[0])}" if is_text else "",
-        source=PlySource(records=records, groups=groups, corner_list=corner_list),
+        source=Source(".ply", partial(_appended, records, groups, corner_list)),
+    )
+
+
+def _appended(
+    records: PlyRecords, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
+) -> bytes:
+    """The file with records added after its own vertices and faces; all other bytes but the two counts stay.
+
+    New positions and attributes are rounded to the types that the file declares. Properties of new faces get the value
+    that occurs most often, lists beside the corners get zeros.
+
+    Args:
+        records: of the file.
+        groups: the properties that make up each attribute.
+        corner_list: the property that holds the corners of faces.
+        extension: what to append.
+    """
+    vertices = dict(zip("xyz", extension.vertices.T, strict=True))
+    for attribute, names in groups.items() if len(extension.vertices) else ():
+        vertices |= dict(zip(names, extension.vertex_attributes[attribute].T, strict=True))
+    count = len(extension.faces)
+    own = records.elements["face"]
+    faces = {name: np.repeat(most_frequent_row(values), count) for name, values in own.values.items()}
+    for name, lengths in own.lengths.items():
+        faces[name] = np.zeros((count, int(most_frequent_row(lengths)[0])))
+    return records.appended(
+        {"vertex": vertices, "face": faces | {corner_list: extension.faces}},
+        {"vertex": len(extension.vertices), "face": count},
     )
 
 
