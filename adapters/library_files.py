@@ -49,11 +49,22 @@ def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
     Faces, points and lines, and all point data.
 
     Raises:
-        MeshFileError: VTK reports an error or a warning, or what the file holds is no surface.
+        MeshFileError: VTK says anything at all (after an error it goes on with what it has, or with nothing), or what
+            the file holds is no surface.
         NonFiniteVertexError: a coordinate is NaN or infinite.
     """
+    import pyvista
+
     module, name = _READERS[suffix]
-    return _contents(_read_by_vtk(getattr(import_module(f"vtkmodules.{module}"), name)(), data, path), path, suffix)
+    reader = getattr(import_module(f"vtkmodules.{module}"), name)()
+    reader.SetReadFromInputString(True)
+    reader.SetBinaryInputString(data, len(data))
+    with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as heard:
+        reader.Update()
+    if heard.events:
+        problem = f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})"
+        raise malformed(path, "", problem, "check that it is complete")
+    return _contents(pyvista.wrap(reader.GetOutput()), path, suffix)
 
 
 def read_3mf(data: bytes, path: Path | None) -> FileContents:
@@ -109,32 +120,6 @@ def _contents(held: Any, path: Path | None, suffix: str) -> FileContents:
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
         source=Source(suffix, partial(_appended, held, suffix)),
     )
-
-
-def _read_by_vtk(reader: Any, data: bytes, path: Path | None) -> Any:
-    """What a reader of VTK makes of a file, as PyVista's object.
-
-    Raises:
-        MeshFileError: VTK says anything at all: after an error it goes on with what it has, or with nothing.
-    """
-    import pyvista
-    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
-
-    reader.SetReadFromInputString(True)
-    reader.SetBinaryInputString(data, len(data))
-    window, usual = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
-    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
-    vtkOutputWindow.SetInstance(window)
-    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
-    try:
-        reader.Update()
-    finally:
-        vtkOutputWindow.SetInstance(usual)
-        vtkLogger.SetStderrVerbosity(verbosity)
-    lines = [line for line in window.GetOutput().splitlines()[1:] if line]
-    if lines:
-        raise malformed(path, "", f"VTK cannot read it ({lines[0].rpartition('): ')[2]})", "check that it is complete")
-    return pyvista.wrap(reader.GetOutput())
 
 
 def _appended(held: Any, suffix: str, extension: MeshExtension) -> bytes:

@@ -39,14 +39,9 @@ class _Part:
     start: int
     names: dict[str, str]
 
-    @property
-    def mirrored(self) -> bool:
-        """Whether the transform turns faces inside out."""
-        return bool(np.linalg.det(self.transform[:3, :3]) < 0)
-
     def placed(self, faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
-        """Faces from the part's sense of rotation to the scene's, or back."""
-        return faces[:, ::-1] if self.mirrored else faces
+        """Faces in the scene's sense of rotation, or back: turned over where the transform mirrors."""
+        return faces[:, ::-1] if np.linalg.det(self.transform[:3, :3]) < 0 else faces
 
 
 class SceneAdapter:
