@@ -6,56 +6,38 @@ What is read and what is not: see `obj_stream`. Lines that are not read stay in 
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import Addition, FileContents, numbers
+from spinor_geom.adapters.contents import FileContents, Source, text_rows
 from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
+from spinor_geom.mesh.extension import MeshExtension
 
 GROUP = "spinor_geom_fill"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ObjSource:
-    """An OBJ file as it was read.
-
-    Attributes:
-        data: the file's bytes.
-        text: what is in it.
-    """
-
-    data: bytes
-    text: ObjText
-    suffix: str = ".obj"
-
-    def appended(self, addition: Addition) -> bytes:
-        """The file's own bytes, then the lines of the addition."""
-        return self.data + added_lines(self.text, addition)
-
-
-def added_lines(text: ObjText, addition: Addition) -> bytes:
+def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
     """What to write after the last byte of a file: `v` lines (with colours, if the file's have them), a group of faces.
 
     Texture coordinates and normals are added where the file gives each vertex one.
     """
-    if len(addition.vertices) == 0 and len(addition.faces) == 0:
+    if len(extension.vertices) == 0 and len(extension.faces) == 0:
         return b""
-    columns = [addition.vertices]
-    if text.color_width:
-        columns.append(addition.attributes["color"])
-    lines = [f"v {numbers(row)}" for row in np.hstack(columns).tolist()]
-    corners = [addition.faces + 1]
+    colors = [extension.vertex_attributes["color"]] if "color" in text.contents.attributes else []
+    lines = [f"v {row}" for row in text_rows(extension.vertices, *colors)]
+    corners = [extension.faces + 1]
     for name, keyword in (("uv", "vt"), ("normal", "vn")):
         if name in text.corner_indices:
-            lines += [f"{keyword} {numbers(row)}" for row in addition.attributes[name].tolist()]
+            lines += [f"{keyword} {row}" for row in text_rows(extension.vertex_attributes[name])]
             first = text.counts[name]
-            all_indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(addition.vertices))])
+            all_indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(extension.vertices))])
             # a vertex in no face has none: any valid number will do
-            corners.append(np.maximum(all_indices[addition.faces], 0) + 1)
+            corners.append(np.maximum(all_indices[extension.faces], 0) + 1)
     lines.append(f"g {GROUP}")
     lines += _face_lines(np.stack(corners, axis=2), skip_uv="uv" not in text.corner_indices)
     return text.ending + text.newline.join(line.encode("ascii") for line in lines) + text.newline
@@ -68,19 +50,21 @@ def read_obj(data: bytes, path: Path | None) -> FileContents:
         MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
     """
     text = read_obj_stream(io.BytesIO(data), path)
-    return replace(text.contents, source=ObjSource(data=data, text=text))
+    return replace(text.contents, source=Source(".obj", partial(_appended, data, text)))
+
+
+def _appended(data: bytes, text: ObjText, extension: MeshExtension) -> bytes:
+    return data + added_lines(text, extension)
 
 
 def encode_obj(contents: FileContents) -> bytes:
     """A new OBJ file of vertices (with colours), texture coordinates, normals, faces and curves."""
-    columns = [contents.vertices]
-    if "color" in contents.attributes:
-        columns.append(contents.attributes["color"] / contents.color_scale)
-    lines = [f"v {numbers(row)}" for row in np.hstack(columns).tolist()]
+    colors = [contents.attributes["color"] / contents.color_scale] if "color" in contents.attributes else []
+    lines = [f"v {row}" for row in text_rows(contents.vertices, *colors)]
     corners = [contents.representatives[contents.polygons.corners] + 1]
     for name, keyword in (("uv", "vt"), ("normal", "vn")):
         if name in contents.attributes:
-            lines += [f"{keyword} {numbers(row)}" for row in contents.attributes[name].tolist()]
+            lines += [f"{keyword} {row}" for row in text_rows(contents.attributes[name])]
             corners.append(contents.polygons.corners + 1)
     tokens = _corner_tokens(np.stack(corners, axis=1), skip_uv="uv" not in contents.attributes)
     starts = contents.polygons.starts.tolist()
