@@ -273,9 +273,7 @@ def test_a_bridge_is_shown_with_both_rims_and_its_discrete_annulus() -> None:
     first, second = hole.places
     _, report = spinor_geom.fill_hole((hole.vertices, hole.faces), bridge=(first, second), return_report=True)
     views = loop_views(report.loops[first])
-    (rim,) = (
-        layer for layer in views.in_plane(edges="wireframe") if type(layer).__name__ == "Lines" and layer.width == 2.5
-    )
+    (rim,) = (layer for layer in views.in_plane() if type(layer).__name__ == "Lines" and layer.width == 2.5)
     start, end = rim.vertices[rim.edges].swapaxes(0, 1)
     # rings of 24 points: no line leads from one to the other
     assert (np.linalg.norm(start - end, axis=1) < 0.3 * np.linalg.norm(start, axis=1)).all()
