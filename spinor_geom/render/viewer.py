@@ -80,7 +80,7 @@ class Views:
             "title": scene.title,
             "layers": [self._layer(layer) for layer in scene.layers],
             "middle": middle.tolist(),
-            "reach": max(float(_farthest(layer, middle)) for layer in scene.layers) or 1.0,
+            "reach": max(farthest(layer, middle) for layer in scene.layers) or 1.0,
             "scales": {name: vars(scale) for name, scale in scene.scales.items()},
             "panel": scene.panel,
             "cameras": {loop: _camera(camera) for loop, camera in scene.cameras.items()},
@@ -199,7 +199,7 @@ def three_js() -> str:
     return found.group()
 
 
-def _farthest(layer: Layer, middle: np.ndarray) -> float:
+def farthest(layer: Layer, middle: np.ndarray) -> float:
     """The largest distance of a layer's vertices from a point, for all members of its family: |cos t·a + sin t·b|."""
     a = layer.vertices - middle
     b = np.zeros_like(a) if layer.conjugate is None else layer.conjugate - middle
