@@ -9,9 +9,8 @@ import numpy as np
 
 from spinor_geom.experiments.drawing import Drawn, disk_grid, surfaces
 from spinor_geom.experiments.experiment import Experiment, Outcome
-from spinor_geom.experiments.mean_curvature import by_rule, surface_size
+from spinor_geom.experiments.mean_curvature import by_rule, radial_mean_curvature, surface_size
 from spinor_geom.experiments.paper_surfaces import reconstructed
-from spinor_geom.surface.radial import radial_mean_curvature
 from spinor_geom.training import LevenbergMarquardt
 
 # largest |H| in 1/diagonal that counts as nearly zero: a sphere of that curvature has 200 times the diagonal

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex
+import torch
+from jaxtyping import Complex, Float
 
 from spinor_geom.domain.quadrature import RuleName
 from spinor_geom.experiments.experiment import Experiment, Outcome, fitted_slope
 from spinor_geom.experiments.paper_surfaces import reconstructed
 from spinor_geom.render.plots import log_log
 from spinor_geom.surface import SpinorSurface
-from spinor_geom.surface.radial import radial_mean_curvature
+from spinor_geom.surface.curvature import mean_curvature_of_integrals
 from spinor_geom.training import LevenbergMarquardt
 
 ORDERS: dict[RuleName, tuple[int, float]] = {"trapezoid": (-2, 0.1), "simpson": (-4, 0.2)}
@@ -85,6 +86,17 @@ def grid_points(grid: int) -> Complex[np.ndarray, " n"]:
 def max_mean_curvature(surface: SpinorSurface, z: Complex[np.ndarray, " n"], rule_name: RuleName, n: int) -> float:
     """Largest |H| at given points of the surface that a rule with n steps on each ray draws."""
     return float(np.nanmax(np.abs(radial_mean_curvature(by_rule(surface, rule_name, n), z))))
+
+
+def radial_mean_curvature(surface: SpinorSurface, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+    """H of the surface that its own rule draws along the whole ray from 0 to each point; NaN at branch points.
+
+    p and q are exactly holomorphic, so the rule is all that keeps it from 0.
+    """
+    end = torch.tensor(z, device=surface.spinor_map.device).reshape(-1)
+    with torch.no_grad():
+        mean = mean_curvature_of_integrals(surface.integrate, torch.zeros_like(end), end, order=surface.order)
+    return np.asarray(mean.cpu().numpy()).reshape(np.shape(z))
 
 
 def by_rule(surface: SpinorSurface, rule_name: RuleName, n: int) -> SpinorSurface:
