@@ -13,7 +13,7 @@ from spinor_geom.fill.collar import FacesAround
 from spinor_geom.fill.stitch import RimEdges, patch_chords
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections
-from spinor_geom.mesh.operators import intrinsic_angles
+from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 
@@ -68,11 +68,7 @@ class Surroundings:
     @cached_property
     def angles(self) -> Float[np.ndarray, " n"]:
         """Sum of the angles of the mesh's faces at each vertex, in radians."""
-        corner = self.mesh.vertices[self.mesh.faces]
-        lengths = np.linalg.norm(np.roll(corner, -1, axis=1) - np.roll(corner, 1, axis=1), axis=2)
-        return np.bincount(
-            self.mesh.faces.ravel(), intrinsic_angles(lengths).ravel(), minlength=len(self.mesh.vertices)
-        )
+        return vertex_angles(self.mesh.vertices, self.mesh.faces)
 
     @cached_property
     def _mesh_piece(self) -> _Piece:
