@@ -7,7 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.discrete.area_descent import Descent, descend_from_plane, harmonic_extension
+from spinor_geom.discrete.area_descent import Disk, descend_from_plane, harmonic_extension
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, size_bounds, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 
@@ -73,7 +73,7 @@ def minimum_area_strip(
 
 def discrete_annulus(
     first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], *, relative_change: float
-) -> tuple[PlaneTriangulation, Descent]:
+) -> tuple[PlaneTriangulation, Disk]:
     """A triangulated annulus of stationary area between two polygons, both with it on their left.
 
     The strip of least area gives the first places of the vertices on a round annulus; that is meshed and its area
