@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError
@@ -26,8 +26,27 @@ from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.threads import one_thread
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 MeshT = TypeVar("MeshT")
 _MOST_TOLD = 5  # shortcomings in one warning
+
+
+class _Rest(TypedDict, total=False):
+    """The options of `fill_hole` on which its type does not depend."""
+
+    bridge: Sequence[int] | None
+    islands: Islands
+    continuity: Continuity
+    keep_largest: bool
+    max_perimeter: float | None
+    target_edge_length: float | Literal["auto"]
+    model: Model
+    tolerance: float
+    time_limit: float
+    on_loop: Callable[[LoopOutcome, int], None] | None
+    on_stage: Callable[[int, str], None] | None
 
 
 @overload
@@ -35,72 +54,24 @@ def fill_hole(
     mesh: str | os.PathLike[str],
     loop: LoopChoice = "all",
     *,
-    bridge: Sequence[int] | None = None,
-    islands: Islands = "ignore",
-    continuity: Continuity = "C0",
-    keep_largest: bool = False,
-    max_perimeter: float | None = None,
-    target_edge_length: float | Literal["auto"] = "auto",
-    model: Model = "auto",
-    tolerance: float = 1e-3,
-    time_limit: float = 20.0,
     return_report: Literal[False] = False,
-    on_loop: Callable[[LoopOutcome, int], None] | None = None,
-    on_stage: Callable[[int, str], None] | None = None,
+    **options: Unpack[_Rest],
 ) -> MeshFile: ...
 @overload
 def fill_hole(
     mesh: str | os.PathLike[str],
     loop: LoopChoice = "all",
     *,
-    bridge: Sequence[int] | None = None,
-    islands: Islands = "ignore",
-    continuity: Continuity = "C0",
-    keep_largest: bool = False,
-    max_perimeter: float | None = None,
-    target_edge_length: float | Literal["auto"] = "auto",
-    model: Model = "auto",
-    tolerance: float = 1e-3,
-    time_limit: float = 20.0,
     return_report: Literal[True],
-    on_loop: Callable[[LoopOutcome, int], None] | None = None,
-    on_stage: Callable[[int, str], None] | None = None,
+    **options: Unpack[_Rest],
 ) -> tuple[MeshFile, FillResult]: ...
 @overload
 def fill_hole(
-    mesh: MeshT,
-    loop: LoopChoice = "all",
-    *,
-    bridge: Sequence[int] | None = None,
-    islands: Islands = "ignore",
-    continuity: Continuity = "C0",
-    keep_largest: bool = False,
-    max_perimeter: float | None = None,
-    target_edge_length: float | Literal["auto"] = "auto",
-    model: Model = "auto",
-    tolerance: float = 1e-3,
-    time_limit: float = 20.0,
-    return_report: Literal[False] = False,
-    on_loop: Callable[[LoopOutcome, int], None] | None = None,
-    on_stage: Callable[[int, str], None] | None = None,
+    mesh: MeshT, loop: LoopChoice = "all", *, return_report: Literal[False] = False, **options: Unpack[_Rest]
 ) -> MeshT: ...
 @overload
 def fill_hole(
-    mesh: MeshT,
-    loop: LoopChoice = "all",
-    *,
-    bridge: Sequence[int] | None = None,
-    islands: Islands = "ignore",
-    continuity: Continuity = "C0",
-    keep_largest: bool = False,
-    max_perimeter: float | None = None,
-    target_edge_length: float | Literal["auto"] = "auto",
-    model: Model = "auto",
-    tolerance: float = 1e-3,
-    time_limit: float = 20.0,
-    return_report: Literal[True],
-    on_loop: Callable[[LoopOutcome, int], None] | None = None,
-    on_stage: Callable[[int, str], None] | None = None,
+    mesh: MeshT, loop: LoopChoice = "all", *, return_report: Literal[True], **options: Unpack[_Rest]
 ) -> tuple[MeshT, FillResult]: ...
 def fill_hole(
     mesh: Any,

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import csc_array, csgraph
+from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from spinor_geom.errors import SingularMatrixError
@@ -77,7 +77,8 @@ def graph_laplacian(faces: Int[np.ndarray, "f 3"]) -> csc_array:
     """The Laplacian of a mesh's edges, all of weight 1: factorable whatever shape the faces have."""
     import igl
 
-    return csc_array(csgraph.laplacian(igl.adjacency_matrix(np.ascontiguousarray(faces, dtype=np.int64)).astype(float)))
+    adjacent = csc_array(igl.adjacency_matrix(np.ascontiguousarray(faces, dtype=np.int64)), dtype=np.float64)
+    return csc_array(diags_array(adjacent.sum(axis=0)) - adjacent)
 
 
 def factor_symmetric(matrix: csc_array) -> SuperLU:
