@@ -17,16 +17,8 @@ from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Points on ∂Ω for the total curvature, at least, and how often they are doubled while 2π lies within the error.
-_FEWEST_SAMPLES, _DOUBLINGS = 400, 3
 # Total curvature, as a share of 2π, from which on the eigenvalues decide: meshes tell it to about a percent.
 _SURE = 0.98
-# Where refinement changes the total curvature by a larger share, the eigenvalues do not yet converge at their order.
-_RESOLVED = 0.05
-# Inner vertices of the coarsest mesh, and vertices after which no finer one is tried.
-_FEWEST_INNER_VERTICES, _MANY_VERTICES = 6, 5000
-# A triangle that following ∂Ω would shrink below this share of its area keeps its straight side.
-_THIN = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,17 +58,19 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     mesh = _Mesh.of(surface.domain)
     while True:
         mesh, coarse = mesh.refined(surface.domain), mesh
-        if len(coarse.inner) < _FEWEST_INNER_VERTICES:
+        if len(coarse.inner) < 6:  # too few to extrapolate from
             continue
         stability = _on_meshes(coarse, mesh, surface.spinors(mesh.points))
-        if stability.index is not None or len(mesh.points) > _MANY_VERTICES:
+        # finer meshes than of some thousand vertices take seconds
+        if stability.index is not None or len(mesh.points) > 5000:
             return stability
 
 
 def _on_meshes(coarse: _Mesh, fine: _Mesh, spinors: Complex[np.ndarray, "n 2"]) -> Stability:
     """The verdict of two meshes for given (p, q) at the vertices of the finer one."""
     curvatures = [float(gauss_image_areas(spinors, mesh.faces).sum()) for mesh in (coarse, fine)]
-    resolved = abs(curvatures[1] - curvatures[0]) <= _RESOLVED * curvatures[1]
+    # where refinement changes it by more than a twentieth, the eigenvalues do not yet converge at their order
+    resolved = abs(curvatures[1] - curvatures[0]) <= curvatures[1] / 20
     if resolved and max(curvatures) < _SURE * 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvatures[1])
     count = 2
@@ -158,9 +152,10 @@ def _boundary_curvature(surface: SpinorSurface) -> tuple[float, float]:
     """
     rims = [(boundary, panel_breaks(boundary)) for boundary in surface.domain.boundaries]
     fewest = min(len(breaks) for _, breaks in rims) - 1
-    first = max(0, int(np.ceil(np.log2(_FEWEST_SAMPLES / fewest))))
+    # 400 points at least, which are doubled up to three times while 2π lies within the error
+    first = max(0, int(np.ceil(np.log2(400 / fewest))))
     coarse = None
-    for level in range(first, first + 1 + _DOUBLINGS):
+    for level in range(first, first + 4):
         share = np.arange(2**level) / 2**level
         spinors = [
             surface.spinors(boundary.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()))
@@ -215,7 +210,8 @@ class _Mesh:
         straight = np.concatenate([self.points, middle])
         curved = straight.copy()
         curved[n + rim] = domain.point(parameter[rim])
-        thin = _areas(curved, faces) <= _THIN * _areas(straight, faces)
+        # a triangle that following ∂Ω would shrink to a tenth keeps its straight side
+        thin = _areas(curved, faces) <= _areas(straight, faces) / 10
         kept = np.unique(faces[thin])
         curved[kept] = straight[kept]
         return _Mesh(curved, faces, np.concatenate([self.parameter, parameter]))
