@@ -92,12 +92,12 @@ class Collar:
 
 
 def collar_of(around: FacesAround, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
-    """The collar of a patch.
+    """The collar of a patch that has no edge which the mesh has too, other than the rim's.
 
     Args:
         around: the mesh's faces at its vertices.
         rim: mesh vertices of the patch's boundary vertices.
-        patch: the patch; it has no edge that the mesh has too, other than the rim's.
+        patch: the patch.
     """
     mesh, m = around.mesh, len(rim)
     rings = [around.at(rim)]

@@ -46,12 +46,7 @@ def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tupl
 
 
 def strip_patch(first: BoundaryLoop, second: BoundaryLoop, target: float) -> Patch:
-    """Straight lines between two loops: a start for a surface that is not minimal.
-
-    Args:
-        first: a loop.
-        second: the other.
-        target: edge length, in mesh units.
+    """Straight lines between two loops, with edges of a target length: a start for a surface that is not minimal.
 
     Raises:
         DomainError: the loops lie so that no annulus can be meshed with their points.

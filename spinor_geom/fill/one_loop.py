@@ -86,13 +86,7 @@ class FillOptions:
 
 
 def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
-    """Checks an option.
-
-    Args:
-        name: of the option.
-        value: what was given.
-        finite: whether infinity is refused.
-        instead: what else it may be, for the message.
+    """Checks an option; `instead` says what else it may be.
 
     Raises:
         OptionError: the value is not a positive number.
@@ -117,8 +111,8 @@ def fill_loop(
 
     Args:
         surroundings: the mesh.
-        place: the loop's.
-        loop: the loop.
+        place: of the loop.
+        loop: at that place.
         answer: gives the loop's minimal surface, or the reason why it has none.
         options: of the call.
         others: the other loops of a bridge, by their places.
@@ -287,11 +281,7 @@ def first_slit_edge(loop: BoundaryLoop) -> list[int]:
 
 
 def refuse_empty(loop: BoundaryLoop, width: float) -> None:
-    """Checks that a loop is wider than nothing.
-
-    Args:
-        loop: the loop.
-        width: of its hole, in mesh units.
+    """Checks that a loop's hole is wider than nothing, its width being in mesh units.
 
     Raises:
         NoAreaError: the width is below 1e-6 of the loop's mean edge.
