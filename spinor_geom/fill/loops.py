@@ -14,7 +14,7 @@ from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
-from spinor_geom.plateau.plane_route import is_plane
+from spinor_geom.plateau.plane_route import lie_in_plane
 
 LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 
@@ -78,7 +78,11 @@ def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
         tolerance: RMS distance from Γ, in mean edges.
     """
     seen = np.array_equal(loop.corners, detect_corners(loop.points))
-    if not loop.corners.any() or not seen or is_plane(loop, allowed=tolerance * loop.mean_edge_length / loop.diagonal):
+    if (
+        not loop.corners.any()
+        or not seen
+        or lie_in_plane([loop], allowed=tolerance * loop.mean_edge_length / loop.diagonal)
+    ):
         return loop
     return replace(loop, corners=np.zeros(len(loop), dtype=bool))
 

@@ -118,13 +118,12 @@ class NetworkSolver:
             surface, astray = fitted_surface(fitted)
             area = surface.area()
         return Found(
-            curve=self.curve,
+            curves=(self.curve,),
             surface=surface,
-            matching=fitted.stage.matchings(fitted.fit)[0],
+            matchings=(fitted.stage.matchings(fitted.fit)[0],),
             misfit=fitted.residual.misfit.and_astray(astray),
             area=area,
             route="network",
-            history=fitted.history,
             limit=limit_of(fitted, self.budget, self._turning),
         )
 
