@@ -65,15 +65,7 @@ def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:
 
 def with_corners_of(given: BoundaryLoop, own: BoundaryLoop) -> BoundaryLoop:
     """A mesh's own loop from the start and with the corners that a caller gave it."""
-    return BoundaryLoop(
-        points=given.points,
-        vertex_ids=given.vertex_ids,
-        corners=given.corners,
-        slit_fraction=own.slit_fraction,
-        seam_edges=own.seam_edges,
-        obstacle=own.obstacle,
-        remarks=own.remarks,
-    )
+    return replace(own, points=given.points, vertex_ids=given.vertex_ids, corners=given.corners)
 
 
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
@@ -96,11 +88,7 @@ def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
 
 
 def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int]:
-    """The places of the loops that a choice names, ascending.
-
-    Args:
-        choice: "all", a place, several places, or one of the mesh's loops.
-        loops: all loops of the mesh.
+    """The places of the loops of a mesh that a choice names, ascending.
 
     Raises:
         LoopIndexError: a place does not exist.
@@ -127,14 +115,7 @@ def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int
 def reasons_to_leave_open(
     loops: Sequence[BoundaryLoop], places: Sequence[int], *, keep_largest: bool, max_perimeter: float | None
 ) -> dict[int, str]:
-    """For the place of every loop that the caller wants left open why.
-
-    Args:
-        loops: all loops of the mesh, longest perimeter first.
-        places: those that were chosen.
-        keep_largest: leaves the longest loop open.
-        max_perimeter: leaves longer loops open, in mesh units.
-    """
+    """For the place of every loop that the caller wants left open why; of all loops some places were chosen."""
     reasons: dict[int, str] = {}
     chosen = set(places)
     for place, loop in enumerate(loops):

@@ -14,8 +14,8 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
+from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.first_fill import unfolded_loop
-from spinor_geom.discrete.minimal_surface import Disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError

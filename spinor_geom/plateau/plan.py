@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from spinor_geom.deadline import is_out_of_time, require_time
-from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.discrete.area_descent import Disk
+from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
