@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.circles import ROUND_OFF
-from spinor_geom.plateau.douglas import resampled
+from spinor_geom.plateau.douglas import resampled, smoothed
+from spinor_geom.plateau.newton import minimised
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface
 
@@ -30,10 +32,8 @@ _ROUNDING, _SAME_ENERGY = 1e-13, 1e-14
 _GAIN = 0.5
 # Curvatures of the energy below this share of the largest count as none.
 _FLAT = 1e-12
-# Conjugate gradients: steps, and curvatures that count as none, of the metric and of the energy by the moduli.
-_MOST_CG_STEPS, _FLAT_STEP, _FLAT_MODULUS = 60, 1e-6, 1e-3
-# Energies among whose highest a step may end, halvings of a step, and reflections that are left away.
-_REMEMBERED, _MOST_HALVINGS, _LEAST_REFLECTION = 6, 12, 1e-3
+# Curvatures of the energy by the moduli below this share of it are raised to that.
+_FLAT_MODULUS = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,11 +131,7 @@ class RimsProblem:
     def settled(
         self, surface: HarmonicSurface, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0
     ) -> HarmonicSurface:
-        """The surface of less energy with n nodes on each rim, by conjugate gradients: for rims that take many nodes.
-
-        Newton's directions are found to a share of the gradient, by fast Fourier transforms alone. Where a rim bends
-        towards the inside the energy's second derivative is negative there; far from a solution it is taken with the
-        opposite sign, as in `minimise_dirichlet_energies`, so that many rough places do not hold each other up.
+        """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many nodes.
 
         Args:
             surface: start.
@@ -145,38 +141,16 @@ class RimsProblem:
             near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
             negligible: fall of the energy over several steps at which to stop.
         """
-        here = self.point(self.resampled(surface, n))
-        reflection = 0.0 if near else 1.0
-        energies = [here.energy]
-        for _ in range(max_steps):
-            require_time()
-            if self.on_step is not None:
-                self.on_step(here.surface.size)
-            fall = energies[max(0, len(energies) - _REMEMBERED)] - energies[-1]
-            stays = len(energies) > _REMEMBERED and fall * 2 * math.pi / n < negligible
-            if here.surface.size <= tolerance or stays:
-                break
-            direction, downwards = _inexact_direction(here, reflection)
-            there, halvings = here, 0
-            while halvings < _MOST_HALVINGS:
-                there = here.stepped(direction * 0.5**halvings)
-                if there is here:
-                    return here.surface
-                if there.energy <= max(energies[-_REMEMBERED:]) * (1 + _SAME_ENERGY):
-                    break
-                halvings += 1
-            else:
-                if reflection >= 1:
-                    break
-                reflection = 1.0
-                continue
-            here = there
-            energies.append(here.energy)
-            if halvings or downwards:
-                reflection = min(1.0, max(4 * reflection, 0.01))
-            else:
-                reflection = reflection / 4 if reflection > _LEAST_REFLECTION else 0.0
-        return here.surface
+        start = _AsBatch(here=self.point(self.resampled(surface, n)))
+        ((found, _),) = minimised(
+            start,
+            tolerances=[tolerance],
+            max_steps=[max_steps],
+            negligible=[negligible * n / (2 * math.pi)],
+            near=near,
+            on_step=[] if self.on_step is None else [self.on_step],
+        )
+        return found.here.surface
 
     def index(self, surface: HarmonicSurface) -> int:
         """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
@@ -195,42 +169,65 @@ def _is_apart(domain: CircularDomain) -> bool:
     return several or float(modulus.max()) > MOST_MODULUS
 
 
-def _inexact_direction(here: EnergyPoint, reflection: float) -> tuple[Float[Tensor, " k"], bool]:
-    """A direction by conjugate gradients on the Hessian, and whether they met one in which it falls."""
-    shape, n = here.slides.shape, here.slides.shape[1]
-    bends = here.bends + 2 * reflection * (-here.bends).clamp(min=0)
-    values, vectors = torch.linalg.eigh(here.moduli.hessian)
-    corner = (vectors * values.clamp(min=_FLAT_MODULUS * here.energy)) @ vectors.T
-    inverse = torch.linalg.inv(corner)
-    count = here.slides.numel()
-    symbol = 1 / (torch.arange(n // 2 + 1, dtype=bends.dtype, device=bends.device) + 0.5)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _AsBatch:
+    """One surface's energy as a batch of one, as `newton.Energies`; it is over where n nodes do not resolve a step."""
 
-    def hessian(x: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
-        u = x[:count].reshape(shape)
-        image = (here.unit * here.form(here.unit * u[..., None])).sum(-1) + bends * u
-        slides = image.flatten() + here.mixed.T @ x[count:]
-        whole = torch.cat([slides, here.mixed @ x[:count] + corner @ x[count:]])
-        return whole + here.stiffness * (here.rotation @ x) * here.rotation
+    here: EnergyPoint
+    is_unresolved: bool = False
 
-    def precondition(x: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
-        smooth = torch.fft.irfft(torch.fft.rfft(x[:count].reshape(shape)) * symbol, n=n)
-        scaled: Tensor = torch.cat([smooth.flatten(), inverse @ x[count:]])
-        return scaled
+    @property
+    def energy(self) -> Float[Tensor, "1"]:
+        return self.here.slides.new_tensor([self.here.energy])
 
-    rest = -here.gradient()
-    x, z = torch.zeros_like(rest), precondition(rest)
-    along, metric, size = z, rest, rest @ z
-    enough = min(0.1, math.sqrt(here.surface.size)) ** 2 * size
-    for step in range(_MOST_CG_STEPS):
-        image = hessian(along)
-        curvature = along @ image
-        if curvature <= _FLAT_STEP * (along @ metric):
-            return (z if step == 0 else x), True
-        length = size / curvature
-        x, rest = x + length * along, rest - length * image
-        z = precondition(rest)
-        before, size = size, rest @ z
-        if size < enough:
-            break
-        along, metric = z + size / before * along, rest + size / before * metric
-    return x, False
+    @property
+    def gradient(self) -> Float[Tensor, "1 k"]:
+        return self.here.gradient()[None]
+
+    @property
+    def size(self) -> Float[Tensor, "1"]:
+        return self.here.slides.new_tensor([self.here.surface.size])
+
+    @property
+    def is_over(self) -> Bool[Tensor, "1"]:
+        return torch.tensor([self.is_unresolved], device=self.here.slides.device)
+
+    def at(self, which: Int[Tensor, " _"]) -> _AsBatch:
+        return self
+
+    def replaced(self, which: Int[Tensor, " _"], other: _AsBatch) -> _AsBatch:
+        return other if len(which) else self
+
+    @cached_property
+    def _by_moduli(self) -> Float[Tensor, "p p"]:
+        """The second derivative by the moduli, without what bends downwards."""
+        values, vectors = torch.linalg.eigh(self.here.moduli.hessian)
+        return (vectors * values.clamp(min=_FLAT_MODULUS * self.here.energy)) @ vectors.T
+
+    @cached_property
+    def _inverse(self) -> Float[Tensor, "p p"]:
+        inverse: Tensor = torch.linalg.inv(self._by_moduli)
+        return inverse
+
+    def hessian(self, reflection: Float[Tensor, "1"]) -> Callable[[Float[Tensor, "1 k"]], Float[Tensor, "1 k"]]:
+        here, count = self.here, self.here.slides.numel()
+        bends = here.bends + 2 * reflection * (-here.bends).clamp(min=0)
+
+        def applied(rows: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
+            (x,) = rows
+            u = x[:count].reshape(here.slides.shape)
+            image = (here.unit * here.form(here.unit * u[..., None])).sum(-1) + bends * u
+            slides = image.flatten() + here.mixed.T @ x[count:]
+            whole = torch.cat([slides, here.mixed @ x[:count] + self._by_moduli @ x[count:]])
+            return (whole + here.stiffness * (here.rotation @ x) * here.rotation)[None]
+
+        return applied
+
+    def precondition(self, u: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
+        count = self.here.slides.numel()
+        smooth = smoothed(u[0, :count].reshape(self.here.slides.shape))
+        return torch.cat([smooth.flatten(), self._inverse @ u[0, count:]])[None]
+
+    def stepped(self, direction: Float[Tensor, "1 k"], length: float) -> _AsBatch:
+        there = self.here.stepped(direction[0] * length)
+        return _AsBatch(here=there, is_unresolved=there is self.here)

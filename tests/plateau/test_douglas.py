@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from spinor_geom import gallery
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.douglas import (
-    _Problem,
+    Slides,
     band_limited,
     minimise_dirichlet_energies,
     minimise_dirichlet_energy,
     resampled,
     slide_downhill,
 )
+from spinor_geom.plateau.newton import _line_search
 from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse
 from tests.plateau.slides import DISK, PEANUT, ellipse, even, form_of, increments, tensors
@@ -105,14 +106,15 @@ def test_plane_ellipses_have_their_area(ratio):
 @every_form
 def test_gradient_is_the_difference_quotient_of_the_energy(form):
     t = even(512)
-    slide, problem = t + 0.02 * torch.sin(2 * np.pi * t + 1), _Problem(curves=CurveTensors.batch([SEAM]), form=form)
-    (gradient,) = problem.gradient(problem.state(slide[None]))
+    slide, curves = t + 0.02 * torch.sin(2 * np.pi * t + 1), CurveTensors.batch([SEAM])
+    here = Slides.of(curves, form, slide[None])
+    gradient = (here.normal * here.tangent)[0].sum(-1)
     random = np.random.default_rng(0)
     for _ in range(4):
         # smooth directions: the third derivative of the energy along them is no larger than the first
         v = torch.tensor(np.fft.irfft(random.normal(size=20) + 1j * random.normal(size=20), n=512) * 512)
         h = 1e-6
-        energies = [problem.state((slide + sign * h * v)[None]).energy for sign in (1, -1)]
+        energies = [Slides.of(curves, form, (slide + sign * h * v)[None]).energy for sign in (1, -1)]
         quotient = float(energies[0] - energies[1]) / (2 * h)
         assert abs(quotient - float(gradient @ v)) < 1e-6 * float(gradient.norm() * v.norm())
 
@@ -155,10 +157,9 @@ def test_negligible_falls_of_the_energy_end_it():
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_no_step_is_too_long_for_the_slide_to_increase(size):
     t = even(256)
-    problem = _Problem(curves=CurveTensors.batch([SEAM]), form=DISK)
-    state = problem.state((t + 0.05 * torch.sin(2 * np.pi * t))[None])
-    direction = torch.tensor(np.random.default_rng(0).normal(size=256)) - 0.5 * problem.gradient(state)
-    moved, _, _ = problem.line_search(state, size * direction, highest=state.energy)
+    state = Slides.of(CurveTensors.batch([SEAM]), DISK, (t + 0.05 * torch.sin(2 * np.pi * t))[None])
+    direction = torch.tensor(np.random.default_rng(0).normal(size=256)) - 0.5 * state.gradient
+    moved, _, _ = _line_search(state, size * direction, state.energy)
     assert (increments(moved.slide[0]) > 0).all()
     assert float(moved.energy) <= float(state.energy) * (1 + 1e-12)
 

@@ -1,0 +1,214 @@
+"""Newton's method with conjugate gradients for Douglas's energy: slides, and the moduli of Ω where it has holes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeVar
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from spinor_geom.deadline import is_out_of_time
+
+_MAX_CG_STEPS = 60
+_MAX_HALVINGS = 12
+# A step may raise the energy up to the highest of so many last ones: valleys of the energy are bent, and Newton's
+# method follows them far faster if it may climb their sides a little.
+_REMEMBERED = 6
+# A gradient below this that does not halve in so many steps is the discretisation's.
+_SMALL_GRADIENT, _PATIENCE = 1e-6, 4
+# The Newton systems of rough loops are solved less exactly above this gradient: many steps are to come.
+_LARGE_GRADIENT = 1e-4
+# Curvatures of the energy below this share of the metric's count as none.
+FLAT = 1e-6
+# Where Γ curves against the step, the second derivative of the energy is reflected by this share at first, then less.
+_REFLECT_MORE, _LEAST_REFLECTION = 4.0, 1e-3
+
+E = TypeVar("E", bound="Energies")
+
+
+class Energies(Protocol):
+    """Energies of b surfaces that do not know of each other, with their derivatives by k displacements each."""
+
+    @property
+    def energy(self) -> Float[Tensor, " b"]:
+        """Up to a factor."""
+        ...
+
+    @property
+    def gradient(self) -> Float[Tensor, "b k"]:
+        """By arc length of the slides, and by the moduli."""
+        ...
+
+    @property
+    def size(self) -> Float[Tensor, " b"]:
+        """Of the gradient, relative to the energy's factors."""
+        ...
+
+    @property
+    def is_over(self) -> Bool[Tensor, " b"]:
+        """Whether more steps lead nowhere."""
+        ...
+
+    def at(self: E, which: Int[Tensor, " j"]) -> E:
+        """Some of them."""
+        ...
+
+    def replaced(self: E, which: Int[Tensor, " j"], other: E) -> E:
+        """With some of them from another."""
+        ...
+
+    def hessian(self, reflection: Float[Tensor, " b"]) -> Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]:
+        """The second derivative; what bends downwards along Γ taken so many times with the opposite sign."""
+        ...
+
+    def precondition(self, u: Float[Tensor, "b k"]) -> Float[Tensor, "b k"]:
+        """An inverse of the second derivative's smooth part."""
+        ...
+
+    def stepped(self: E, direction: Float[Tensor, "b k"], length: float) -> E:
+        """After a step."""
+        ...
+
+
+def minimised(
+    here: E,
+    *,
+    tolerances: Sequence[float],
+    max_steps: Sequence[int],
+    negligible: Sequence[float],
+    near: bool,
+    on_step: Sequence[Callable[[float], None]] = (),
+) -> list[tuple[E, int]]:
+    """The surfaces to which the energies fall, each as one alone, and the Newton steps that each took.
+
+    They do not know of each other; together they take little longer than the slowest of them where they are small.
+    Where Γ bends towards the inside the Hessian's diagonal part is negative. Far from a solution that is taken with the
+    opposite sign, times a share that falls: many rough places that each want another step do not hold each other up.
+
+    Args:
+        here: to start from.
+        tolerances: (b,), gradient at which each is to stop.
+        max_steps: (b,), limit on each one's steps.
+        negligible: (b,), fall of the least energy over several steps at which to stop.
+        near: whether the starts are near to solutions, so that plain Newton steps may be taken at once.
+        on_step: one for each, is called with the size of its gradient at the start of its steps; none for silence.
+
+    Source: Grippo, Lampariello & Lucidi, "A nonmonotone line search technique for Newton's method", SIAM J. Numer.
+    Anal. 23 (1986).
+    """
+    energy = here.energy
+    count = len(energy)
+    found: dict[int, tuple[E, int]] = {}
+    limits, falls = energy.new_tensor(tolerances), energy.new_tensor(negligible)
+    number = torch.arange(count, device=energy.device)
+    most = torch.tensor(max_steps, device=energy.device)
+    reflection = torch.full_like(limits, 0.0 if near else 1.0)
+    stuck = torch.zeros_like(number, dtype=torch.bool)
+    recent = torch.full((count, _PATIENCE), torch.inf, dtype=energy.dtype, device=energy.device)
+    # the last energies, and the least that had been reached before each of the last steps
+    energies = energy[:, None].expand(-1, _REMEMBERED)
+    lowest = torch.full((count, _REMEMBERED + 1), torch.inf, dtype=energy.dtype, device=energy.device)
+    lowest[:, -1] = energy
+    for steps in itertools.count():
+        size = here.size
+        # what is left once it stays as it is is rounding error
+        stays = (size < _SMALL_GRADIENT) & (size > recent.amin(-1) / 2)
+        # near a solution the energy has no more digits to tell
+        still = (size > _SMALL_GRADIENT) & (lowest[:, 0] - lowest[:, -1] < falls)
+        finished = (size <= limits) | stays | still | stuck | here.is_over | (steps >= most)
+        if is_out_of_time():
+            finished[:] = True
+        for i in finished.nonzero()[:, 0]:
+            found[int(number[i])] = here.at(i[None]), steps
+        if finished.all():
+            break
+        if finished.any():
+            rest = (~finished).nonzero()[:, 0]
+            here, number, limits, most, falls = here.at(rest), number[rest], limits[rest], most[rest], falls[rest]
+            size, reflection, recent = size[rest], reflection[rest], recent[rest]
+            energies, lowest = energies[rest], lowest[rest]
+        if on_step:
+            for i, value in zip(number.tolist(), size.tolist(), strict=True):
+                on_step[i](value)
+        recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
+        recent[reflection != 0] = torch.inf
+        inexact = (size > _LARGE_GRADIENT) & (falls > 0)
+        forcing = torch.where(inexact, size.sqrt(), size).clamp(max=0.1)
+        direction, downwards = _direction(here, reflection, forcing)
+        here, moved, full = _line_search(here, direction, energies.amax(-1))
+        energies = torch.cat([energies[:, 1:], here.energy[:, None]], dim=1)
+        lowest = torch.cat([lowest[:, 1:], torch.minimum(lowest[:, -1], here.energy)[:, None]], dim=1)
+        stuck = ~moved & (reflection >= 1)
+        more = torch.where(moved, 10 * _LEAST_REFLECTION, 0.1)
+        less = torch.where(reflection > _LEAST_REFLECTION, reflection / _REFLECT_MORE, 0.0)
+        reflection = torch.where(
+            ~moved | downwards,
+            torch.maximum(_REFLECT_MORE * reflection, more).clamp(max=1.0),
+            torch.where(full, less, reflection),
+        )
+    return [found[i] for i in range(count)]
+
+
+def _direction(
+    here: E, reflection: Float[Tensor, " b"], forcing: Float[Tensor, " b"]
+) -> tuple[Float[Tensor, "b k"], Bool[Tensor, " b"]]:
+    """Conjugate gradients on the Hessian; each stops where it curves downwards and says so."""
+    hessian, rest = here.hessian(reflection), -here.gradient
+    x, z = torch.zeros_like(rest), here.precondition(rest)
+    along, metric, size = z, rest, _dot(rest, z)
+    enough = forcing[:, None] ** 2 * size
+    unfinished = torch.ones_like(size, dtype=torch.bool)
+    downwards = torch.zeros_like(unfinished)
+    for step in range(_MAX_CG_STEPS):
+        image = hessian(along)
+        curvature, scale = _dot(along, image), _dot(along, metric)
+        flat = unfinished & (curvature <= FLAT * scale)
+        downwards |= flat & (curvature < -FLAT * scale)
+        unfinished &= ~flat
+        if step == 0:
+            x = torch.where(flat, z, x)
+        length = torch.where(unfinished, size / curvature, 0.0)
+        x = x + length * along
+        rest = rest - length * image
+        z = here.precondition(rest)
+        before, size = size, _dot(rest, z)
+        unfinished &= ~(size < enough)
+        if not unfinished.any():
+            break
+        ratio = torch.where(unfinished, size / before, 0.0)
+        along, metric = z + ratio * along, rest + ratio * metric
+    return x, downwards[:, 0]
+
+
+def _line_search(
+    here: E, direction: Float[Tensor, "b k"], highest: Float[Tensor, " b"]
+) -> tuple[E, Bool[Tensor, " b"], Bool[Tensor, " b"]]:
+    """The longest of the steps 1, ½, ¼, … after which the energy is not above the highest.
+
+    Returns:
+        The states after it, which of them moved, and which by the first of those steps.
+    """
+    start, trial = here, here.stepped(direction, 1.0)
+    moved = full = trial.energy <= highest + 1e-13 * highest.abs()
+    if moved.all():
+        return trial, moved, full
+    which = torch.arange(len(moved), device=moved.device)
+    lower = moved
+    for halving in range(1, _MAX_HALVINGS + 1):
+        taken = which[lower]
+        here = here.replaced(taken, trial.at(lower.nonzero()[:, 0]))
+        moved = moved.index_fill(0, taken, value=True)
+        which = which[~lower]
+        if not len(which) or halving == _MAX_HALVINGS:
+            break
+        trial = start.at(which).stepped(direction[which], 0.5**halving)
+        lower = trial.energy <= highest[which] + 1e-13 * highest[which].abs()
+    return here, moved, full
+
+
+def _dot(a: Float[Tensor, "b k"], b: Float[Tensor, "b k"]) -> Float[Tensor, "b 1"]:
+    product: Tensor = torch.linalg.vecdot(a, b)
+    return product[:, None]
