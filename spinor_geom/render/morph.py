@@ -24,7 +24,7 @@ FRAMES = 72
 _PER_SECOND = 25
 # MPEG-4 wants multiples of 16
 _SIZE = (640, 640)
-_COLOURS = 255
+_COLOURS, _PAPER = 256, 240
 
 
 def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int = FRAMES) -> None:
@@ -102,8 +102,9 @@ def _write_gif(pictures: Sequence[Path], path: Path) -> None:
     for place, frame in enumerate(some):
         beside.paste(frame, (place * _SIZE[0], 0))
     table = beside.quantize(_COLOURS)
-    # each colour is the middle of several: the paper has one of its own
-    table.putpalette([*(table.getpalette() or []), 255, 255, 255])
+    # each is the middle of several, and those almost white would be taken for the white paper
+    rows: list[list[int]] = np.reshape(table.getpalette() or [], (-1, 3)).tolist()
+    table.putpalette([x for row in rows for x in (row if min(row) < _PAPER else [255, 255, 255])])
     few = [frame.quantize(palette=table, dither=Image.Dither.NONE) for frame in frames]
     few[0].save(path, save_all=True, append_images=few[1:], duration=1000 // _PER_SECOND, loop=0, optimize=True)
 
