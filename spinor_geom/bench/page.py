@@ -64,7 +64,8 @@ def plots(records: Sequence[Record]) -> dict[str, Figure]:
             here.append((r["seconds"], max(r["area_error"], _ROUNDING)))
     made = {}
     for case, by_method in points.items():
-        lines = {method: tuple(zip(*sorted(here), strict=True)) for method, here in by_method.items()}
+        ordered = {method: sorted(here) for method, here in by_method.items()}
+        lines = {method: ([s for s, _ in here], [e for _, e in here]) for method, here in ordered.items()}
         made[case] = log_log(lines, x="seconds", y="relative error of the area")
         made[case].suptitle(case, fontsize="medium")
     return made
