@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import torch
 from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 
@@ -18,7 +19,7 @@ from spinor_geom.experiments.paper_surfaces import reconstructed
 from spinor_geom.gallery import catenoid
 from spinor_geom.render.plots import log_log
 from spinor_geom.surface import SpinorSurface
-from spinor_geom.surface.radial import radial_mean_curvature
+from spinor_geom.surface.curvature import mean_curvature_of_integrals
 from spinor_geom.training import LevenbergMarquardt
 
 # slopes of log(error) by log(steps), and how far a fitted one may be off
@@ -196,3 +197,14 @@ EXPERIMENTS = {
         quick={"grid": (12, 60), "network.depth": 3},
     ),
 }
+
+
+def radial_mean_curvature(surface: SpinorSurface, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+    """H of the surface that its own rule draws along the whole ray from 0 to each point; NaN at branch points.
+
+    p and q are exactly holomorphic, so the rule is all that keeps it from 0.
+    """
+    end = torch.tensor(z, device=surface.spinor_map.device).reshape(-1)
+    with torch.no_grad():
+        mean = mean_curvature_of_integrals(surface.integrate, torch.zeros_like(end), end, order=surface.order)
+    return np.asarray(mean.cpu().numpy()).reshape(np.shape(z))
