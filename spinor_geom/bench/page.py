@@ -74,6 +74,7 @@ def plots(records: Sequence[Record]) -> dict[str, Figure]:
 def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
     """The page."""
     views = Views()
+    cut_outs = _cut_outs(run.folder / VIEWS, views)
     pictures = (f"{page.picture(data, name)}<figcaption>{name}</figcaption>" for name, data in images.items())
     body = [
         "<h1>Minimal surfaces: exact, discrete, and every hole filler</h1>",
@@ -82,12 +83,12 @@ def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
         "<p>Areas and distances are measured against exact formulas; the definition of every column is in "
         "<code>docs/benchmark.md</code>. A row in red misses a promise, or leaves edges open without saying so.</p>",
         *_rows(made[:1]),
-        *_cut_outs(run.folder / VIEWS, views),
+        *cut_outs,
         "<h2>Error against cost</h2>",
         *(f"<figure>{one}</figure>" for one in pictures),
         "<h2>Figures</h2>",
         *_rows([*made[1:], option_table()]),
-        views.script(),
+        *([views.script()] if cut_outs else []),
     ]
     return page.document("spinor-geom bench", body, style=STYLE)
 
