@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
@@ -16,6 +16,7 @@ from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import winding_numbers
 from spinor_geom.mesh.topology import face_components
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
@@ -178,12 +179,4 @@ def _lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
     if np.abs(inside @ plane.normal).max() > limit:
         return False
     axes = np.linalg.svd(plane.normal[None])[2][1:]
-    return bool((_windings(around @ axes.T @ [1, 1j], inside @ axes.T @ [1, 1j]) != 0).all())
-
-
-def _windings(polygon: np.ndarray, points: np.ndarray) -> Int[np.ndarray, " k"]:
-    """How often a closed plane polygon runs around each point, all of them complex numbers."""
-    away = polygon[None] - points[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turn = np.angle(np.roll(away, -1, axis=1) / away)
-    return np.asarray(np.rint(np.nansum(turn, axis=1) / (2 * np.pi)), dtype=np.int64)
+    return bool((np.rint(winding_numbers(around @ axes.T, inside @ axes.T)) != 0).all())
