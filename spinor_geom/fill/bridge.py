@@ -97,9 +97,17 @@ def fill_between(
         try:
             for place in places:
                 refuse_what_is_no_hole(loops[place], surroundings.taken)
-            return surface_between(places, [loops[place] for place in places], options)
+            rims = [loops[place] for place in places]
+            with time_limit(options.time_limit):
+                found = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
         except SpinorGeomError as error:
             return error
+        if isinstance(found, NoConnectedSurface):
+            one_by_one = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
+            return SurfaceError(f"{found.reason}; {one_by_one}")
+        # the outside of one rim would be joined to the inside of another
+        is_twisted = found.annulus is not None and found.annulus.reversed
+        return TwistedRimsError(loops=places) if is_twisted else found
 
     here, patch = fill_loop(
         surroundings, first, loops[first], answer, options, others={place: loops[place] for place in others}
@@ -120,23 +128,6 @@ def fill_between(
         for place, following in zip(others, [*others[1:], first], strict=True)
     ]
     return (here, *there), patch
-
-
-def surface_between(places: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions) -> PlateauSolution:
-    """The minimal surface between loops of a mesh, on the same side of the mesh at all.
-
-    Raises:
-        SurfaceError: there is none.
-        TwistedRimsError: the surface joins the outside to the inside.
-        SpinorGeomError: as `solve_plateau` raises it.
-    """
-    with time_limit(options.time_limit):
-        answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance, between="free")
-    if isinstance(answer, NoConnectedSurface):
-        raise SurfaceError(f"{answer.reason}; fill the {'two ' if len(loops) == 2 else ''}loops one by one instead")
-    if answer.annulus is not None and answer.annulus.reversed:
-        raise TwistedRimsError(loops=places)
-    return answer
 
 
 def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:
