@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import Addition, FileContents, malformed
+from spinor_geom.adapters.contents import FileContents, malformed
 from spinor_geom.adapters.mesh_files import FORMATS, MeshFile
 from spinor_geom.adapters.obj import added_lines
 from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
@@ -364,16 +364,10 @@ def _filled(opened: OpenedFile, extension: MeshExtension, files: dict[str, Write
 
 
 def _append(opened: OpenedFile, extension: MeshExtension, path: Path) -> None:
-    addition = Addition(
-        first=len(opened.text.contents.vertices),
-        vertices=extension.vertices,
-        faces=extension.faces,
-        attributes=extension.vertex_attributes,
-    )
     opened.stream.seek(0)
     with path.open("wb") as file:
         shutil.copyfileobj(opened.stream, file, COPIED_AT_ONCE)
-        file.write(added_lines(opened.text, addition))
+        file.write(added_lines(opened.text, extension))
 
 
 def _write_loop(loop: BoundaryLoop, path: Path) -> None:
