@@ -48,14 +48,9 @@ _WHOLE_SLIT = 1 - 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FillOptions:
-    """What every loop of one call is filled with.
+    """What every loop of one call is filled with: options of `fill_hole`.
 
     Attributes:
-        target_edge_length: of the patches, in mesh units, or "auto" for each loop's mean edge length.
-        model: the holomorphic model, as `solve_plateau` takes it.
-        tolerance: RMS boundary residual per mean loop edge.
-        time_limit: seconds for the exact surface of a loop, for its discrete one, and for its continuation.
-        continuity: "C0" for minimal surfaces, "C1" for their continuations.
         fills_borders: whether a loop is filled whose patch lies on the mesh.
         on_stage: is called with a loop's place and what comes next for it, as "exact surface".
 

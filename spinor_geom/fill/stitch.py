@@ -72,7 +72,8 @@ class RimEdges:
 
     def _keys(self, edges: Int[np.ndarray, "e 2"]) -> list[int]:
         low, high = np.sort(edges, axis=1).T
-        return (low * self._size + high).tolist()
+        keys: list[int] = (low * self._size + high).tolist()
+        return keys
 
     def are_taken(self, edges: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
         """For each pair of mesh vertices whether an edge joins them already."""
