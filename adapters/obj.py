@@ -7,58 +7,40 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import Addition, FileContents
+from spinor_geom.adapters.contents import FileContents, Source
 from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
+from spinor_geom.mesh.extension import MeshExtension
 
 GROUP = "spinor_geom_fill"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ObjSource:
-    """An OBJ file as it was read.
-
-    Attributes:
-        data: the file's bytes.
-        text: what is in it.
-    """
-
-    data: bytes
-    text: ObjText
-    suffix: str = ".obj"
-
-    def appended(self, addition: Addition) -> bytes:
-        """The file's own bytes, then the lines of the addition."""
-        return self.data + added_lines(self.text, addition)
-
-
-def added_lines(text: ObjText, addition: Addition) -> bytes:
+def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
     """What to write after the last byte of a file: `v` lines (with colours, if the file's have them), a group of faces.
 
     Texture coordinates and normals are added where the file gives each vertex one.
     """
-    if len(addition.vertices) == 0 and len(addition.faces) == 0:
+    if len(extension.vertices) == 0 and len(extension.faces) == 0:
         return b""
-    columns = [addition.vertices]
-    if text.color_width:
-        columns.append(addition.attributes["color"])
+    colors = [extension.vertex_attributes["color"]] if "color" in text.contents.attributes else []
     newline = text.newline.decode("ascii")
-    lines = [_number_lines("v", np.hstack(columns), newline)]
-    corners = [addition.faces.ravel() + 1]
+    lines = [_number_lines("v", np.hstack([extension.vertices, *colors]), newline)]
+    corners = [extension.faces.ravel() + 1]
     for name, keyword in (("uv", "vt"), ("normal", "vn")):
         if name in text.corner_indices:
-            lines.append(_number_lines(keyword, addition.attributes[name], newline))
+            lines.append(_number_lines(keyword, extension.vertex_attributes[name], newline))
             first = text.counts[name]
-            all_indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(addition.vertices))])
+            all_indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(extension.vertices))])
             # a vertex in no face has none: any valid number will do
-            corners.append(np.maximum(all_indices[addition.faces.ravel()], 0) + 1)
+            corners.append(np.maximum(all_indices[extension.faces.ravel()], 0) + 1)
     lines.append(f"g {GROUP}{newline}")
-    sizes = np.full(len(addition.faces), 3)
+    sizes = np.full(len(extension.faces), 3)
     lines.append(_face_lines(corners, sizes, newline, skip_uv="uv" not in text.corner_indices))
     return text.ending + "".join(lines).encode("ascii")
 
@@ -70,15 +52,17 @@ def read_obj(data: bytes, path: Path | None) -> FileContents:
         MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
     """
     text = read_obj_stream(io.BytesIO(data), path)
-    return replace(text.contents, source=ObjSource(data=data, text=text))
+    return replace(text.contents, source=Source(".obj", partial(_appended, data, text)))
+
+
+def _appended(data: bytes, text: ObjText, extension: MeshExtension) -> bytes:
+    return data + added_lines(text, extension)
 
 
 def encode_obj(contents: FileContents) -> bytes:
     """A new OBJ file of vertices (with colours), texture coordinates, normals, faces and curves."""
-    columns = [contents.vertices]
-    if "color" in contents.attributes:
-        columns.append(contents.attributes["color"] / contents.color_scale)
-    lines = [_number_lines("v", np.hstack(columns))]
+    colors = [contents.attributes["color"] / contents.color_scale] if "color" in contents.attributes else []
+    lines = [_number_lines("v", np.hstack([contents.vertices, *colors]))]
     corners = [contents.representatives[contents.polygons.corners] + 1]
     for name, keyword in (("uv", "vt"), ("normal", "vn")):
         if name in contents.attributes:
