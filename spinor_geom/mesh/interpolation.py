@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotri
 
 # Degrees tried on loops without corners; higher ones gain nothing that float64 can hold.
 DEGREES = (3, 5, 7)
@@ -218,8 +219,9 @@ def _poisson(
     m, t = len(points), breaks[:-1]
     matrix = _kernel(t[:, None] - t, m)
     matrix[np.diag_indices(m)] *= 1 + RIDGE
-    inverse = cho_solve(cho_factor(matrix), np.column_stack([points - points.mean(axis=0), np.eye(m)]))
-    weights, inverse = inverse[:, :3], inverse[:, 3:]
+    factor = cho_factor(matrix)
+    weights = cho_solve(factor, points - points.mean(axis=0))
+    inverse, _ = dpotri(*factor)
     return weights, float(np.sqrt(np.mean((weights / np.diag(inverse)[:, None]) ** 2)))
 
 
