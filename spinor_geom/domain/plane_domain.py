@@ -310,16 +310,17 @@ class PlaneDomain:
         return (self.distance_outside(z.ravel()) < 0).reshape(z.shape)
 
     @cached_property
-    def _fine_polygons(self) -> _Polygons:
+    def _fine_polygons(self) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, " n"], cKDTree]:
+        """Points of all boundaries, the next one of each, and their tree."""
         parts = [sampled(boundary, _FINE) for boundary in self.boundaries]
-        points, after = np.concatenate(parts), rim_successors(tuple(map(len, parts)))
-        return _Polygons(points=points, after=after, tree=cKDTree(plane_coordinates(points)))
+        points = np.concatenate(parts)
+        return points, rim_successors(tuple(map(len, parts))), cKDTree(plane_coordinates(points))
 
     def distance_outside(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Distance of points from ∂Ω, negative for points of Ω, with 16 straight edges in place of each piece of ∂Ω."""
-        points, after = self._fine_polygons.points, self._fine_polygons.after
+        points, after, tree = self._fine_polygons
         before = np.argsort(after)
-        vertex = np.asarray(self._fine_polygons.tree.query(plane_coordinates(z))[1])
+        vertex = np.asarray(tree.query(plane_coordinates(z))[1])
         edge = np.stack([before[vertex], vertex])
         start, side = points[edge], points[after[edge]] - points[edge]
         share = np.clip(((z - start) * np.conj(side)).real / np.abs(side) ** 2, 0, 1)
@@ -361,15 +362,6 @@ class PlaneDomain:
         parent = before.ravel().astype(np.int64)
         parent[self.root] = self.root
         return PathTree(root=self.root, parent=parent, levels=_levels(self.root, parent))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Polygons:
-    """Closed polygons, one after the other."""
-
-    points: Complex[np.ndarray, " n"]
-    after: Int[np.ndarray, " n"]  # the next point of each on its polygon
-    tree: cKDTree
 
 
 def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:

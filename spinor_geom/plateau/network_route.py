@@ -30,7 +30,7 @@ from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual
-from spinor_geom.plateau.roughness import roughness
+from spinor_geom.plateau.roughness import ROUGH_TURN, roughness
 from spinor_geom.plateau.solution import Iteration
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.surface.formulas import phi
@@ -44,9 +44,8 @@ _MAX_ROUNDS = 3
 _PATH_ORDER = 16
 # ∂Ω is checked for crossings at so many points of each piece.
 _POINTS_OF_A_PIECE = 4
-# A loop counts as ragged or as rough where one of its points in ten turns by more.
+# Another start does not help where one point of a loop in ten turns by more.
 _RAGGED_TURN = np.radians(60.0)
-_ROUGH_TURN = np.radians(25.0)
 # A round ends when a step gains less than this share of the squared residual.
 _STALL = 0.05
 # A move of Ω shorter than this share of the residual changes nothing: Ω's scale is near to 1.
@@ -110,7 +109,6 @@ class NetworkSolver:
         """
         fitted = self._fitted_from(disk, history)
         missed = fitted.residual.misfit.excess(allowed=self.budget.allowed, tolerance=self.budget.tolerance) > 1
-        # another start does not help where the loop's roughness is too much for the network
         if missed and self._turning <= _RAGGED_TURN and not self.budget.is_spent(fitted.history):
             fitted = self._improved(fitted, disk)
         with self.clock.stage("surface"):
@@ -260,7 +258,7 @@ def limit_of(fitted: Fitted, budget: Budget, turning: float) -> str:
     at_corners = stage.share_at_corners(fitted.residual.energy)
     if at_corners > 0.5:
         where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
-    elif turning > _ROUGH_TURN:
+    elif turning > ROUGH_TURN:
         where = f"the loop is rough: one point in ten turns by more than {np.degrees(turning):.0f}°"
     else:
         where = "more units bring it no nearer"

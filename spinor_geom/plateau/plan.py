@@ -24,7 +24,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solutions import Beside, find_disks, leave_unstable
 from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.trained_route import Trainer
-from spinor_geom.plateau.vertex_route import VertexSolver
+from spinor_geom.plateau.vertex_route import disk_through_points
 
 # Rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³.
 _MOST_POINTS = 1500
@@ -67,15 +67,9 @@ class ThroughPoints:
 
     def disk(self, task: Task) -> Found:
         """The disk next to a discrete one."""
-        solver = VertexSolver(
-            loop=task.unit,
-            allowed=task.allowed,
-            max_steps=task.steps.limit,
-            device=task.options.device,
-            clock=task.clock,
-            on_iteration=task.steps.take,
+        return disk_through_points(
+            task.unit, allowed=task.allowed, steps=task.steps, device=task.options.device, clock=task.clock
         )
-        return solver.found(tuple(task.steps.history))
 
 
 @dataclass(frozen=True)
