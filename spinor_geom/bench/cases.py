@@ -13,8 +13,8 @@ from scipy.spatial.distance import pdist
 
 from spinor_geom import gallery
 from spinor_geom.errors import OptionError
-from spinor_geom.gallery.chart import Chart, null_tangents
-from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface
+from spinor_geom.gallery.chart import Chart
+from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface, surface_chart
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
 Kind = Literal["smooth", "corners", "plane"]
@@ -74,18 +74,8 @@ class Case:
 def _solved(curve: KnownCurve) -> Chart:
     from spinor_geom.plateau.solve import solve_plateau
 
-    solution = solve_plateau(curve, model="series")
-    surface = solution.surface
-
-    def tangents(z: np.ndarray) -> np.ndarray:
-        p, q = np.moveaxis(np.asarray(surface.spinors(z)), -1, 0)
-        return null_tangents(np.stack([p**2 - q**2, -1j * (p**2 + q**2), 2 * p * q], axis=-1))
-
-    return Chart(
-        position=lambda z: np.asarray(surface.position(z)),
-        tangents=tangents,
-        outline=solution.domain.boundary.point(np.arange(512) / 512),
-    )
+    surface = solve_plateau(curve, model="series").surface
+    return surface_chart(surface, lambda z: np.asarray(surface.position(z)))
 
 
 _STAR = np.exp(2j * np.pi * np.arange(10) / 10) * np.where(np.arange(10) % 2, 0.45, 1.0)

@@ -122,6 +122,11 @@ def plane_coordinates(z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
     return np.ascontiguousarray(z).view(np.float64).reshape(-1, 2)
 
 
+def flat_coordinates(z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    """Complex numbers as points (x, y, 0) of space."""
+    return np.column_stack([plane_coordinates(z), np.zeros(len(z))])
+
+
 def cross(a: Complex[np.ndarray, "*#n"], b: Complex[np.ndarray, "*#n"]) -> Float[np.ndarray, "*n"]:
     """Signed area of the parallelogram from a to b."""
     return np.asarray(a.real * b.imag - a.imag * b.real)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.delaunay import flat_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, is_simple, lay_out, log_scale_of, smoothing
 from spinor_geom.domain.plane_domain import SplineBoundary, sampled
 from spinor_geom.mesh.intersections import crossings_between
@@ -171,7 +171,7 @@ def _is_annulus(outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n
     curves = [sampled(SplineBoundary.through(polygon), _POINTS_OF_A_PIECE) for polygon in (outer, inner)]
     if not is_simple(curves[0]) or not is_simple(curves[1][::-1]):
         return False
-    space = [np.column_stack([plane_coordinates(z), np.zeros(len(z))]) for z in curves]
+    space = [flat_coordinates(z) for z in curves]
     if len(crossings_between(*space)):
         return False
     away = curves[0] - curves[1][0]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+import torch
+from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
+from torch import Tensor
 
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery.chart import Chart
@@ -28,8 +32,10 @@ _TENNIS_SEAM_DISKS = {
         KnownDisk(area=5.5971234813, stable=False, relative_error=1e-10),
     ),
 }
-# vertices of a chart's outline
-_OUTLINE = 400
+PolygonMap = Callable[[Float[Tensor, "..."]], Float[Tensor, "..."]]
+
+# vertices of a chart's outline, and points of a polygon's side that its length in space is measured by
+_OUTLINE, _LENGTH_POINTS = 400, 512
 _SCHERK_AREAS = {1.0: 1.08724596383763888, 2.0: 5.69751221158705744, 2.5: 11.4951537487130629, 3.0: 29.2319867716447538}
 
 
@@ -113,7 +119,6 @@ def random_curve(seed: int) -> KnownCurve:
         name=f"random curve {seed}: {harmonics} harmonics, elongation {elongation:.1f}",
         cosine=dict(enumerate(coefficients[0], start=1)),
         sine=dict(enumerate(coefficients[1], start=1)),
-        disks=(),
         source="normal coefficients",
     )
 
@@ -128,13 +133,8 @@ def plane_polygon(corners: ArrayLike, *, name: str) -> KnownCurve:
     plane = np.asarray(corners, dtype=np.float64)
     outline = plane[:, 0] + 1j * plane[:, 1]
     area = 0.5 * float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
-    return polygon(
-        np.column_stack([plane, np.zeros(len(plane))]),
-        name=name,
-        disks=(KnownDisk(area=area, stable=True),),
-        source="the shoelace formula",
-        chart=plane_chart(outline),
-    )
+    curve = polygon(np.column_stack([plane, np.zeros(len(plane))]), name=name, source="the shoelace formula")
+    return replace(curve, disks=(KnownDisk(area=area, stable=True),), chart=plane_chart(outline))
 
 
 def plane_chart(outline: Complex[np.ndarray, " m"]) -> Chart:
@@ -191,20 +191,11 @@ def scherk(side: float = 2.0) -> KnownCurve:
     """
     if not 0 < side < np.pi:
         raise OptionError(f"Scherk's graph needs a side in (0, π), got {side}")
-    square = _Polyline(np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * side / 2)
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * side / 2
 
-    def point(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        x, y, _ = np.moveaxis(square.point(t), -1, 0)
-        return np.stack([x, y, np.log(np.cos(y) / np.cos(x))], axis=-1)
-
-    def derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        (x, y, _), (dx, dy, _) = np.moveaxis(square.point(t), -1, 0), np.moveaxis(square.derivative(t), -1, 0)
-        return np.stack([dx, dy, np.tan(x) * dx - np.tan(y) * dy], axis=-1)
-
-    def second_derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        (x, y, _), (dx, dy, _) = np.moveaxis(square.point(t), -1, 0), np.moveaxis(square.derivative(t), -1, 0)
-        bend = (dx / np.cos(x)) ** 2 - (dy / np.cos(y)) ** 2
-        return np.stack([np.zeros_like(bend), np.zeros_like(bend), bend], axis=-1)
+    def over(xy: Float[Tensor, "*pts 2"]) -> Float[Tensor, "*pts 3"]:
+        x, y = xy.unbind(-1)
+        return torch.stack([x, y, torch.log(y.cos() / x.cos())], dim=-1)
 
     def graph(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         return np.stack([z.real, z.imag, np.log(np.cos(z.imag) / np.cos(z.real))], axis=-1)
@@ -214,36 +205,24 @@ def scherk(side: float = 2.0) -> KnownCurve:
         x = np.stack([one, none, np.tan(z.real)], axis=-1)
         return np.stack([x, np.stack([none, one, -np.tan(z.imag)], axis=-1)], axis=-2)
 
-    outline = square.point(np.arange(_OUTLINE) / _OUTLINE)
+    ways = np.linspace(0, 1, _OUTLINE // 4, endpoint=False)[:, None]
+    outline = (square[:, None] + ways * (np.roll(square, -1, axis=0) - square)[:, None]).reshape(-1, 2)
     area = _SCHERK_AREAS.get(side)
-    return KnownCurve(
-        name=f"Scherk side {side:g}",
-        point=point,
-        derivative=derivative,
-        second_derivative=second_derivative,
-        corners=square.corners,
+    source = "Scherk (1834), the graph is the only minimal disk over its convex square; areas by quadrature"
+    return replace(
+        image_of_polygon(square, over, name=f"Scherk side {side:g}", source=source),
         disks=() if area is None else (KnownDisk(area=area, stable=True),),
-        source="Scherk (1834), the graph is the only minimal disk over its convex square; areas by quadrature",
-        chart=Chart(position=graph, tangents=graph_tangents, outline=outline[:, 0] + 1j * outline[:, 1]),
+        chart=Chart(position=graph, tangents=graph_tangents, outline=outline @ [1, 1j]),
     )
 
 
-def polygon(
-    vertices: ArrayLike,
-    *,
-    name: str = "polygon",
-    disks: tuple[KnownDisk, ...] = (),
-    source: str = "its vertices",
-    chart: Chart | None = None,
-) -> KnownCurve:
+def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its vertices") -> KnownCurve:
     """The closed polygon through given vertices, with a corner at each, parametrised by arc length.
 
     Args:
         vertices: (k, 3), without repetition of the first.
         name: see `KnownCurve`.
-        disks: see `KnownCurve`.
         source: see `KnownCurve`.
-        chart: see `KnownCurve`.
 
     Raises:
         OptionError: fewer than three vertices, or not (k, 3).
@@ -251,44 +230,59 @@ def polygon(
     corners = np.asarray(vertices, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 3:
         raise OptionError(f"a polygon needs vertices of shape (k, 3) with k at least 3, got {corners.shape}")
-    line = _Polyline(corners)
+    return image_of_polygon(corners, lambda r: r, name=name, source=source)
+
+
+def image_of_polygon(corners: Float[np.ndarray, "k d"], image: PolygonMap, *, name: str, source: str) -> KnownCurve:
+    """The image of a closed polygon under a map, differentiated automatically.
+
+    A side's share of [0, 1) is its share of the length in space; along it the polygon is run at one speed.
+
+    Args:
+        corners: of the polygon, without repetition of the first.
+        image: the map, by functions of torch.
+        name: see `KnownCurve`.
+        source: see `KnownCurve`.
+    """
+    sides = len(corners)
+    middles = (np.arange(sides * _LENGTH_POINTS) + 0.5) / (sides * _LENGTH_POINTS)
+    speed = np.linalg.norm(_along(1, middles, corners, np.full(sides, 1 / sides), image), axis=1)
+    length = speed.reshape(sides, -1).mean(axis=1)
+    share = length / length.sum()
     return KnownCurve(
         name=name,
-        point=line.point,
-        derivative=line.derivative,
-        second_derivative=lambda t: np.zeros((*np.shape(t), 3)),
-        corners=line.corners,
-        disks=disks,
+        point=lambda t: _along(0, t, corners, share, image),
+        derivative=lambda t: _along(1, t, corners, share, image),
+        second_derivative=lambda t: _along(2, t, corners, share, image),
+        corners=tuple(_starts(share).tolist()),
         source=source,
-        chart=chart,
     )
 
 
-class _Polyline:
-    """A closed polygon by arc length, t in [0, 1)."""
+def _along(
+    order: int,
+    t: Float[np.ndarray, "*pts"],
+    corners: Float[np.ndarray, "k d"],
+    share: Float[np.ndarray, " k"],
+    image: PolygonMap,
+) -> Float[np.ndarray, "*pts 3"]:
+    """A derivative of the image of a polygon whose sides have given shares of [0, 1)."""
+    first, turned = _starts(share), np.mod(t, 1.0)
+    side = np.asarray(np.searchsorted(first, turned, side="right") - 1)
+    start, edge = (torch.tensor(some[side]) for some in (corners, np.roll(corners, -1, axis=0) - corners))
+    value = lambda u: image(start + u[..., None] * edge)  # noqa: E731
+    for _ in range(order):
+        value = partial(_slope, value)
+    value = value(torch.tensor((turned - first[side]) / share[side]))
+    return np.asarray(value.detach().numpy() / share[side][..., None] ** order)
 
-    def __init__(self, vertices: Float[np.ndarray, "k 3"]) -> None:
-        self._vertices = np.asarray(vertices, dtype=np.float64)
-        self._edges = np.roll(self._vertices, -1, axis=0) - self._vertices
-        length = np.linalg.norm(self._edges, axis=1)
-        self._share = length / length.sum()
-        self._start = np.append(0.0, np.cumsum(self._share)[:-1])
 
-    @property
-    def corners(self) -> tuple[float, ...]:
-        return tuple(self._start.tolist())
+def _slope(function: PolygonMap, u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+    return torch.autograd.functional.jvp(function, u, torch.ones_like(u), create_graph=True)[1]
 
-    def _side(self, t: Float[np.ndarray, "*pts"]) -> Int[np.ndarray, "*pts"]:
-        return np.asarray(np.searchsorted(self._start, np.mod(t, 1.0), side="right") - 1)
 
-    def point(self, t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        side = self._side(t)
-        fraction = (np.mod(t, 1.0) - self._start[side]) / self._share[side]
-        return np.asarray(self._vertices[side] + fraction[..., None] * self._edges[side])
-
-    def derivative(self, t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        side = self._side(t)
-        return np.asarray(self._edges[side] / self._share[side][..., None])
+def _starts(share: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    return np.append(0.0, np.cumsum(share)[:-1])
 
 
 def _fourier(
@@ -296,7 +290,7 @@ def _fourier(
     name: str,
     cosine: Mapping[int, ArrayLike],
     sine: Mapping[int, ArrayLike],
-    disks: tuple[KnownDisk, ...],
+    disks: tuple[KnownDisk, ...] = (),
     source: str,
     chart: Chart | None = None,
 ) -> KnownCurve:

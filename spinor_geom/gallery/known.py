@@ -85,15 +85,7 @@ class KnownSurface:
     source: str
 
     def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
-        """A loop of n points of its boundary r(∂Ω), the corners of Ω among them, from the closed formula.
-
-        Args:
-            n: number of points.
-            grading: see `KnownCurve.sample`.
-
-        Raises:
-            OptionError: see `KnownCurve.sample`.
-        """
+        """A loop of n points of its boundary r(∂Ω), the corners of Ω among them; see `KnownCurve.sample`."""
         boundary = self.surface.domain.boundary
         at_corners = boundary.parameters[:-1][boundary.corners]
         t, corners = sample_parameters(n, at_corners.tolist(), grading=grading)
@@ -102,14 +94,7 @@ class KnownSurface:
     @cached_property
     def chart(self) -> Chart:
         """The surface as a ruler; its tangents are those of the spinors."""
-
-        def tangents(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 2 3"]:
-            p, q = np.moveaxis(np.asarray(self.surface.spinors(z)), -1, 0)
-            return null_tangents(np.stack([p**2 - q**2, -1j * (p**2 + q**2), 2 * p * q], axis=-1))
-
-        boundary = self.surface.domain.boundary
-        t = np.union1d(np.arange(_OUTLINE) / _OUTLINE, boundary.parameters[:-1][boundary.corners])
-        return Chart(position=self.position, tangents=tangents, outline=boundary.point(t))
+        return surface_chart(self.surface, self.position)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,15 +116,7 @@ class KnownPatch:
     source: str
 
     def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
-        """A loop of n points of its boundary, the corners among them, almost equally far apart on every side.
-
-        Args:
-            n: number of points.
-            grading: see `KnownCurve.sample`.
-
-        Raises:
-            OptionError: see `KnownCurve.sample`.
-        """
+        """A loop of n points of its boundary, almost equally far apart on every side; see `KnownCurve.sample`."""
         # denser at the ends of a side, where it may start like a square root
         t = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, _LENGTH_POINTS))
         lengths = []
@@ -155,6 +132,18 @@ class KnownPatch:
         for k, (side, length) in enumerate(zip(self.sides, lengths, strict=True)):
             points[owner == k] = self.chart.position(side(np.interp(along[owner == k], length, t)))
         return BoundaryLoop.from_points(points, corners=corners.tolist())
+
+
+def surface_chart(surface: SpinorSurface, position: SurfaceFunction) -> Chart:
+    """A surface as a ruler: its position as a function, its tangents by p and q."""
+
+    def tangents(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 2 3"]:
+        p, q = np.moveaxis(np.asarray(surface.spinors(z)), -1, 0)
+        return null_tangents(np.stack([p**2 - q**2, -1j * (p**2 + q**2), 2 * p * q], axis=-1))
+
+    boundary = surface.domain.boundary
+    t = np.union1d(np.arange(_OUTLINE) / _OUTLINE, boundary.parameters[:-1][boundary.corners])
+    return Chart(position=position, tangents=tangents, outline=boundary.point(t))
 
 
 def sample_parameters(

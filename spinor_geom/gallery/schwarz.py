@@ -83,27 +83,21 @@ class RootSurface:
         return np.asarray(np.sqrt(turn) * np.sqrt((self.roots - s[..., None]) / self.roots / turn))
 
 
-def polygon_chart(vertices: ArrayLike, *, axis: ArrayLike, degree: int, flat: ArrayLike = _CUBE) -> Chart:
+def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"], degree: int) -> Chart:
     """The minimal disk over a skew polygon whose corner normals are known from its edges alone.
 
     Along a straight edge the normals lie on a great circle, so the Gauss image is the spherical polygon of the corners'
     normals. Size, place and α are those that bring the corners to the vertices.
 
     Args:
-        vertices: (c, 3), in order.
-        axis: normal at the surface's centre, where s = 0.
+        corners: of the polygon, in order.
+        up: unit normal at the surface's centre, where s = 0.
         degree: of the Gauss map at the centre: 2 where the surface is flat there, like a monkey saddle.
-        flat: (r, 3) unit normals of the points where the whole surface is flat.
-
-    Raises:
-        OptionError: the surface of these normals does not have these corners.
     """
-    corners = np.asarray(vertices, dtype=np.float64)
-    up = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
     to_axis, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [up])
     normals = np.cross(np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners)
     normals *= np.sign(normals @ up)[:, None] / np.linalg.norm(normals, axis=1)[:, None]
-    others = np.asarray(flat)[np.abs(np.abs(np.asarray(flat) @ up) - 1) > 1e-9]
+    others = _CUBE[np.abs(np.abs(_CUBE @ up) - 1) > 1e-9]
     g = _stereographic(to_axis.apply(others))
     roots = (g ** (1 / degree))[:, None] * np.exp(2j * np.pi * np.arange(degree) / degree)
     parameters = _continuous_root(_stereographic(to_axis.apply(normals)), degree)
@@ -118,43 +112,41 @@ def polygon_chart(vertices: ArrayLike, *, axis: ArrayLike, degree: int, flat: Ar
         surface = RootSurface(degree=degree, roots=roots.ravel(), angle=float(angle))
         found = surface.complex_position(parameters).real
         fits.append((surface, *_similarity(found, corners)))
-    surface, similarity, shift, error = min(fits, key=lambda fit: fit[-1])
-    if error > 1e-10:
-        raise OptionError(f"no surface with these flat points has these corners: they are missed by {error:.1e}")
+    surface, similarity, shift, _ = min(fits, key=lambda fit: fit[-1])
     return _chart(surface, great_circles(parameters, degree), similarity, shift)
 
 
 def schwarz_d_quadrilateral() -> KnownCurve:
     """Four edges of the regular tetrahedron with edge 1 (corners of 60°), around a piece of Schwarz's D surface."""
     vertices = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(8)
-    chart = polygon_chart(vertices, axis=(0, 1, 0), degree=1)
-    return _polygon("Schwarz D quadrilateral", vertices, _K_PRIME / (2 * _K), chart)
+    return _polygon("Schwarz D quadrilateral", vertices, _K_PRIME / (2 * _K), axis=(0, 1, 0), degree=1)
 
 
 def schwarz_d_hexagon() -> KnownCurve:
     """The Petrie hexagon of the unit cube (corners of 90°)."""
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1], [0, 0, 1]])
-    chart = polygon_chart(vertices, axis=(1, -1, 1), degree=2)
-    return _polygon("Schwarz D hexagon", vertices, 3 * _K_PRIME / (2 * _K), chart)
+    return _polygon("Schwarz D hexagon", vertices, 3 * _K_PRIME / (2 * _K))
 
 
 def schwarz_p_hexagon() -> KnownCurve:
     """The Petrie hexagon of the octahedron with vertices ±e_i (edges √2, corners of 60°)."""
-    vertices = np.concatenate([np.eye(3), -np.eye(3)])
-    chart = polygon_chart(vertices, axis=(1, -1, 1), degree=2)
-    return _polygon("Schwarz P hexagon", vertices, 3 * _K / _K_PRIME, chart)
+    return _polygon("Schwarz P hexagon", np.concatenate([np.eye(3), -np.eye(3)]), 3 * _K / _K_PRIME)
 
 
 def schwarz_p_quadrilateral() -> KnownCurve:
     """A sixth of the P hexagon: its centre, a mid-edge, a vertex, a mid-edge (corners of 60°, 90°, 60°, 90°)."""
     vertices = np.array([[0, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5]])
-    chart = polygon_chart(vertices, axis=(1, -1, 1), degree=2)
-    return _polygon("Schwarz P quadrilateral", vertices, _K / (2 * _K_PRIME), chart)
+    return _polygon("Schwarz P quadrilateral", vertices, _K / (2 * _K_PRIME))
 
 
-def _polygon(name: str, vertices: Float[np.ndarray, "c 3"], area: float, chart: Chart) -> KnownCurve:
-    disks = (KnownDisk(area=area, stable=True),)
-    return polygon(vertices, name=name, disks=disks, source=_SOURCE, chart=chart)
+def _polygon(
+    name: str, vertices: Float[np.ndarray, "c 3"], area: float, *, axis: ArrayLike = (1, -1, 1), degree: int = 2
+) -> KnownCurve:
+    return replace(
+        polygon(vertices, name=name, source=_SOURCE),
+        disks=(KnownDisk(area=area, stable=True),),
+        chart=_polygon_chart(np.asarray(vertices, dtype=np.float64), np.asarray(axis) / np.linalg.norm(axis), degree),
+    )
 
 
 def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
@@ -205,11 +197,10 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     # a quarter turn that exchanges above and below
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     chart = _chart(surface, outline, np.eye(3) / side, np.zeros(3))
-    return polygon(
-        corners,
-        name=f"Schwarz prism 1:{stretch:g}",
+    source = "Schwarz (1872), tetragonal relatives of D; area by complete elliptic integrals"
+    return replace(
+        polygon(corners, name=f"Schwarz prism 1:{stretch:g}", source=source),
         disks=(KnownDisk(area=area / side**2, stable=True, relative_error=1e-14),),
-        source="Schwarz (1872), tetragonal relatives of D; area by complete elliptic integrals",
         chart=replace(chart, symmetries=tuple(np.linalg.matrix_power(turn, k) for k in range(4))),
     )
 

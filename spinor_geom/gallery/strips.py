@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int
+import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from spinor_geom.errors import OptionError
-from spinor_geom.gallery.curves import polygon
+from spinor_geom.gallery.curves import image_of_polygon, polygon
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
-from spinor_geom.mesh.curve import CurveFunction
 
 
 def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 0.0) -> KnownCurve:
@@ -29,12 +30,14 @@ def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 
         raise OptionError(f"a slit needs length and width > 0 and a bend in [0, 2π), got {length}, {width}, {bend}")
     if bend == 0:
         vertices = np.array([[0, 0, 0], [length, 0, 0], [length, width, 0], [0, width, 0]])
-        area = KnownDisk(area=length * width, stable=True)
-        return polygon(vertices, name=f"slit {length:g} × {width:.3g}", disks=(area,), source="a plane rectangle")
+        plane = polygon(vertices, name=f"slit {length:g} × {width:.3g}", source="a plane rectangle")
+        return replace(plane, disks=(KnownDisk(area=length * width, stable=True),))
     return _outline(
-        _Strip(radius=length / bend, half_width=width / 2, turn=bend, rise=0.0, tilt=math.pi / 2, twist=0.0),
+        radius=length / bend,
+        half_width=width / 2,
+        turn=bend,
+        tilt=math.pi / 2,
         name=f"slit {length:g} × {width:.3g} bent by {math.degrees(bend):.0f}°",
-        disks=(),
         source="a rectangle rolled on a cylinder",
     )
 
@@ -60,9 +63,11 @@ def horseshoe(
             f"a horseshoe needs 0 < half_width < radius and a turn in (0, 2π), got {half_width}, {radius}, {turn}"
         )
     return _outline(
-        _Strip(radius=radius, half_width=half_width, turn=turn, rise=0.0, tilt=0.0, twist=twist),
+        radius=radius,
+        half_width=half_width,
+        turn=turn,
+        twist=twist,
         name=f"horseshoe {math.degrees(turn):.0f}°, twisted by {math.degrees(twist):.0f}°",
-        disks=(),
         source="a ruled strip along an arc of a circle",
     )
 
@@ -98,73 +103,38 @@ def helical_ramp(
 
     turn = 2 * math.pi * turns
     area = turn * (inside(radius + half_width) - inside(radius - half_width))
-    return _outline(
-        _Strip(radius=radius, half_width=half_width, turn=turn, rise=pitch * turns, tilt=0.0, twist=0.0),
+    outline = _outline(
+        radius=radius,
+        half_width=half_width,
+        turn=turn,
+        rise=pitch * turns,
         name=f"helical ramp of {turns:g} turns",
-        disks=(KnownDisk(area=area, stable=True, relative_error=1e-14),),
         source="Meusnier (1776), the helicoid",
     )
+    return replace(outline, disks=(KnownDisk(area=area, stable=True, relative_error=1e-14),))
 
 
-class _Strip(NamedTuple):
-    """A ruled strip around the z axis: x + iy = (R + v cos ψ)e^{iθ}, z = v sin ψ + rise·u, −h ≤ v ≤ h, 0 ≤ u ≤ 1.
+def _outline(
+    *,
+    radius: float,
+    half_width: float,
+    turn: float,
+    rise: float = 0.0,
+    tilt: float = 0.0,
+    twist: float = 0.0,
+    name: str,
+    source: str,
+) -> KnownCurve:
+    """The outline of the strip x + iy = (R + v cos ψ)e^{iθ}, z = v sin ψ + rise·u, −h ≤ v ≤ h, 0 ≤ u ≤ 1.
 
     θ = turn·u is the place along it, ψ = tilt + twist·u its slope.
     """
 
-    radius: float
-    half_width: float
-    turn: float
-    rise: float
-    tilt: float
-    twist: float
+    def strip(uv: Float[Tensor, "*pts 2"]) -> Float[Tensor, "*pts 3"]:
+        u, v = uv.unbind(-1)
+        slope, outward = tilt + twist * u, radius + v * (tilt + twist * u).cos()
+        return torch.stack([outward * (turn * u).cos(), outward * (turn * u).sin(), v * slope.sin() + rise * u], dim=-1)
 
-    def line(self, u: Float[np.ndarray, "*pts"], v: float, order: int) -> Float[np.ndarray, "*pts 3"]:
-        """The derivative of a given order (0, 1, 2) by u of the line v = constant."""
-        slope = np.exp(1j * (self.tilt + self.twist * u))
-        around = np.exp(1j * self.turn * u)
-        # v e^{iψ} has the real part v cos ψ and the imaginary part v sin ψ, and so have its derivatives
-        arm = [v * (1j * self.twist) ** k * slope for k in range(order + 1)]
-        outward = [a.real + (self.radius if k == 0 else 0.0) for k, a in enumerate(arm)]
-        plane = sum(
-            math.comb(order, k) * outward[k] * (1j * self.turn) ** (order - k) * around for k in range(order + 1)
-        )
-        height = arm[order].imag + (self.rise * u if order == 0 else self.rise if order == 1 else 0.0)
-        return np.stack([np.real(plane), np.imag(plane), height], axis=-1)
-
-
-def _outline(strip: _Strip, *, name: str, disks: tuple[KnownDisk, ...], source: str) -> KnownCurve:
-    """The closed curve v = h, u = 1, v = −h, u = 0, each side with its share of the length as its share of [0, 1)."""
-    h = strip.half_width
-    middle = (np.arange(512) + 0.5) / 512
-    along = [float(np.linalg.norm(strip.line(middle, v, 1), axis=-1).mean()) for v in (h, -h)]
-    length = np.array([along[0], 2 * h, along[1], 2 * h])
-    share = length / length.sum()
-    start = np.append(0.0, np.cumsum(share)[:-1])
-    ends = [strip.line(np.array(u), v, 0) for u, v in ((1.0, h), (1.0, -h), (0.0, -h), (0.0, h))]
-    across = (ends[1] - ends[0], ends[3] - ends[2])
-
-    def order(n: int) -> CurveFunction:
-        def value(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-            turned = np.mod(t, 1.0)
-            side: Int[np.ndarray, "*pts"] = np.asarray(np.searchsorted(start, turned, side="right") - 1)
-            u = (turned - start[side]) / share[side]
-            straight = [
-                (first + u[..., None] * ray, np.broadcast_to(ray, (*u.shape, 3)), np.zeros((*u.shape, 3)))[n]
-                for first, ray in zip((ends[0], ends[2]), across, strict=True)
-            ]
-            # the second long side is run backwards, which changes the sign of its first derivative
-            sides = (strip.line(u, h, n), straight[0], (-1) ** n * strip.line(1 - u, -h, n), straight[1])
-            return np.asarray(np.choose(side[..., None], sides) / share[side][..., None] ** n)
-
-        return value
-
-    return KnownCurve(
-        name=name,
-        point=order(0),
-        derivative=order(1),
-        second_derivative=order(2),
-        corners=tuple(start.tolist()),
-        disks=disks,
-        source=source,
-    )
+    h = half_width
+    corners = np.array([(0, h), (1, h), (1, -h), (0, -h)])
+    return image_of_polygon(corners, strip, name=name, source=source)

@@ -36,15 +36,9 @@ def enneper(radius: float = 0.8) -> KnownSurface:
     Raises:
         OptionError: the radius is not positive.
     """
-    known = polynomial([1], [0, 1], radius=radius)
     area = math.pi * radius**2 * (1 + radius**2 + radius**4 / 3)
-    return KnownSurface(
-        name=f"Enneper R={radius:g}",
-        surface=known.surface,
-        position=known.position,
-        area=area,
-        source="Enneper (1864); area by integrating (1 + |z|²)²",
-    )
+    source = "Enneper (1864); area by integrating (1 + |z|²)²"
+    return replace(polynomial([1], [0, 1], radius=radius), name=f"Enneper R={radius:g}", area=area, source=source)
 
 
 def plane_disk(radius: float = 1.0) -> KnownSurface:
@@ -56,14 +50,8 @@ def plane_disk(radius: float = 1.0) -> KnownSurface:
     Raises:
         OptionError: the radius is not positive.
     """
-    known = polynomial([1], [0], radius=radius)
-    return KnownSurface(
-        name=f"plane disk R={radius:g}",
-        surface=known.surface,
-        position=known.position,
-        area=math.pi * radius**2,
-        source="area πR²",
-    )
+    disk = polynomial([1], [0], radius=radius)
+    return replace(disk, name=f"plane disk R={radius:g}", area=math.pi * radius**2, source="area πR²")
 
 
 def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurface:
@@ -286,13 +274,11 @@ def _exponential(rate: float, centre: complex, radius: float) -> Complex[np.ndar
 def _rectangle(box: tuple[float, float, float, float]) -> PlaneDomain:
     x0, x1, y0, y1 = box
     corners = np.array([complex(x0, y0), complex(x1, y0), complex(x1, y1), complex(x0, y1)])
-    sides = np.roll(corners, -1) - corners
-    count = np.maximum(np.ceil(_SIDE_VERTICES * np.abs(sides) / np.abs(sides).max()), 2).astype(int)
-    first = np.append(0, np.cumsum(count)[:-1])
-    fraction = (np.arange(count.sum()) - np.repeat(first, count)) / np.repeat(count, count)
-    flags = np.zeros(count.sum(), dtype=bool)
-    flags[first] = True
-    return PlaneDomain.from_boundary(np.repeat(corners, count) + fraction * np.repeat(sides, count), flags)
+    length = np.abs(np.roll(corners, -1) - corners)
+    count = np.maximum(np.ceil(_SIDE_VERTICES * length / length.max()), 2).astype(int)
+    sides = zip(corners, np.roll(corners, -1), count, strict=True)
+    vertices = np.concatenate([np.linspace(start, end, n, endpoint=False) for start, end, n in sides])
+    return PlaneDomain.from_boundary(vertices, np.isin(vertices, corners))
 
 
 def _surface(model: PowerSeries, domain: PlaneDomain, position: SurfaceFunction) -> SpinorSurface:

@@ -80,28 +80,28 @@ def find_zeros(
         centres = _approximate_zeros(function, domain, rim, near * resolution * domain.diameter)
         apart = np.abs(centres[:, None] - np.concatenate([centres, rim]))
         np.fill_diagonal(apart, np.inf)
-        zeros = [_polished(function, *circle) for circle in zip(centres, 0.5 * apart.min(axis=1), strict=True)]
+        zeros = [zero_inside(function, *circle) for circle in zip(centres, 0.5 * apart.min(axis=1), strict=True)]
         if sum(zero.order for zero in zeros) == count:
             found = [zero for zero in zeros if zero.order]
             return tuple(sorted(found, key=lambda zero: (zero.z.real, zero.z.imag)))
     raise ZeroOnContourError(z=complex(domain.boundary.vertices[0]))
 
 
-def count_zeros(function: HolomorphicFunction, centre: complex, radius: float) -> int:
-    """Number of zeros inside a circle, with multiplicity.
+def zero_inside(function: HolomorphicFunction, centre: complex, radius: float) -> Zero:
+    """The mean of the zeros inside a circle, as one; of order 0 where there is none.
 
-    Raises:
-        ZeroOnContourError: there is a zero on the circle.
+    The trapezoidal rule's error falls geometrically with its nodes, as fast as other zeros are far from the circle.
     """
-    intervals = _CIRCLE_NODES // 4
-    while intervals <= _MOST_INTERVALS:
-        values = _evaluate(function, centre + radius * np.exp(2j * np.pi * np.arange(intervals) / intervals))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.angle(np.roll(values, -1) / values)
-        if np.abs(step).max() < _LARGEST_STEP:
-            return round(float(step.sum() / (2 * np.pi)))
-        intervals *= 4
-    raise ZeroOnContourError(z=complex(centre + radius))
+    unit = np.exp(2j * np.pi * np.arange(_CIRCLE_NODES) / _CIRCLE_NODES)
+    value = _evaluate(function, centre + radius * unit)
+    if not value.all():
+        return Zero(z=complex(centre), order=0)
+    # on the circle f is a power series in w = (z − centre)/radius, and its coefficients give w f′
+    derivative = np.fft.ifft(np.fft.fft(value) * np.arange(_CIRCLE_NODES))
+    number, first = (derivative / value).mean(), (derivative / value * unit).mean()
+    nearest = np.rint(number.real)
+    order = int(nearest) if abs(number - nearest) < 0.1 else 0
+    return Zero(z=complex(centre + radius * first / order) if order else complex(centre), order=order)
 
 
 def _evaluate(function: HolomorphicFunction, z: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
@@ -157,20 +157,3 @@ def _approximate_zeros(
     graph = coo_array((np.ones(len(near)), near.T), shape=(len(roots), len(roots)))
     groups, label = connected_components(graph, directed=False)
     return np.array([roots[label == k].mean() for k in range(groups)], dtype=np.complex128)
-
-
-def _polished(function: HolomorphicFunction, centre: complex, radius: float) -> Zero:
-    """The mean of the zeros inside a circle, as one; of order 0 where there is none.
-
-    The trapezoidal rule's error falls geometrically with its nodes, as fast as other zeros are far from the circle.
-    """
-    unit = np.exp(2j * np.pi * np.arange(_CIRCLE_NODES) / _CIRCLE_NODES)
-    value = _evaluate(function, centre + radius * unit)
-    if not value.all():
-        return Zero(z=complex(centre), order=0)
-    # on the circle f is a power series in w = (z − centre)/radius, and its coefficients give w f′
-    derivative = np.fft.ifft(np.fft.fft(value) * np.arange(_CIRCLE_NODES))
-    number, first = (derivative / value).mean(), (derivative / value * unit).mean()
-    nearest = np.rint(number.real)
-    order = int(nearest) if abs(number - nearest) < 0.1 else 0
-    return Zero(z=complex(centre + radius * first / order) if order else complex(centre), order=order)

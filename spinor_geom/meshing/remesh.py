@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import harmonic_extension
-from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.embed import Patch
@@ -31,7 +31,7 @@ def remesh(patch: Patch, target: float) -> Patch:
         DomainError: the boundary in Ω is not a simple polygon.
     """
     faces, m = np.asarray(patch.faces), patch.boundary_size
-    flat = _flat(patch.points)
+    flat = flat_coordinates(patch.points)
     areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])
     space, plane = (np.bincount(faces.ravel(), np.repeat(each, 3), minlength=len(flat)) for each in areas)
     tiny = np.finfo(np.float64).tiny
@@ -78,10 +78,6 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     return Patch(vertices=vertices, faces=plan.faces, boundary_size=m, points=plan.points)
 
 
-def _flat(points: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    return np.column_stack([plane_coordinates(points), np.zeros(len(points))])
-
-
 def _positions(
     patch: Patch, flat: Float[np.ndarray, "n 3"], points: Complex[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k 3"]:
@@ -91,7 +87,7 @@ def _positions(
     if len(points) == 0:
         return np.empty((0, 3))
     faces: Int[np.ndarray, "f 3"] = np.ascontiguousarray(patch.faces)
-    at = _flat(points)
+    at = flat_coordinates(points)
     _, face, nearest = igl.point_mesh_squared_distance(at, flat, faces)
     corners = faces[np.asarray(face).reshape(-1)]
     weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), *(flat[corners[:, k]] for k in range(3)))

@@ -32,7 +32,6 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.gauss_newton import gram
-from spinor_geom.plateau.solution import Iteration
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
@@ -118,12 +117,11 @@ def disk_through_points(
         at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
         return Found(
             surface=SpinorSurface(network, domain, points[0] + error[0] + at_root.real).to(device),
-            curve=curve,
-            matching=np.column_stack([domain.boundary.parameters[:-1], curve.breaks[:-1]]),
+            curves=(curve,),
+            matchings=(np.column_stack([domain.boundary.parameters[:-1], curve.breaks[:-1]]),),
             misfit=misfit_at_points(curve, error),
             area=rim.area,
             route="vertices",
-            history=tuple(steps.history),
             limit="no minimal surface near the discrete one passes through the loop's points more nearly",
         )
 
@@ -158,7 +156,7 @@ def _fitted(
         )
 
     def told(distance: float) -> bool:
-        steps.take(Iteration(index=len(steps.history) + 1, method="Newton", residual=distance))
+        steps.take("Newton", distance)
         return steps.left > 0
 
     if steps.left:

@@ -19,7 +19,7 @@ from jaxtyping import Complex
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.holomorphic.zeros import RESOLUTION, Zero, count_zeros, find_zeros
+from spinor_geom.holomorphic.zeros import RESOLUTION, Zero, find_zeros, zero_inside
 from spinor_geom.surface.frames import loop_invariant
 
 # a generic unit vector (a, b) of ℂ²: zeros of a·p + b·q and of −b̄·p + ā·q coincide only where p and q vanish
@@ -81,7 +81,7 @@ def branch_points(
 
     common = []
     for zero in find_zeros(u, domain):
-        order = min(zero.order, count_zeros(v, zero.z, RESOLUTION * domain.diameter))
+        order = min(zero.order, zero_inside(v, zero.z, RESOLUTION * domain.diameter).order)
         if order > 0:
             common.append(Zero(z=zero.z, order=2 * order))
     return with_invariants(common, phi, domain)

@@ -8,15 +8,15 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import cast
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 from torch.func import jvp
 
 Position = Callable[[Float[Tensor, "*pts"], Float[Tensor, "*pts"]], Float[Tensor, "*pts 3"]]
+# nodes of rules at once: they carry derivatives of two orders
+_NODES = 1 << 15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,16 +36,8 @@ class FundamentalForms:
     @property
     def mean(self) -> Float[Tensor, "*pts"]:
         """Mean curvature H = ½ tr(I⁻¹ II), in 1/length; positive where the surface bends towards n."""
-        e, f, g = _entries(self.first)
-        l, m, n = _entries(self.second)  # noqa: E741 - the names of the field
+        (e, f, _, g), (l, m, _, n) = (form.flatten(-2).unbind(-1) for form in (self.first, self.second))  # noqa: E741
         return (e * n - 2 * f * m + g * l) / (2 * (e * g - f * f))
-
-    @property
-    def gauss(self) -> Float[Tensor, "*pts"]:
-        """Gauss curvature K = det II/det I, in 1/length²."""
-        e, f, g = _entries(self.first)
-        l, m, n = _entries(self.second)  # noqa: E741 - the names of the field
-        return (l * n - m * m) / (e * g - f * f)
 
 
 def fundamental_forms(position: Position, x: Float[Tensor, "*pts"], y: Float[Tensor, "*pts"]) -> FundamentalForms:
@@ -56,50 +48,43 @@ def fundamental_forms(position: Position, x: Float[Tensor, "*pts"], y: Float[Ten
         x: first coordinates.
         y: second coordinates, same shape.
     """
+    # one tangent for the whole batch gives every point's derivative, because points do not mix
+    along_x, along_y = (torch.ones_like(x), torch.zeros_like(y)), (torch.zeros_like(x), torch.ones_like(y))
+
+    def slope(x: Float[Tensor, "*pts"], y: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+        derivative: Tensor = jvp(position, (x, y), along_x)[1]
+        return derivative
+
     with warnings.catch_warnings():
         # torch compiles some rules of forward mode on first use, by a function that it has itself deprecated
         warnings.filterwarnings("ignore", message=".*torch.jit.script", category=DeprecationWarning)
-        r_x, r_xx = _derivatives(position, x, y, (1.0, 0.0), (1.0, 0.0))
-        r_y, r_yy = _derivatives(position, x, y, (0.0, 1.0), (0.0, 1.0))
-        _, r_xy = _derivatives(position, x, y, (1.0, 0.0), (0.0, 1.0))
+        r_x, r_xx = jvp(slope, (x, y), along_x)
+        r_xy = jvp(slope, (x, y), along_y)[1]
+        r_y, r_yy = jvp(lambda x, y: jvp(position, (x, y), along_y)[1], (x, y), along_y)
     normal = torch.nn.functional.normalize(torch.linalg.cross(r_x, r_y), dim=-1)
-    return FundamentalForms(
-        first=_symmetric(_dot(r_x, r_x), _dot(r_x, r_y), _dot(r_y, r_y)),
-        second=_symmetric(_dot(r_xx, normal), _dot(r_xy, normal), _dot(r_yy, normal)),
-        normal=normal,
-    )
+    tangents, bends = torch.stack([r_x, r_y], dim=-2), torch.stack([r_xx, r_xy, r_xy, r_yy], dim=-2)
+    second = (bends * normal[..., None, :]).sum(-1).unflatten(-1, (2, 2))
+    return FundamentalForms(first=tangents @ tangents.mT, second=second, normal=normal)
 
 
-def _derivatives(
-    position: Position,
-    x: Float[Tensor, "*pts"],
-    y: Float[Tensor, "*pts"],
-    first: tuple[float, float],
-    second: tuple[float, float],
-) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
-    """The derivative of the position along `first`, and the derivative of that along `second`."""
-    inner = partial(_along, position, first)
-    value, derivative, *_ = jvp(inner, (x, y), (torch.full_like(x, second[0]), torch.full_like(y, second[1])))
-    return value, derivative
+def mean_curvature_of_integrals(
+    integrate: Callable[[Complex[Tensor, " n"], Complex[Tensor, " n"]], Float[Tensor, "n 3"]],
+    start: Complex[Tensor, " n"],
+    end: Complex[Tensor, " n"],
+    *,
+    order: int,
+) -> Float[Tensor, " n"]:
+    """H at the ends of segments of the surface that a rule draws, in 1/length, by automatic differentiation.
 
+    Args:
+        integrate: displacements along segments, as `SpinorSurface.integrate`.
+        start: of the segments; their positions are constants and drop out of the derivatives.
+        end: points where H is measured.
+        order: of the rule.
+    """
 
-def _along(
-    position: Position, direction: tuple[float, float], x: Float[Tensor, "*pts"], y: Float[Tensor, "*pts"]
-) -> Float[Tensor, "*pts 3"]:
-    # one tangent for the whole batch gives every point's derivative, because points do not mix
-    _, derivative, *_ = jvp(position, (x, y), (torch.full_like(x, direction[0]), torch.full_like(y, direction[1])))
-    return cast(Tensor, derivative)
+    def mean(a: Complex[Tensor, " n"], b: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
+        return fundamental_forms(lambda x, y: integrate(a, torch.complex(x, y)), b.real, b.imag).mean
 
-
-def _dot(a: Float[Tensor, "*pts 3"], b: Float[Tensor, "*pts 3"]) -> Float[Tensor, "*pts"]:
-    return (a * b).sum(dim=-1)
-
-
-def _symmetric(
-    a: Float[Tensor, "*pts"], b: Float[Tensor, "*pts"], c: Float[Tensor, "*pts"]
-) -> Float[Tensor, "*pts 2 2"]:
-    return torch.stack([torch.stack([a, b], dim=-1), torch.stack([b, c], dim=-1)], dim=-2)
-
-
-def _entries(form: Float[Tensor, "*pts 2 2"]) -> tuple[Float[Tensor, "*pts"], ...]:
-    return form[..., 0, 0], form[..., 0, 1], form[..., 1, 1]
+    blocks = (torch.split(z, max(1, _NODES // order)) for z in (start, end))
+    return torch.cat([mean(a, b) for a, b in zip(*blocks, strict=True)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
@@ -23,7 +23,7 @@ from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
 from spinor_geom.holomorphic.zeros import Zero, find_zeros
 from spinor_geom.shown import Shown
 from spinor_geom.surface import branch, curvature, formulas, frames, storage
-from spinor_geom.surface.anchors import Anchors
+from spinor_geom.surface.anchors import find_anchors
 from spinor_geom.surface.interior import RimPrimitive, displacements
 
 # points given as a tensor are answered with tensors, points given as an array with arrays
@@ -33,8 +33,8 @@ _CLOSED = 1e-9
 # three numbers
 Vector = Sequence[float] | NDArray[Any] | Tensor
 
-# evaluations of p and q at once, to bound the memory, and fewer where they carry derivatives of two orders
-_BLOCK, _BLOCK_OF_DERIVATIVES = 1 << 16, 1 << 13
+# evaluations of p and q at once, to bound the memory
+_BLOCK = 1 << 16
 
 
 class SpinorSurface(Shown, torch.nn.Module):
@@ -351,15 +351,11 @@ class SpinorSurface(Shown, torch.nn.Module):
         """φ for arrays."""
         return self._answer(partial(self._in_blocks, self._phi), z)
 
-    @cached_property
-    def _anchors(self) -> Anchors:
-        return Anchors(self.domain)
-
     def _position(self, z: Complex[Tensor, "*pts"], *, outside_transforms: bool = False) -> Float[Tensor, "*pts 3"]:
         if self.has_closed_positions:
             integral = self._null_integral(torch.cat([z.reshape(-1), z.new_full((1,), self.root)])).real
             return self.constant + (integral[:-1] - integral[-1:]).reshape(*z.shape, 3)
-        index = self._anchors.nearest_tensor(z).reshape(-1)
+        index = find_anchors(z, self.domain).reshape(-1)
         # in a transform of torch.func the values of the index are not known
         wanted = index.cpu().numpy() if outside_transforms else np.arange(len(self.domain.paths.parent))
         vertices = torch.tensor(self.domain.triangulation.points).to(z.device)
@@ -417,17 +413,9 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def _mean_curvature(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
         vertices = torch.tensor(self.domain.triangulation.points).to(z.device)
-        anchor = vertices[self._anchors.nearest_tensor(z)]
-
-        def block(start: Complex[Tensor, " n"], end: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
-            # the position of the anchor is a constant of each point and drops out of the derivatives
-            def position(x: Float[Tensor, " n"], y: Float[Tensor, " n"]) -> Float[Tensor, "n 3"]:
-                return self._integrate(start, torch.complex(x, y))
-
-            return curvature.fundamental_forms(position, end.real, end.imag).mean
-
-        points = _BLOCK_OF_DERIVATIVES // self.order
-        return self._in_blocks(block, anchor.reshape(-1), z.reshape(-1), block=points).reshape(z.shape)
+        start = vertices[find_anchors(z, self.domain)].reshape(-1)
+        mean = curvature.mean_curvature_of_integrals(self._integrate, start, z.reshape(-1), order=self.order)
+        return mean.reshape(z.shape)
 
     def _derived(self, spinor_map: Complex[Tensor, "2 2"], constant: Float[Tensor, "3"]) -> SpinorSurface:
         return SpinorSurface(

@@ -75,7 +75,13 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         StorageError: the file is missing, damaged, not a saved surface, or of an unknown version.
     """
     name = os.fspath(path)
-    tensors, metadata = read_tensors(name, "a saved surface")
+    try:
+        with safetensors.safe_open(name, framework="pt") as file:
+            # clones: the file's own memory goes with it, and is not aligned for complex numbers (torch crashes on it)
+            tensors = {key: file.get_tensor(key).clone() for key in file.keys()}  # noqa: SIM118 - not a mapping
+            metadata = file.metadata() or {}
+    except (OSError, safetensors.SafetensorError) as error:
+        raise StorageError(f"{name} cannot be read as a saved surface: {error}", path=name) from error
     if metadata.get("format") != FORMAT:
         raise StorageError(f"{name} is not a saved surface: its header does not say {FORMAT!r}", path=name)
     if metadata.get("version") != str(VERSION):
@@ -89,25 +95,6 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         return _parts(json.loads(metadata["description"]), tensors)
     except (KeyError, TypeError, ValueError, IndexError, RuntimeError, StorageError) as error:
         raise StorageError(f"{name} is no whole saved surface: {error}", path=name) from error
-
-
-def read_tensors(name: str, kind: str) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """The tensors of a safetensors file and what its header says.
-
-    Args:
-        name: of the file.
-        kind: what it should be, for the message.
-
-    Raises:
-        StorageError: the file is missing or damaged.
-    """
-    try:
-        with safetensors.safe_open(name, framework="pt") as file:
-            # clones: the file's own memory goes with it, and is not aligned for complex numbers (torch crashes on it)
-            tensors = {key: file.get_tensor(key).clone() for key in file.keys()}  # noqa: SIM118 - not a mapping
-            return tensors, file.metadata() or {}
-    except (OSError, safetensors.SafetensorError) as error:
-        raise StorageError(f"{name} cannot be read as {kind}: {error}", path=name) from error
 
 
 def _parts(description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import torch
 from jaxtyping import Bool, Complex, Float
@@ -30,93 +30,6 @@ _LEAST_DAMPING = 1e-16
 _PATIENCE, _GAIN = 12, 0.1
 
 
-SomeFit = TypeVar("SomeFit", bound="Fit")
-
-
-class Fit(Protocol):
-    """How far a network is from what it should be."""
-
-    @property
-    def linear(self) -> Linearisation:
-        """The network."""
-        ...
-
-    @property
-    def losses(self) -> Float[Tensor, " k"]:
-        """The mean squared distance of p and that of q, where each has its own, or that of both together."""
-        ...
-
-    def at(self: SomeFit, linear: Linearisation) -> SomeFit:
-        """The same for other parameters; its losses are NaN where the network overflows."""
-        ...
-
-    def step(self, damping: Float[Tensor, " k"]) -> Complex[Tensor, "n 2"]:
-        """The v whose Jᴴ v is the change of the parameters; NaN where rounding leaves the system indefinite."""
-        ...
-
-
-def descend(
-    network: ComplexMLP,
-    z: Complex[Tensor, " n"],
-    fit: SomeFit,
-    *,
-    damping: float,
-    tolerance: float,
-    max_steps: int,
-    on_step: Callable[[float], None] | None = None,
-) -> SomeFit:
-    """Lessens a distance by damped steps of a network's parameters, in place.
-
-    Args:
-        network: where it starts.
-        z: points, on ∂Ω.
-        fit: the distance at the start.
-        damping: at the start, as a share of the mean diagonal entry of J Jᴴ.
-        tolerance: distance at which it stops.
-        max_steps: most steps.
-        on_step: called with the distance after each step.
-
-    Returns:
-        The distance where it was left.
-    """
-    reference, since = rms(fit), 0
-    shares = torch.full_like(fit.losses, damping)
-    for _ in range(max_steps):
-        if is_out_of_time() or since == _PATIENCE or rms(fit) <= tolerance:
-            break
-        before = [parameter.detach().clone() for parameter in network.parameters()]
-        changes = fit.linear.pulled_back(fit.step(shares))
-        _move(network, before, changes, where=torch.ones_like(shares, dtype=torch.bool))
-        trial = fit.at(network.linearised(z))
-        better = trial.losses < fit.losses
-        if not bool(better.all()):
-            # p, q, or both go back
-            _move(network, before, changes, where=better)
-            trial = fit.at(network.linearised(z)) if bool(better.any()) else fit
-        fit = trial
-        shares = (shares * torch.where(better, _LESS, _MORE)).clamp(min=_LEAST_DAMPING)
-        since += 1
-        if rms(fit) < (1 - _GAIN) * reference:
-            reference, since = rms(fit), 0
-        if on_step is not None:
-            on_step(rms(fit))
-    return fit
-
-
-def rms(fit: Fit) -> float:
-    """The distance, p and q together."""
-    return float(fit.losses.sum().sqrt())
-
-
-def _move(
-    network: ComplexMLP, before: Sequence[Tensor], changes: Sequence[Tensor], *, where: Bool[Tensor, " k"]
-) -> None:
-    """Sets the parameters to what they were, and changes those of p, of q, or of both."""
-    with torch.no_grad():
-        for parameter, old, change in zip(network.parameters(), before, changes, strict=True):
-            parameter.copy_(torch.where(where.reshape(-1, *[1] * (old.ndim - 1)), old + change, old))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Distillation:
     """The distance of p and q from given ones.
@@ -130,7 +43,7 @@ class Distillation:
     values: Complex[Tensor, "n 2"]
 
     def at(self, linear: Linearisation) -> Distillation:
-        """That of other parameters."""
+        """That of other parameters; its losses are NaN where the network overflows."""
         return replace(self, linear=linear)
 
     @property
@@ -147,7 +60,7 @@ class Distillation:
         return self.linear.kernel()
 
     def step(self, damping: Float[Tensor, " k"]) -> Complex[Tensor, "n 2"]:
-        """Each of p and q has a system of its own."""
+        """The v whose Jᴴ v is the change of the parameters, NaN where the system is indefinite; of each a system."""
         return _damped_solution(self._kernel, damping, self._residual.mT).mT
 
 
@@ -210,6 +123,71 @@ class Polish:
         """One real system for p and q together."""
         rows, kernel, right = self._system
         return (rows.mH @ _damped_solution(kernel, damping[0], right).to(rows.dtype)).mT
+
+
+SomeFit = TypeVar("SomeFit", Distillation, Polish)
+
+
+def descend(
+    network: ComplexMLP,
+    z: Complex[Tensor, " n"],
+    fit: SomeFit,
+    *,
+    damping: float,
+    tolerance: float,
+    max_steps: int,
+    on_step: Callable[[float], None] | None = None,
+) -> SomeFit:
+    """Lessens a distance by damped steps of a network's parameters, in place.
+
+    Args:
+        network: where it starts.
+        z: points, on ∂Ω.
+        fit: the distance at the start.
+        damping: at the start, as a share of the mean diagonal entry of J Jᴴ.
+        tolerance: distance at which it stops.
+        max_steps: most steps.
+        on_step: called with the distance after each step.
+
+    Returns:
+        The distance where it was left.
+    """
+    reference, since = rms(fit), 0
+    shares = torch.full_like(fit.losses, damping)
+    for _ in range(max_steps):
+        if is_out_of_time() or since == _PATIENCE or rms(fit) <= tolerance:
+            break
+        before = [parameter.detach().clone() for parameter in network.parameters()]
+        changes = fit.linear.pulled_back(fit.step(shares))
+        _move(network, before, changes, where=torch.ones_like(shares, dtype=torch.bool))
+        trial = fit.at(network.linearised(z))
+        better = trial.losses < fit.losses
+        if not bool(better.all()):
+            # p, q, or both go back
+            _move(network, before, changes, where=better)
+            trial = fit.at(network.linearised(z)) if bool(better.any()) else fit
+        fit = trial
+        shares = (shares * torch.where(better, _LESS, _MORE)).clamp(min=_LEAST_DAMPING)
+        since += 1
+        if rms(fit) < (1 - _GAIN) * reference:
+            reference, since = rms(fit), 0
+        if on_step is not None:
+            on_step(rms(fit))
+    return fit
+
+
+def rms(fit: Distillation | Polish) -> float:
+    """The distance, p and q together."""
+    return float(fit.losses.sum().sqrt())
+
+
+def _move(
+    network: ComplexMLP, before: Sequence[Tensor], changes: Sequence[Tensor], *, where: Bool[Tensor, " k"]
+) -> None:
+    """Sets the parameters to what they were, and changes those of p, of q, or of both."""
+    with torch.no_grad():
+        for parameter, old, change in zip(network.parameters(), before, changes, strict=True):
+            parameter.copy_(torch.where(where.reshape(-1, *[1] * (old.ndim - 1)), old + change, old))
 
 
 def _damped_solution(
