@@ -145,7 +145,7 @@ class ByNetwork:
         else:
             with task.clock.stage("first fill"):
                 start = first_disk(task.unit.points[task.network.rim])
-        return task.network.found_from(start, tuple(task.steps.history))
+        return task.network.found_from(start)
 
 
 @dataclass(frozen=True)
