@@ -20,11 +20,6 @@ from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, tr
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
-# Straight edges for each piece of ∂Ω, where distances from it are told.
-_FINE = 16
-# Panels that halve towards a corner resolve its singularity to 2⁻¹⁶ of an edge.
-_CORNER_LEVELS = 16
-
 
 @runtime_checkable
 class Boundary(Protocol):
@@ -312,7 +307,7 @@ class PlaneDomain:
     @cached_property
     def _fine_polygons(self) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, " n"], cKDTree]:
         """Points of all boundaries, the next one of each, and their tree."""
-        parts = [sampled(boundary, _FINE) for boundary in self.boundaries]
+        parts = [sampled(boundary, 16) for boundary in self.boundaries]
         points = np.concatenate(parts)
         return points, rim_successors(tuple(map(len, parts))), cKDTree(plane_coordinates(points))
 
@@ -367,7 +362,7 @@ class PlaneDomain:
 def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
     """Ends of quadrature panels on a boundary, from 0 to 1: vertices, and points that halve the way to each corner."""
     t, corners = boundary.parameters, np.flatnonzero(boundary.corners)
-    halving = 0.5 ** np.arange(1, _CORNER_LEVELS + 1)
+    halving = 0.5 ** np.arange(1, 17)  # they resolve its singularity to 2⁻¹⁶ of an edge
     width = np.diff(t)
     after = t[corners, None] + width[corners, None] * halving
     end = np.where(corners == 0, 1.0, t[corners])

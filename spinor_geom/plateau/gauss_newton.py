@@ -13,11 +13,6 @@ from torch import Tensor
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.steps import Steps
 
-# Trials of a step, each damped five times as much: the last takes 10⁻⁸ of it and less.
-_MAX_TRIALS = 14
-# A linearisation serves for further steps while each brings the squared residual below this share: it costs many times
-# what a step costs.
-_KEEP = 0.4
 # Weight of the period around a hole against the RMS distance from Γ: a gap is a fault wherever the boundary slides.
 _PERIOD = 30.0
 
@@ -77,7 +72,8 @@ def gauss_newton(
         state, damping = _damped_step(problem, state, root, linear, damping)
         if state.energy < before:
             steps.take("Gauss-Newton", state.energy**0.5)
-        if state.energy > _KEEP * before:
+        # a linearisation costs many times what a step costs
+        if state.energy > 0.4 * before:
             # a step with an old linearisation that gains little asks for a new one; one with a new one is the last
             # a step that had to be damped says little about what the next ones will gain
             least = stall if damping <= started else stall / 10
@@ -262,7 +258,7 @@ def _damped_step(
     gradient = linear.gradient(state, root)
     scale = linear.normal_matrix.diagonal().mean()
     speed2 = state.tangent.square().sum(1)
-    for _ in range(_MAX_TRIALS):
+    for _ in range(14):  # each damped five times as much: the last takes 10⁻⁸ of the step and less
         shifted = linear.normal_matrix.clone()
         shifted.diagonal().add_(scale * (damping + 1e-14))
         factor, info = torch.linalg.cholesky_ex(shifted)

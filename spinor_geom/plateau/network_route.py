@@ -37,22 +37,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
-# Rounds of a fit, each with up to three poles for one where the residual is.
-_MAX_ROUNDS = 3
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
-# ∂Ω is checked for crossings at so many points of each piece.
-_POINTS_OF_A_PIECE = 4
-# Another start does not help where one point of a loop in ten turns by more.
-_RAGGED_TURN = np.radians(60.0)
-# A round ends when a step gains less than this share of the squared residual.
-_STALL = 0.05
-# A move of Ω shorter than this share of the residual changes nothing: Ω's scale is near to 1.
-_LEAST_MOVE = 0.01
-# Newton steps to a closed period.
-_CLOSING_STEPS = 4
-# The fit may go on to this share of the tolerance: while it converges fast, steps cost little and every digit is real.
-_BELOW_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +94,8 @@ class NetworkSolver:
         """
         fitted = self._fitted_from(disk)
         missed = self.budget.excess(fitted.residual) > 1
-        if missed and self._turning <= _RAGGED_TURN and not self.budget.steps.are_spent:
+        # another start does not help where one point of a loop in ten turns by more
+        if missed and self._turning <= np.radians(60) and not self.budget.steps.are_spent:
             fitted = self._improved(fitted, disk)
         with self.clock.stage("surface"):
             surface, astray = fitted_surface(fitted)
@@ -146,7 +133,7 @@ class NetworkSolver:
                 disk.vertices,
                 disk.faces,
                 len(rim),
-                drawn=lambda polygon: sampled(SplineBoundary.through(polygon, corners), _POINTS_OF_A_PIECE),
+                drawn=lambda polygon: sampled(SplineBoundary.through(polygon, corners), each=4),
             )
             domain = PlaneDomain.from_boundary(flat.boundary, corners, flat.log_scale)
         with self.clock.stage("features"):
@@ -212,9 +199,10 @@ class Budget:
 
     def fit(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fit:
         """Gauss-Newton with what is left of the steps."""
-        goal = _BELOW_TOLERANCE * self.allowed
+        # while it converges fast, steps cost little and every digit is real
+        goal = 1e-6 * self.allowed
         return gauss_newton(
-            stage.problem, readout, slide, goal=goal, allowed=self.allowed, steps=self.steps, stall=_STALL
+            stage.problem, readout, slide, goal=goal, allowed=self.allowed, steps=self.steps, stall=0.05
         )
 
     def excess(self, residual: Residual) -> float:
@@ -261,7 +249,7 @@ def fit_and_refine(
         # the modulus of a mesh is never quite right
         first = _with_right_moduli(stage, readout, slide, budget)
         stage, folds, readout, slide = first.stage, first.folds, first.fit.readout, first.fit.slide
-    for number in range(1, _MAX_ROUNDS + 1):
+    for number in range(1, 4):
         fit = budget.fit(stage, readout, slide)
         residual = independent_residual(stage, fit, points=budget.points)
         # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
@@ -293,7 +281,8 @@ def _with_right_moduli(
     while True:
         fit = budget.fit(stage.flexible(), readout, slide)
         readout, slide = fit.readout, fit.slide
-        if stage.length_of_move(fit) < _LEAST_MOVE * fit.residual:
+        # a shorter move changes nothing: Ω's scale is near to 1
+        if stage.length_of_move(fit) < 0.01 * fit.residual:
             break
         try:
             moved = stage.moved(fit, offset=budget.offset)
@@ -342,7 +331,7 @@ def close_period(surface: SpinorSurface) -> None:
     with torch.no_grad():
         features = network.features(torch.as_tensor(panels.z, device=device))
         step = torch.as_tensor(panels.dz * panels.weights, device=device)[:, None]
-        for _ in range(_CLOSING_STEPS):
+        for _ in range(4):
             p, q = (features @ network.readout).unbind(-1)
             gap = (step * phi(p, q)).sum(0).real
             by_p, by_q = ((2 * value[:, None] * step * features).sum(0) for value in (p, q))

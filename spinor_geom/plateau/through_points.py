@@ -30,12 +30,6 @@ from spinor_geom.surface.formulas import null_vector, phi
 # The Newton equations' diagonal is raised by this share of its mean: an equation that no read-out can meet is not met
 # at any price. With 1e-9 surfaces go twice as far from their starts in H¹, with 1e-6 teeth of 10° keep 2e-3 of an edge.
 _DAMPING = 1e-7
-# A linearisation is used again while each step brings the distance below this share.
-_KEEP = 0.3
-# A step is halved so many times at most, and the last one is that which leaves more than this share.
-_HALVINGS, _STALL = 6, 0.99
-# Linearisations in all: rims that are met take one to ten.
-_MOST_LINEARISATIONS = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,12 +170,12 @@ def nearest_through(
     while distance > enough and goes_on and not is_out_of_time():
         fresh = linear is None
         if linear is None:
-            if linearised == _MOST_LINEARISATIONS:
+            if linearised == 12:  # rims that are met take one to ten
                 break
             linear, linearised = here.linearised(), linearised + 1
         # far from the points the step is the one to the solution nearest to the start, not to where it is
         step = linear.step(here.error, readout - start if fresh else None)
-        for length in 0.5 ** np.arange(_HALVINGS if fresh else 1):
+        for length in 0.5 ** np.arange(6 if fresh else 1):
             there = here.at(readout + length * step)
             if rms(there.error) < distance:
                 break
@@ -192,8 +186,9 @@ def nearest_through(
             continue
         readout, here, before, distance = readout + length * step, there, distance, rms(there.error)
         goes_on = on_step(distance)
-        if distance > _KEEP * before:
-            if fresh and distance > _STALL * before:
+        # a linearisation is used again while its steps bring much
+        if distance > 0.3 * before:
+            if fresh and distance > 0.99 * before:
                 break
             linear = None
     return readout
