@@ -218,12 +218,10 @@ def surroundings(result: FillResult) -> tuple[list[Layer], int]:
     """The open mesh and its rims, and how many triangles, far from all loops, are left out of a very large one."""
     mesh, loops = result.original, [outcome.loop for outcome in result.loops]
     faces, left_out = mesh.faces, max(len(mesh.faces) - MOST_FACES, 0)
-    if left_out and loops:
-        tree = cKDTree(np.concatenate([loop.points for loop in loops]))
-        distance = tree.query(mesh.vertices[mesh.faces].mean(axis=1))[0]
+    if left_out:
+        near = np.concatenate([loop.points for loop in loops]) if loops else mesh.vertices[:1]
+        distance = cKDTree(near).query(mesh.vertices[faces].mean(axis=1))[0]
         faces = faces[np.sort(np.argpartition(distance, MOST_FACES)[:MOST_FACES])]
-    elif left_out:
-        faces = faces[:MOST_FACES]
     used, renumbered = np.unique(faces, return_inverse=True)
     layers: list[Layer] = [
         Faces(
