@@ -1,6 +1,7 @@
-"""Polynomials orthogonal on a set of nodes, by Arnoldi's recurrence.
+"""Polynomials orthogonal on a set of nodes, by Arnoldi's recurrence, and points of the set to interpolate them at.
 
-Source: Brubeck, Nakatsukasa & Trefethen, "Vandermonde with Arnoldi", SIAM Review 63 (2021).
+Source: Brubeck, Nakatsukasa & Trefethen, "Vandermonde with Arnoldi", SIAM Review 63 (2021); Reichel, "Newton
+interpolation at Leja points", BIT 30 (1990), for the points.
 """
 
 from __future__ import annotations
@@ -8,6 +9,8 @@ from __future__ import annotations
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
+
+_MOST_CANDIDATES = 600
 
 
 def arnoldi_hessenberg(z: Complex[Tensor, " n"], weight: Float[Tensor, " n"], degree: int) -> Complex[Tensor, "d1 d"]:
@@ -42,3 +45,20 @@ def arnoldi_polynomials(z: Complex[Tensor, "*pts"], hessenberg: Complex[Tensor, 
         v = z * columns[k] - torch.stack(columns, dim=-1) @ hessenberg[: k + 1, k]
         columns.append(v / hessenberg[k + 1, k])
     return torch.stack(columns, dim=-1)
+
+
+def leja_points(z: Complex[Tensor, " n"], count: int) -> Complex[Tensor, " count"]:
+    """Leja points from a set: each maximises the product of the distances to those before it."""
+    candidates = z[:: max(1, len(z) // _MOST_CANDIDATES)]
+    chosen = [candidates[(candidates - candidates.mean()).abs().argmax()]]
+    product = torch.zeros(len(candidates), dtype=candidates.real.dtype, device=z.device)
+    for _ in range(count - 1):
+        product = product + (candidates - chosen[-1]).abs().log()
+        chosen.append(candidates[product.argmax()])
+    return torch.stack(chosen)
+
+
+def barycentric_weights(points: Complex[Tensor, " k"]) -> Complex[Tensor, " k"]:
+    """w_j ∝ Π_{k≠j} 1/(ζ_j − ζ_k), with which Σ w_j f_j/(ζ_j − z)/Σ w_j/(ζ_j − z) is the interpolating polynomial."""
+    logarithms = (points[:, None] - points + torch.eye(len(points), device=points.device)).log().sum(dim=1)
+    return (logarithms.real.mean() - logarithms).exp()
