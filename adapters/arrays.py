@@ -1,14 +1,17 @@
-"""Pairs (vertices, faces) of numpy arrays, as libigl's functions take and return them, and the package's own mesh."""
+"""Pairs (vertices, faces) of numpy arrays, as libigl's functions have them, or of torch tensors, and our own mesh."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from spinor_geom.adapters.extending import check_extension, fitting_index_dtype, grown_attributes
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    import torch
 
 
 class TriangleMeshAdapter:
@@ -52,15 +55,52 @@ class ArrayPairAdapter:
         check_extension(extension, vertices=len(vertices), attributes={})
         floating = vertices.dtype if vertices.dtype.kind == "f" else np.dtype(np.float64)
         indices = fitting_index_dtype(faces.dtype, extension.faces)
-        return rebuilt_pair(
+        return _rebuilt_pair(
             obj,
             np.concatenate([vertices.astype(floating), extension.vertices.astype(floating)]),
             np.concatenate([faces.astype(indices), extension.faces.astype(indices)]),
         )
 
 
-def rebuilt_pair(pair: Any, vertices: Any, faces: Any) -> Any:
+class TensorPairAdapter:
+    """A tuple or list (V, F) of torch tensors: positions (V, 3) and vertex indices (F, 3), on any device."""
+
+    name = "a pair (V, F) of torch tensors"
+    types = ("pair of torch.Tensor",)
+
+    def to_mesh(self, obj: tuple[torch.Tensor, torch.Tensor] | list[torch.Tensor]) -> TriangleMesh:
+        """The mesh of the two tensors, copied to the CPU and cut off from autograd."""
+        vertices, faces = obj
+        return TriangleMesh(_array(vertices), _array(faces))
+
+    def extend(self, obj: Any, extension: MeshExtension) -> Any:
+        """A new tuple or list of two new tensors on the old ones' devices, with the old ones as their first rows.
+
+        Gradients flow back to the old positions. Both tensors keep their dtype (new positions are rounded to it),
+        unless it cannot hold what is added: integer positions become float64, and too narrow indices int64.
+        """
+        import torch
+
+        vertices, faces = obj
+        check_extension(extension, vertices=len(vertices), attributes={})
+        floating = vertices.dtype if vertices.dtype.is_floating_point else torch.float64
+        fits = int(extension.faces.max(initial=0)) <= torch.iinfo(faces.dtype).max
+        indices = faces.dtype if fits else torch.int64
+        new_vertices = torch.tensor(extension.vertices, dtype=floating, device=vertices.device)
+        new_faces = torch.tensor(extension.faces, dtype=indices, device=faces.device)
+        return _rebuilt_pair(
+            obj, torch.cat([vertices.to(floating), new_vertices]), torch.cat([faces.to(indices), new_faces])
+        )
+
+
+def _rebuilt_pair(pair: Any, vertices: Any, faces: Any) -> Any:
     """The two members in a container like `pair`: a tuple, a named tuple or a list."""
     if hasattr(pair, "_make"):
         return pair._make([vertices, faces])
     return type(pair)([vertices, faces])
+
+
+def _array(tensor: torch.Tensor) -> np.ndarray:
+    tensor = tensor.detach().cpu()
+    # numpy has no bfloat16; float64 holds every shorter floating type exactly
+    return (tensor.double() if tensor.dtype.is_floating_point else tensor).numpy()

@@ -2,50 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Real
 
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.errors import MeshFileError
+from spinor_geom.mesh.extension import MeshExtension
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
 LONGEST_PROBLEM = 240  # letters
+Value = TypeVar("Value")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Addition:
-    """What is appended to a file: new vertices, and triangles over old and new ones.
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A file as it was read.
 
     Attributes:
-        first: the number of vertices of the file as it was read, and so the index of the first new one.
-        vertices: (K, 3) positions of the new vertices.
-        faces: (T, 3) vertex indices.
-        attributes: (K, k) values at the new vertices by name.
+        suffix: the format, as ".obj".
+        appended: gives the file with new elements after those that were in it, which stay as they are.
     """
 
-    first: int
-    vertices: Float[np.ndarray, "k 3"]
-    faces: Int[np.ndarray, "t 3"]
-    attributes: Mapping[str, Float[np.ndarray, "k _"]]
-
-
-@runtime_checkable
-class Source(Protocol):
-    """A file as it was read, able to give back its own bytes with something appended."""
-
-    @property
-    def suffix(self) -> str:
-        """The format, as ".obj"."""
-        ...
-
-    def appended(self, addition: Addition) -> bytes:
-        """The file with the addition: everything that was in it, unchanged, and the new elements after it."""
-        ...
+    suffix: str
+    appended: Callable[[MeshExtension], bytes]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,9 +109,10 @@ def nonfinite_rows(vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " n"]:
     return np.flatnonzero(~np.isfinite(vertices).all(axis=1))
 
 
-def numbers(row: Float[np.ndarray, " k"] | list[float]) -> str:
-    """Numbers as text from which the very same float64 values are read."""
-    return " ".join(map(repr, row.tolist() if isinstance(row, np.ndarray) else row))
+def text_rows(*tables: Real[np.ndarray, "n _"]) -> list[str]:
+    """Tables side by side as text, a line for each row, from which the very same numbers are read."""
+    columns = [list(map(repr, column.tolist())) for table in tables for column in table.T]
+    return list(map(" ".join, zip(*columns, strict=True)))
 
 
 def color_scale_of(values: np.ndarray) -> float:
@@ -134,12 +120,26 @@ def color_scale_of(values: np.ndarray) -> float:
     return 255.0 if values.max(initial=0.0) > 1.0 else 1.0
 
 
-def first_unreadable(rows: Iterable[Iterable[bytes]], convert: Callable[[bytes], object]) -> tuple[int, str]:
-    """The number of the first row with a word that cannot be converted, and that word."""
-    number, word = next(
-        (number, word) for number, row in enumerate(rows) for word in row if not _is_readable(word, convert)
-    )
-    return number, word.decode("utf-8", "replace")
+def converted(
+    rows: Sequence[Sequence[bytes]],
+    convert: Callable[[bytes], Value],
+    error: Callable[[int, str], MeshFileError],
+    columns: slice = slice(None),
+) -> list[Value]:
+    """The words of all rows of a text file, one row after the other, as `convert` understands them.
+
+    Args:
+        rows: words.
+        convert: raises ValueError of what it does not understand.
+        error: what to raise of the number of the first row with such a word, and that word.
+        columns: which words of each row.
+    """
+    try:
+        return list(map(convert, chain.from_iterable(row[columns] for row in rows)))
+    except ValueError:
+        words = ((number, word) for number, row in enumerate(rows) for word in row[columns])
+        number, word = next((number, word) for number, word in words if not _is_readable(word, convert))
+        raise error(number, word.decode("utf-8", "replace")) from None
 
 
 def _is_readable(word: bytes, convert: Callable[[bytes], object]) -> bool:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, Real
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from spinor_geom.errors import MeshShapeError, VertexIndexError
 from spinor_geom.mesh.extension import MeshExtension
@@ -58,6 +60,27 @@ def grown_attributes(
     if len(extension.vertices):
         rows |= extension.vertex_attributes
     return {name: grown(values, rows[name]) for name, values in carried.items()}
+
+
+def parts_of_faces(extension: MeshExtension, starts: Sequence[int], vertices: int) -> Int[np.ndarray, "t parts"]:
+    """How many vertices of each part of a mesh the patch of every new face hangs on.
+
+    Args:
+        extension: its faces form patches: those that share vertices, one after the other.
+        starts: the number of the first vertex of each part, ascending.
+        vertices: how many the mesh has.
+    """
+    faces = extension.faces
+    count = vertices + len(extension.vertices)
+    pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
+    graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
+    _, labels = connected_components(graph, directed=False)
+    patches, patch_of_face = np.unique(labels[faces[:, 0]], return_inverse=True)
+    old = np.unique(faces[faces < vertices])
+    votes = np.zeros((len(patches), len(starts)), dtype=np.int64)
+    part = np.searchsorted(starts, old, side="right") - 1
+    np.add.at(votes, (np.searchsorted(patches, labels[old]), part), 1)
+    return np.asarray(votes[patch_of_face], dtype=np.int64)
 
 
 def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.ndarray:

@@ -1,7 +1,11 @@
-"""Binary glTF (GLB): all triangle meshes of a scene as one mesh."""
+"""Binary glTF (GLB): all triangle meshes of a scene as one mesh, and patches in the primitives that they belong to."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+from copy import deepcopy
+from functools import partial
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -9,48 +13,47 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
-from spinor_geom.adapters.contents import FileContents, malformed, single_precision
+from spinor_geom.adapters.contents import FileContents, Source, malformed, single_precision
+from spinor_geom.adapters.extending import parts_of_faces
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer
-from spinor_geom.adapters.glb_pieces import NAMES, TRIANGLES, Piece, scene_pieces, shared_semantics
-from spinor_geom.adapters.glb_source import GlbSource
+from spinor_geom.adapters.glb_pieces import COPIED, Piece, have_one_layout, scene_pieces, shared_semantics
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import seam_representatives
 from spinor_geom.errors import MeshFileError
+from spinor_geom.mesh.extension import MeshExtension
+
+NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 
 
 def read_glb(data: bytes, path: Path | None) -> FileContents:
     """All triangles of a GLB file's scene, in the scene's coordinates.
 
     Primitives follow one another in the order of the nodes. A mesh that several nodes show is read once for each. Skins
-    and morph targets are at rest. Edges along which any attribute differs, and those between the primitives of one node
-    (which differ in material), are seams and are closed; nodes are not joined.
+    are at rest. Edges along which any attribute differs, and those between the primitives of one node (which differ in
+    material), are seams and are closed; nodes are not joined.
 
     A mesh or an array that is shown again and again is read again and again: up to `MOST_ROWS` rows in all, or as many
     as the file has bytes.
 
     Raises:
-        MeshFileError: malformed, truncated, compressed (Draco, meshopt), with data outside of the file, of more rows
-            than that, or without triangles; names the place.
+        MeshFileError: malformed, truncated, compressed (Draco, meshopt), with sparse arrays, strips, morph targets
+            or data outside of the file, of more rows than that, or without triangles; names the place.
     """
     try:
-        return _contents(data, path)
+        pieces = scene_pieces(GlbContainer.read(data, path))
     except MeshFileError:
         raise
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
         problem = f"does not follow glTF ({type(error).__name__}: {error})"
         raise malformed(path, "JSON", problem, "check the file") from error
-
-
-def _contents(data: bytes, path: Path | None) -> FileContents:
-    pieces = scene_pieces(GlbContainer.read(data, path), path)
     if not pieces:
         raise malformed(path, "scene", "has no triangles", "give a file with a surface in it")
     vertices = np.concatenate([piece.decoded("POSITION") for piece in pieces])
-    shared = shared_semantics(pieces)
     attributes = {
         NAMES.get(semantic, semantic): np.concatenate([piece.decoded(semantic) for piece in pieces])
-        for semantic in shared
+        for semantic in shared_semantics(pieces)
     }
     color_dtype: np.dtype[Any] = pieces[0].rows["COLOR_0"].dtype if "color" in attributes else np.dtype(np.float32)
     return FileContents(
@@ -59,7 +62,69 @@ def _contents(data: bytes, path: Path | None) -> FileContents:
         attributes=attributes,
         color_scale=1.0 if color_dtype.kind == "f" else float(np.iinfo(color_dtype).max),
         representatives=_representatives(vertices, pieces),
-        source=GlbSource(data=data, pieces=tuple(pieces), path=path),
+        source=Source(".glb", partial(_appended, data, pieces, path)),
+    )
+
+
+def _appended(data: bytes, pieces: Sequence[Piece], path: Path | None, extension: MeshExtension) -> bytes:
+    """The file with every new patch in the primitive that most of its rim belongs to.
+
+    Materials, textures, animations and all other content stay as they are. New vertices stand after those of their
+    primitive; those that no new face uses are not written. Rim vertices of other primitives are copied, bit by bit
+    where both lie in one node.
+    """
+    if len(extension.faces) == 0 and len(extension.vertices) == 0:
+        return data
+    container = GlbContainer.read(data, path)
+    vertices = np.concatenate([*(piece.decoded("POSITION") for piece in pieces), extension.vertices])
+    votes = parts_of_faces(extension, [piece.start for piece in pieces], pieces[-1].stop)
+    owners = votes.argmax(axis=1)
+    for number in np.unique(owners).tolist():
+        _grow(container, pieces, pieces[number], extension, extension.faces[owners == number], vertices)
+    return container.encoded()
+
+
+def _grow(
+    container: GlbContainer,
+    pieces: Sequence[Piece],
+    piece: Piece,
+    extension: MeshExtension,
+    faces: Int[np.ndarray, "t 3"],
+    vertices: Float[np.ndarray, "v 3"],
+) -> None:
+    """Append faces and the vertices they need to one piece in the file."""
+    nodes, meshes = container.tree["nodes"], container.tree["meshes"]
+    node = nodes[piece.node]
+    if Counter(other.get("mesh") for other in nodes)[node["mesh"]] > 1:
+        # what other nodes show stays as it is
+        meshes.append(deepcopy(meshes[node["mesh"]]))
+        node["mesh"] = len(meshes) - 1
+    primitive = meshes[node["mesh"]]["primitives"][piece.primitive]
+    own = (faces >= piece.start) & (faces < piece.stop)
+    others = np.unique(faces[~own])
+    is_new = others >= pieces[-1].stop
+    new = others[is_new] - pieces[-1].stop
+    _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[others])
+    for semantic, rows in piece.rows.items():
+        new_rows = rows[nearest]
+        name = NAMES.get(semantic, semantic)
+        if semantic == "POSITION":
+            new_rows = piece.encoded(semantic, vertices[others])
+        elif name in extension.vertex_attributes and not semantic.startswith(COPIED):
+            new_rows[is_new] = piece.encoded(semantic, extension.vertex_attributes[name][new])
+        for other in pieces:
+            if other.node == piece.node and have_one_layout(piece, other, semantic):
+                taken = (others >= other.start) & (others < other.stop)
+                new_rows[taken] = other.rows[semantic][others[taken] - other.start]
+        primitive["attributes"][semantic] = container.store(
+            np.concatenate([rows, new_rows]), target=ARRAY_BUFFER, instead_of=primitive["attributes"][semantic]
+        )
+    local = np.where(own, faces - piece.start, piece.stop - piece.start + np.searchsorted(others, faces))
+    all_faces = np.concatenate([piece.faces, local])
+    # the largest index of each type means "restart" to graphics hardware
+    dtype = np.uint16 if all_faces.max() < np.iinfo(np.uint16).max else np.uint32
+    primitive["indices"] = container.store(
+        all_faces.reshape(-1, 1).astype(dtype), target=ELEMENT_ARRAY_BUFFER, instead_of=primitive.get("indices")
     )
 
 
@@ -69,16 +134,6 @@ def encode_glb(contents: FileContents) -> bytes:
     Raises:
         MeshFileError: a number is too large for float32.
     """
-    container = GlbContainer(
-        tree={
-            "asset": {"version": "2.0", "generator": "spinor_geom"},
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0}],
-        },
-        views=[],
-        path=None,
-    )
     rows = {"POSITION": single_precision(contents.vertices)}
     for name, values in contents.attributes.items():
         semantic = next((key for key, own in NAMES.items() if own == name), name)
@@ -90,12 +145,18 @@ def encode_glb(contents: FileContents) -> bytes:
             values = values[:, :2] * [1.0, -1.0] + [0.0, 1.0]
         rows[semantic] = single_precision(values / contents.color_scale if name == "color" else values)
     faces, _ = contents.polygons.triangulated(contents.vertices)
-    attributes = {
-        semantic: container.store(values, instead_of=None, target=ARRAY_BUFFER, bounds=semantic == "POSITION")
-        for semantic, values in rows.items()
+    container = GlbContainer(tree={}, views=[], path=None)
+    primitive = {
+        "attributes": {name: container.store(values, target=ARRAY_BUFFER) for name, values in rows.items()},
+        "indices": container.store(faces.reshape(-1, 1).astype("<u4"), target=ELEMENT_ARRAY_BUFFER),
     }
-    indices = container.store(faces.reshape(-1, 1).astype("<u4"), instead_of=None, target=ELEMENT_ARRAY_BUFFER)
-    container.tree["meshes"] = [{"primitives": [{"attributes": attributes, "indices": indices, "mode": TRIANGLES}]}]
+    container.tree |= {
+        "asset": {"version": "2.0", "generator": "spinor_geom"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+    }
     return container.encoded()
 
 

@@ -25,8 +25,6 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
 DEEPEST_JSON = 100  # levels; Python's JSON fails some hundreds deeper, and by how much depends on who calls
 LISTS = ("accessors", "buffers", "bufferViews", "meshes", "nodes", "scenes")
-# rows of zeros that a file need not hold may be as many times its size, in bytes
-ZEROS_PER_BYTE = 16
 
 Json = dict[str, Any]
 
@@ -37,9 +35,8 @@ class GlbContainer:
 
     Attributes:
         tree: the JSON.
-        views: the bytes of each buffer view; None where they are not in the file.
+        views: the bytes of each buffer view; None where they are not in the file, or compressed.
         chunks: the chunks after the binary one, whatever they are.
-        size: of the file, in bytes; 0 for a new one.
         path: the file's name, for errors.
     """
 
@@ -47,7 +44,6 @@ class GlbContainer:
     views: list[bytes | None]
     path: Path | None
     chunks: bytes = b""
-    size: int = 0
 
     @classmethod
     def read(cls, data: bytes, path: Path | None) -> GlbContainer:
@@ -57,25 +53,20 @@ class GlbContainer:
             MeshFileError: not a binary glTF 2 file, shorter than it says, or with JSON that cannot be read.
         """
         tree, binary, chunks = _chunks(data, path)
-        views: list[bytes | None] = []
+        container = cls(tree=tree, views=[], path=path, chunks=chunks)
         for name in LISTS:
             items = tree.get(name, [])
             if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
                 raise malformed(path, "JSON", f"'{name}' is no list of objects", "check the file")
-        buffers = tree.get("buffers", [])
         for number, view in enumerate(tree.get("bufferViews", [])):
             # buffer 0 without an address is the one inside the file
-            inside = (
-                view["buffer"] == 0
-                and "uri" not in buffers[0]
-                and "EXT_meshopt_compression" not in view.get("extensions", {})
-            )
-            start, length = view.get("byteOffset", 0), view["byteLength"]
-            if inside and not 0 <= start <= start + length <= len(binary):
-                problem = f"ends at byte {start + length} of the binary buffer, which has {len(binary)}"
+            outside = view["buffer"] != 0 or "uri" in tree["buffers"][0]
+            start, stop = view.get("byteOffset", 0), view.get("byteOffset", 0) + view["byteLength"]
+            if not outside and not 0 <= start <= stop <= len(binary):
+                problem = f"ends at byte {stop} of the binary buffer, which has {len(binary)}"
                 raise malformed(path, f"buffer view {number}", problem, "check that the file is complete")
-            views.append(binary[start : start + length] if inside else None)
-        container = cls(tree=tree, views=views, path=path, chunks=chunks, size=len(data))
+            compressed = "EXT_meshopt_compression" in view.get("extensions", {})
+            container.views.append(None if outside or compressed else binary[start:stop])
         for reference in _references(tree):
             container.item("bufferViews", reference["bufferView"])
         return container
@@ -94,15 +85,12 @@ class GlbContainer:
 
     def encoded(self) -> bytes:
         """The file, without buffer views that nothing refers to any more."""
-        used = sorted({view["bufferView"] for view in _references(self.tree)})
-        keeps_all = any(view is None for view in self.views)
-        kept = range(len(self.views)) if keeps_all else used
+        kept = sorted({item["bufferView"] for item in _references(self.tree)})
         new_number = {old: new for new, old in enumerate(kept)}
         binary = bytearray()
         views = []
         for old in kept:
-            view = self.tree["bufferViews"][old]
-            content = self.views[old]
+            view, content = self.tree["bufferViews"][old], self.views[old]
             if content is not None:
                 view = {**view, "buffer": 0, "byteOffset": len(binary), "byteLength": len(content)}
                 binary += content + b"\0" * (-len(content) % 4)
@@ -114,74 +102,38 @@ class GlbContainer:
         buffers[0] = {**buffers[0], "byteLength": len(binary)}
         text = json.dumps(self.tree, separators=(",", ":")).encode("ascii")
         text += b" " * (-len(text) % 4)
-        total = 12 + 8 + len(text) + 8 + len(binary) + len(self.chunks)
-        return (
-            struct.pack("<4sIIII", b"glTF", 2, total, len(text), JSON_CHUNK)
-            + text
-            + struct.pack("<II", len(binary), BIN_CHUNK)
-            + bytes(binary)
-            + self.chunks
-        )
+        body = struct.pack("<II", len(text), JSON_CHUNK) + text + struct.pack("<II", len(binary), BIN_CHUNK) + binary
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(body) + len(self.chunks)) + body + self.chunks
 
     def values(self, accessor: int) -> np.ndarray:
         """The rows of an accessor, (n, k), in the type that the file stores them in.
 
         Raises:
-            MeshFileError: the data lies outside of the file, is compressed, or is shorter than announced.
+            MeshFileError: the data lies outside of the file, is sparse or compressed, or is shorter than announced.
         """
         item = self.item("accessors", accessor)
         dtype: np.dtype[Any] = np.dtype(COMPONENTS[item["componentType"]])
-        width, count = WIDTHS[item["type"]], item["count"]
-        sparse = item.get("sparse")
-        rows: np.ndarray
-        if "bufferView" in item:
-            stride = self.item("bufferViews", item["bufferView"]).get("byteStride", width * dtype.itemsize)
-            rows = self._rows(item["bufferView"], item.get("byteOffset", 0), count, dtype, width, stride, accessor)
-        elif sparse is not None and 0 <= count * width * dtype.itemsize <= ZEROS_PER_BYTE * self.size:
-            rows = np.zeros((count, width), dtype=dtype)
-        else:
-            raise malformed(
-                self.path, f"accessor {accessor}", "its data is not in the file, or compressed", "convert the file"
-            )
-        if sparse is None:
-            return rows
-        rows = rows.copy()
-        where, what, number = sparse["indices"], sparse["values"], sparse["count"]
-        index_type: np.dtype[Any] = np.dtype(COMPONENTS[where["componentType"]])
-        places = self._rows(
-            where["bufferView"], where.get("byteOffset", 0), number, index_type, 1, index_type.itemsize, accessor
-        )
-        if index_type.kind != "u":
-            raise malformed(self.path, f"accessor {accessor}", "its places are no unsigned integers", "check the file")
-        size = width * dtype.itemsize
-        rows[places[:, 0]] = self._rows(
-            what["bufferView"], what.get("byteOffset", 0), number, dtype, width, size, accessor
-        )
-        return rows
-
-    def _rows(
-        self, view: int, offset: int, count: int, dtype: np.dtype[Any], width: int, stride: int, accessor: int
-    ) -> np.ndarray:
-        content = self.views[view]
+        count, offset, row = item["count"], item.get("byteOffset", 0), WIDTHS[item["type"]] * dtype.itemsize
+        view = None if "sparse" in item else item.get("bufferView")
+        content = None if view is None else self.views[view]
         if content is None:
-            raise malformed(
-                self.path, f"accessor {accessor}", "its data is not in the file, or compressed", "convert the file"
-            )
-        row = width * dtype.itemsize
+            problem = "its data is not in the file, sparse, or compressed"
+            raise malformed(self.path, f"accessor {accessor}", problem, "convert the file")
+        stride = self.tree["bufferViews"][view].get("byteStride", row)
         if count < 0 or offset < 0 or stride < row or (count and offset + (count - 1) * stride + row > len(content)):
             problem = f"announces {count} rows, more than buffer view {view} holds"
             raise malformed(self.path, f"accessor {accessor}", problem, "check that the file is complete")
-        return np.asarray(np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize)))
+        shape = (count, WIDTHS[item["type"]])
+        return np.asarray(np.ndarray(shape, dtype, content, offset, (stride, dtype.itemsize)))
 
-    def store(self, rows: np.ndarray, *, instead_of: int | None, target: int, bounds: bool = False) -> int:
+    def store(self, rows: np.ndarray, *, target: int, instead_of: int | None = None) -> int:
         """Put rows (n, k) in the file and describe them by an accessor.
 
         Args:
             rows: the values, of a type that glTF knows.
+            target: what the rows are for, `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`.
             instead_of: an accessor whose type and other properties to take over; it is replaced itself if nothing else
                 refers to it.
-            target: what the rows are for, `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`.
-            bounds: whether to write the least and largest value of each column.
 
         Returns:
             The accessor's number.
@@ -197,14 +149,12 @@ class GlbContainer:
         self.views.append(padded.tobytes())
         self.tree.setdefault("bufferViews", []).append(view)
         accessors = self.tree.setdefault("accessors", [])
-        old = dict(accessors[instead_of]) if instead_of is not None else {"type": _type_of(width)}
-        item = {key: value for key, value in old.items() if key not in ("byteOffset", "sparse", "min", "max")}
-        item |= {
-            "bufferView": len(self.views) - 1,
-            "componentType": COMPONENT_CODES[rows.dtype.newbyteorder("<")],
-            "count": count,
-        }
-        if bounds:
+        old: Json = {"type": "SCALAR" if width == 1 else f"VEC{width}"}
+        if instead_of is not None:
+            old = {key: value for key, value in accessors[instead_of].items() if key != "byteOffset"}
+        code = COMPONENT_CODES[rows.dtype.newbyteorder("<")]
+        item = old | {"bufferView": len(self.views) - 1, "componentType": code, "count": count}
+        if count:
             item |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
         if instead_of is not None and self._uses()[instead_of] == 1:
             accessors[instead_of] = item
@@ -281,7 +231,3 @@ def _objects(tree: Json) -> Iterator[Json]:
 def _references(tree: Json) -> Iterator[Json]:
     """All objects in the JSON that refer to a buffer view."""
     return (item for item in _objects(tree) if "bufferView" in item)
-
-
-def _type_of(width: int) -> str:
-    return "SCALAR" if width == 1 else f"VEC{width}"

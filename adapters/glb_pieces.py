@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
 
 from spinor_geom.adapters.contents import malformed, unit_vectors
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.glb_container import GlbContainer, Json
 
-TRIANGLES, STRIP, FAN = 4, 5, 6  # a primitive's mode
+TRIANGLES, STRIPS_AND_FANS = 4, (5, 6)  # a primitive's mode
 WIDTHS = {"POSITION": 3, "NORMAL": 3, "TEXCOORD_0": 2}
 # A mesh that many nodes show, or an array that many primitives name, is read once for each: what a scene may hold in
 # rows of arrays, beyond as many as the file has bytes; 35 bytes of memory or so each.
 MOST_ROWS = 10_000_000
 ROWS_OF_A_PRIMITIVE = 100  # what its Python objects take
-NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
-# None of these means anything when averaged: a new vertex takes them from one old vertex beside it.
+# None of these means anything when averaged: a new vertex takes them from the nearest old one.
 COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")
 
 
@@ -50,11 +49,6 @@ class Piece:
     def stop(self) -> int:
         """One more than the number of its last vertex in the scene."""
         return self.start + len(self.rows["POSITION"])
-
-    @property
-    def size(self) -> int:
-        """How many rows its arrays have, faces included."""
-        return len(self.faces) + sum(map(len, self.rows.values()))
 
     def decoded(self, semantic: str) -> Float[np.ndarray, "n k"]:
         """An attribute as float64 in the scene's coordinates; colours in the file's own scale."""
@@ -86,9 +80,13 @@ class Piece:
         return cast_values(values, dtype)
 
 
-def scene_pieces(container: GlbContainer, path: Path | None) -> list[Piece]:
-    """The triangle primitives of the scene, node by node, parents first."""
-    tree = container.tree
+def scene_pieces(container: GlbContainer) -> list[Piece]:
+    """The triangle primitives of the scene, node by node, parents first.
+
+    Raises:
+        MeshFileError: the scene is malformed or too large, or a primitive has morph targets; names the place.
+    """
+    tree, path = container.tree, container.path
     nodes = tree.get("nodes", [])
     for node in nodes:
         if "mesh" in node:
@@ -100,8 +98,7 @@ def scene_pieces(container: GlbContainer, path: Path | None) -> list[Piece]:
         roots = [number for number in range(len(nodes)) if number not in children]
     pieces: list[Piece] = []
     seen: set[int] = set()
-    most = max(MOST_ROWS, container.size)
-    rows = 0
+    rows_left = max(MOST_ROWS, sum(len(view or b"") for view in container.views))
     stack = [(root, np.eye(4)) for root in reversed(roots)]
     while stack:
         number, parent = stack.pop()
@@ -113,86 +110,70 @@ def scene_pieces(container: GlbContainer, path: Path | None) -> list[Piece]:
             transform = parent @ _local_transform(node)
             is_flat = np.linalg.det(transform[:3, :3]) == 0
         stack += [(child, transform) for child in reversed(node.get("children", []))]
-        if "mesh" in node:
-            placed = np.eye(4) if "skin" in node else transform
-            if is_flat and "skin" not in node:
-                raise malformed(path, f"node {number}", "its transform flattens the mesh", "correct the transform")
-            for index in range(len(tree["meshes"][node["mesh"]]["primitives"])):
-                start = pieces[-1].stop if pieces else 0
-                piece = _piece(container, number, index, start, placed, path)
-                pieces += [piece] if piece is not None else []
-                rows += ROWS_OF_A_PRIMITIVE + (piece.size if piece is not None else 0)
-                if rows > most:
-                    problem = f"with it the scene has more than {most:,} rows of arrays, as it shows meshes repeatedly"
-                    raise malformed(path, f"node {number}", problem, "give each mesh as a file of its own")
+        if "mesh" not in node:
+            continue
+        if "skin" in node:
+            transform = np.eye(4)
+        elif is_flat:
+            raise malformed(path, f"node {number}", "its transform flattens the mesh", "correct the transform")
+        for index in range(len(tree["meshes"][node["mesh"]]["primitives"])):
+            piece = _piece(container, number, index, pieces[-1].stop if pieces else 0, transform)
+            rows_left -= ROWS_OF_A_PRIMITIVE
+            if piece is not None:
+                pieces.append(piece)
+                rows_left -= len(piece.faces) + sum(map(len, piece.rows.values()))
+            if rows_left < 0:
+                problem = f"with it the scene has more than {MOST_ROWS:,} rows of arrays, as it shows meshes repeatedly"
+                raise malformed(path, f"node {number}", problem, "give each mesh as a file of its own")
     return pieces
 
 
 def _piece(
-    container: GlbContainer,
-    node: int,
-    index: int,
-    start: int,
-    transform: Float[np.ndarray, "4 4"],
-    path: Path | None,
+    container: GlbContainer, node: int, index: int, start: int, transform: Float[np.ndarray, "4 4"]
 ) -> Piece | None:
     """One primitive, or None if it has no triangles."""
-    tree = container.tree
+    tree, path = container.tree, container.path
     mesh = tree["nodes"][node]["mesh"]
     primitive = tree["meshes"][mesh]["primitives"][index]
     place = f"mesh {mesh}, primitive {index}"
     mode = primitive.get("mode", TRIANGLES)
-    if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in primitive["attributes"]:
+    if mode in STRIPS_AND_FANS:
+        raise malformed(path, place, "is a triangle strip or fan", "convert it to a list of triangles")
+    if mode != TRIANGLES or "POSITION" not in primitive["attributes"]:
         return None
     if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
         raise malformed(path, place, "is compressed with Draco", "decompress the file first")
+    if primitive.get("targets"):
+        raise malformed(path, place, "has morph targets, and a patch could not move with them", "apply them first")
     rows = {semantic: container.values(accessor) for semantic, accessor in primitive["attributes"].items()}
     count = len(rows["POSITION"])
-    if any(
-        len(values) != count or values.shape[1] != WIDTHS.get(name, values.shape[1]) for name, values in rows.items()
-    ):
-        raise malformed(
-            path, place, "its attributes do not have one row a vertex, of their own width", "check the file"
-        )
+    if any(len(own) != count or own.shape[1] != WIDTHS.get(name, own.shape[1]) for name, own in rows.items()):
+        problem = "its attributes do not have one row a vertex, of their own width"
+        raise malformed(path, place, problem, "check the file")
     indices = np.arange(count)
     if "indices" in primitive:
         stored = container.values(primitive["indices"])
         if stored.dtype.kind != "u":
             raise malformed(path, place, "its indices are no unsigned integers", "correct the indices")
         indices = stored[:, 0].astype(np.int64)
-    faces = _triangles(indices, mode)
-    if faces is None or (len(faces) and (faces.max() >= count or faces.min() < 0)):
+    if len(indices) % 3 or indices.max(initial=-1) >= count:
         problem = f"its indices are no triangles over its {count} vertices"
         raise malformed(path, place, problem, "correct the indices")
-    if len(faces) == 0:
-        return None
-    # only writing needs them, but what is wrong with them is told now
-    moved = [container.values(accessor) for target in primitive.get("targets", []) for accessor in target.values()]
-    if any(len(values) != count for values in moved):
-        raise malformed(path, place, "its morph targets do not have one row a vertex", "check the file")
-    normalized = frozenset(
+    normalized = {
         semantic
         for semantic, accessor in primitive["attributes"].items()
         if tree["accessors"][accessor].get("normalized", False) and rows[semantic].dtype.kind != "f"
+    }
+    piece = Piece(
+        node=node,
+        primitive=index,
+        start=start,
+        faces=indices.reshape(-1, 3),
+        rows=rows,
+        normalized=frozenset(normalized),
+        transform=transform,
     )
-    return Piece(
-        node=node, primitive=index, start=start, faces=faces, rows=rows, normalized=normalized, transform=transform
-    )
-
-
-def _triangles(indices: Int[np.ndarray, " n"], mode: int) -> Int[np.ndarray, "f 3"] | None:
-    """The triangles of a list, strip or fan of indices; None if a list is no multiple of three."""
-    if mode == TRIANGLES:
-        return indices.reshape(-1, 3) if len(indices) % 3 == 0 else None
-    if len(indices) < 3:
-        return np.zeros((0, 3), dtype=np.int64)
-    if mode == FAN:
-        apex = np.broadcast_to(indices[:1], len(indices) - 2)
-        return np.stack([apex, indices[1:-1], indices[2:]], axis=1)
-    faces = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
-    faces[1::2] = faces[1::2, [1, 0, 2]]
-    # strips name a vertex twice to jump to another place
-    return np.asarray(faces[(faces != np.roll(faces, -1, axis=1)).all(axis=1)])
+    return piece if len(indices) else None
 
 
 def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
@@ -200,14 +181,7 @@ def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape((4, 4), order="F")
     transform = np.eye(4)
-    x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    rotation = Rotation.from_quat(node.get("rotation", (0.0, 0.0, 0.0, 1.0))).as_matrix()
     transform[:3, :3] = rotation * np.array(node.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
     transform[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
     return transform
@@ -215,16 +189,16 @@ def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
 
 def shared_semantics(pieces: list[Piece]) -> list[str]:
     """The attributes that all pieces have, in one width and type, and that may be interpolated."""
-    first = pieces[0].rows
     return [
         semantic
-        for semantic, rows in first.items()
+        for semantic in pieces[0].rows
         if semantic != "POSITION"
         and not semantic.startswith(COPIED)
-        and all(
-            semantic in piece.rows
-            and piece.rows[semantic].shape[1] == rows.shape[1]
-            and piece.rows[semantic].dtype == rows.dtype
-            for piece in pieces
-        )
+        and all(have_one_layout(pieces[0], piece, semantic) for piece in pieces)
     ]
+
+
+def have_one_layout(first: Piece, second: Piece, semantic: str) -> bool:
+    """Whether two pieces store an attribute in rows of one width and type."""
+    a, b = first.rows.get(semantic), second.rows.get(semantic)
+    return a is not None and b is not None and a.shape[1] == b.shape[1] and a.dtype == b.dtype

@@ -7,17 +7,16 @@ What such a file holds is what its library reads of it, and it is written anew b
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import Addition, FileContents, malformed
+from spinor_geom.adapters.contents import FileContents, Source, malformed
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.pyvista_mesh import polygons_of
@@ -29,35 +28,9 @@ from spinor_geom.optional import require
 
 if TYPE_CHECKING:
     import pyvista
-    import trimesh
 
-_VTK = {".vtp": ("vtkIOXML", "vtkXMLPolyData"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObject")}
+_READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
 _LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LibrarySource:
-    """A file as its library read it.
-
-    Attributes:
-        suffix: the format, as ".vtp".
-        held: the library's object, which an adapter can extend.
-        encode: what makes a file of such an object.
-    """
-
-    suffix: str
-    held: Any
-    encode: Callable[[Any], bytes]
-
-    def appended(self, addition: Addition) -> bytes:
-        """A new file of what the old one held, with the addition after it."""
-        extension = MeshExtension(
-            vertices=addition.vertices,
-            faces=addition.faces,
-            face_loops=np.zeros(len(addition.faces), dtype=np.int64),
-            vertex_attributes=addition.attributes,
-        )
-        return self.encode(extend(self.held, extension))
 
 
 def require_library(suffix: str) -> None:
@@ -76,13 +49,22 @@ def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
     Faces, points and lines, and all point data.
 
     Raises:
-        MeshFileError: VTK reports an error or a warning, or what the file holds is no surface.
+        MeshFileError: VTK says anything at all (after an error it goes on with what it has, or with nothing), or what
+            the file holds is no surface.
         NonFiniteVertexError: a coordinate is NaN or infinite.
     """
-    mesh = _read_by_vtk(_vtk_class(suffix, "Reader"), data, path)
-    return _contents(
-        mesh, path, source=LibrarySource(suffix=suffix, held=mesh, encode=partial(_written, suffix=suffix))
-    )
+    import pyvista
+
+    module, name = _READERS[suffix]
+    reader = getattr(import_module(f"vtkmodules.{module}"), name)()
+    reader.SetReadFromInputString(True)
+    reader.SetBinaryInputString(data, len(data))
+    with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as heard:
+        reader.Update()
+    if heard.events:
+        problem = f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})"
+        raise malformed(path, "", problem, "check that it is complete")
+    return _contents(pyvista.wrap(reader.GetOutput()), path, suffix)
 
 
 def read_3mf(data: bytes, path: Path | None) -> FileContents:
@@ -99,12 +81,12 @@ def read_3mf(data: bytes, path: Path | None) -> FileContents:
     # what trimesh and lxml raise for files that do not follow the format; lxml's errors are SyntaxErrors
     except (BadZipFile, SyntaxError, KeyError, IndexError, StopIteration, TypeError, ValueError) as error:
         raise malformed(path, "", f"trimesh cannot read it ({type(error).__name__}: {error})", "check it") from error
-    return _contents(scene, path, source=LibrarySource(suffix=".3mf", held=scene, encode=_3mf))
+    return _contents(scene, path, ".3mf")
 
 
 def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
     """A new .vtp or .vtk (binary) file with faces whole, curves as lines and all attributes as point data."""
-    return _written(_poly_data(contents), suffix=suffix)
+    return _encoded(_poly_data(contents), suffix)
 
 
 def encode_3mf(contents: FileContents) -> bytes:
@@ -112,10 +94,10 @@ def encode_3mf(contents: FileContents) -> bytes:
     import trimesh
 
     triangles, _ = contents.polygons.triangulated(contents.vertices)
-    return _3mf(trimesh.Scene([trimesh.Trimesh(contents.vertices, triangles, process=False)]))
+    return _encoded(trimesh.Scene([trimesh.Trimesh(contents.vertices, triangles, process=False)]), ".3mf")
 
 
-def _contents(held: Any, path: Path | None, *, source: LibrarySource) -> FileContents:
+def _contents(held: Any, path: Path | None, suffix: str) -> FileContents:
     """What a library's object holds.
 
     Raises:
@@ -128,64 +110,30 @@ def _contents(held: Any, path: Path | None, *, source: LibrarySource) -> FileCon
         raise NonFiniteVertexError(vertex=error.fields["vertex"], place=str(path or "")) from None
     except (MeshError, UnknownMeshTypeError) as error:
         raise MeshFileError(f"{path}: {error}", path=path, place="") from error
-    polygons = Polygons.of_triangles(mesh.faces) if source.suffix == ".3mf" else polygons_of(held)
-    appearance = appearance_of(mesh.vertex_attributes)
+    polygons = Polygons.of_triangles(mesh.faces) if suffix == ".3mf" else polygons_of(held)
     return FileContents(
         vertices=mesh.vertices,
         polygons=polygons,
         attributes=mesh.vertex_attributes,
         labels=mesh.labels,
         color_scale=255.0,
-        representatives=seam_representatives(mesh.vertices, polygons, appearance),
-        source=source,
+        representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
+        source=Source(suffix, partial(_appended, held, suffix)),
     )
 
 
-def _read_by_vtk(reader: Any, data: bytes, path: Path | None) -> Any:
-    """What a reader of VTK makes of a file, as PyVista's object.
-
-    Raises:
-        MeshFileError: VTK says anything at all: after an error it goes on with what it has, or with nothing.
-    """
-    import pyvista
-    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
-
-    reader.SetReadFromInputString(True)
-    reader.SetBinaryInputString(data, len(data))
-    window, usual = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
-    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
-    vtkOutputWindow.SetInstance(window)
-    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
-    try:
-        reader.Update()
-    finally:
-        vtkOutputWindow.SetInstance(usual)
-        vtkLogger.SetStderrVerbosity(verbosity)
-    lines = [line for line in window.GetOutput().splitlines()[1:] if line]
-    if lines:
-        raise malformed(path, "", f"VTK cannot read it ({lines[0].rpartition('): ')[2]})", "check that it is complete")
-    return pyvista.wrap(reader.GetOutput())
+def _appended(held: Any, suffix: str, extension: MeshExtension) -> bytes:
+    return _encoded(extend(held, extension), suffix)
 
 
-def _vtk_class(suffix: str, kind: str) -> Any:
-    """A new reader or writer."""
-    module, name = _VTK[suffix]
-    return getattr(import_module(f"vtkmodules.{module}"), f"{name}{kind}")()
-
-
-def _written(mesh: pyvista.PolyData | pyvista.UnstructuredGrid, *, suffix: str) -> bytes:
-    writer = _vtk_class(suffix, "Writer")
-    writer.SetInputData(mesh)
-    if suffix == ".vtk":
-        writer.SetFileTypeToBinary()
-    writer.SetWriteToOutputString(True)
-    writer.Write()
-    return bytes(writer.GetOutputStdString() if suffix == ".vtk" else writer.GetOutputString().encode("utf-8"))
-
-
-def _3mf(scene: trimesh.Scene) -> bytes:
-    untyped: Any = scene
-    return bytes(untyped.export(file_type="3mf"))
+def _encoded(held: Any, suffix: str) -> bytes:
+    """A file of a library's object."""
+    if suffix == ".3mf":
+        return bytes(held.export(file_type="3mf"))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"mesh{suffix}"
+        held.save(path)
+        return path.read_bytes()
 
 
 def _poly_data(contents: FileContents) -> pyvista.PolyData:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import Addition, FileContents, malformed, nonfinite_rows
+from spinor_geom.adapters.contents import FileContents, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import grown_attributes
 from spinor_geom.adapters.glb import encode_glb, read_glb
 from spinor_geom.adapters.library_files import encode_3mf, encode_vtk, read_3mf, read_vtk, require_library
@@ -170,12 +170,13 @@ class MeshFile(Shown):
         if source is None or source.suffix != suffix:
             return FORMATS[suffix][1](self.contents)
         vertices, faces = self.read_sizes
+        new = self.contents.polygons.corners[self.contents.polygons.starts[faces] :].reshape(-1, 3)
         return source.appended(
-            Addition(
-                first=vertices,
+            MeshExtension(
                 vertices=self.contents.vertices[vertices:],
-                faces=self.contents.polygons.from_face(faces).corners.reshape(-1, 3),
-                attributes={name: values[vertices:] for name, values in self.contents.attributes.items()},
+                faces=new,
+                face_loops=np.zeros(len(new), dtype=np.int64),
+                vertex_attributes={name: values[vertices:] for name, values in self.contents.attributes.items()},
             )
         )
 
@@ -221,21 +222,11 @@ class MeshFileAdapter:
     types = ("spinor_geom.MeshFile", "pathlib.PurePath", "builtins.str")
 
     def to_mesh(self, obj: MeshFile | str | os.PathLike[str]) -> TriangleMesh:
-        """The triangles of the file.
-
-        Raises:
-            MeshFileError: the file is missing or malformed.
-        """
+        """The triangles of the file; a MeshFileError if it is missing or malformed."""
         return _opened(obj).mesh
 
     def extend(self, obj: Any, extension: MeshExtension) -> MeshFile:
-        """The file with the extension appended, as a `MeshFile`; nothing is written.
-
-        Raises:
-            MeshFileError: the file is missing or malformed.
-            VertexIndexError: a new face names a vertex that does not exist.
-            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
-        """
+        """The file with the extension appended, as a `MeshFile`; nothing is written."""
         return _opened(obj).extended(extension)
 
 

@@ -6,20 +6,20 @@ or run: `mtllib`, `call` and the like are lines of text.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
     color_scale_of,
-    first_unreadable,
+    converted,
     integer,
     malformed,
     nonfinite_rows,
@@ -31,7 +31,7 @@ from spinor_geom.errors import MeshFileError
 BLOCK_SIZE = 1 << 22
 LONGEST_LINE = 1 << 25
 LARGEST_INDEX = 2**62  # so that sums of two indices fit 64 bits
-KEYS = (b"v", b"vt", b"vn", b"f", b"l", b"o", b"g")
+KEYS = (b"v", b"vt", b"vn", b"f", b"l", b"o")
 COUNTED = (b"v", b"vt", b"vn")
 
 Row = list[bytes]
@@ -46,7 +46,6 @@ class ObjText:
         names: of objects and groups, as "object/group" where both are given; the first is "".
         face_names: (P,) int64, the name of each polygon as a number among them.
         curve_names: the name of each of the contents' curves: that of its first piece.
-        color_width: how many colour values follow the coordinates in its `v` lines: 0, 3 or 4.
         corner_indices: for "uv" and "normal", where the file gives each vertex only one, its (V,) number among the `vt`
             and `vn` lines, −1 where a vertex is in no face.
         counts: how many `vt` and `vn` lines the file has, by the same names.
@@ -58,7 +57,6 @@ class ObjText:
     names: tuple[str, ...]
     face_names: Int[np.ndarray, " p"]
     curve_names: tuple[str, ...]
-    color_width: int
     corner_indices: dict[str, Int[np.ndarray, " v"]]
     counts: dict[str, int]
     newline: bytes
@@ -80,7 +78,7 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
     Raises:
         MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
     """
-    collected = _Collected(path=path)
+    reader = _Reader(path)
     newline, last, place, line = b"\n", b"", 0, 1
     for number, (block, lines_end) in enumerate(_blocks(stream, path)):
         if number == 0:
@@ -89,11 +87,11 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
             at = f"byte {place + block.index(0)}"
             raise malformed(path, at, "a zero byte, so this is no OBJ text", "check the file's format")
         text = block.removeprefix(BYTE_ORDER_MARK) if number == 0 else block
-        collected.add(_Block(text, path, split_at=newline[-1:], first_line=line))
+        reader.add(_Block(text, path, split_at=newline[-1:], first_line=line))
         place, line, last = place + len(block), line + block.count(newline[-1:]), block[-2:]
     # a backslash at the very end would continue the last line into what follows
     ending = b"" if last.endswith(newline) else newline
-    return collected.text(newline, ending + (newline if last.rstrip(b"\r\n").endswith(b"\\") else b""))
+    return reader.text(newline, ending + (newline if last.rstrip(b"\r\n").endswith(b"\\") else b""))
 
 
 def _blocks(stream: BinaryIO, path: Path | None) -> Iterator[tuple[bytes, bytes]]:
@@ -133,85 +131,79 @@ def _newline(data: bytearray) -> bytes:
     return b"\n" if b"\n" in data or b"\r" not in data else b"\r"
 
 
-@dataclass(kw_only=True, eq=False)
-class _Collected:
+class _Reader:
     """What the blocks read so far have given."""
 
-    path: Path | None
-    counts: dict[bytes, int] = field(default_factory=lambda: dict.fromkeys(COUNTED, 0))
-    vertices: list[Float[np.ndarray, "n 3"]] = field(default_factory=list)
-    colors: list[Float[np.ndarray, "n k"]] = field(default_factory=list)
-    widths: set[int] = field(default_factory=set)
-    first_nonfinite: str = ""
-    values: dict[bytes, list[Float[np.ndarray, "n k"]]] = field(default_factory=lambda: {b"vt": [], b"vn": []})
-    lengths: dict[bytes, set[int]] = field(default_factory=lambda: {b"vt": set(), b"vn": set()})
-    unreadable: dict[bytes, MeshFileError] = field(default_factory=dict)
-    corners: dict[bytes, list[Int[np.ndarray, "n 3"]]] = field(default_factory=lambda: {b"f": [], b"l": []})
-    sizes: dict[bytes, list[Int[np.ndarray, " n"]]] = field(default_factory=lambda: {b"f": [], b"l": []})
-    lines: dict[bytes, list[Int[np.ndarray, " n"]]] = field(default_factory=lambda: {b"f": [], b"l": []})
-    labels: dict[bytes, list[Int[np.ndarray, " n"]]] = field(default_factory=lambda: {b"f": [], b"l": []})
-    wrong: list[tuple[int, str]] = field(default_factory=list)
-    names: dict[str, int] = field(default_factory=lambda: {"": 0})
-    of_object: str = ""
-    of_group: str = ""
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self.counts = dict.fromkeys(COUNTED, 0)
+        self.widths: dict[bytes, set[int]] = {key: set() for key in COUNTED}  # words of their lines
+        self.values: dict[bytes, list[Float[np.ndarray, "n k"]]] = {key: [] for key in COUNTED}
+        self.colors: list[Float[np.ndarray, "n k"]] = []
+        self.first_nonfinite = ""
+        self.unreadable: dict[bytes, MeshFileError] = {}
+        # of faces and curves in each block: their corners, and of each how many these are, its line and its name
+        none = np.zeros(0, dtype=np.int64)
+        self.elements = {key: [(none.reshape(0, 3), none, none, none)] for key in (b"f", b"l")}
+        self.wrong: list[tuple[int, str]] = []
+        self.names = {"": 0}
+        self.of_object = self.of_group = ""
 
     def add(self, block: _Block) -> None:
         """Takes the elements of the next block."""
-        block.check_lengths(b"v", least=3, what="a vertex needs three coordinates")
-        self._add_vertices(block)
-        block.check_lengths(b"f", least=3, what="a face needs three corners")
-        block.check_lengths(b"l", least=2, what="a curve needs two vertices")
+        for key, least, what in (
+            (b"v", 3, "a vertex needs three coordinates"),
+            (b"f", 3, "a face needs three corners"),
+            (b"l", 2, "a curve needs two vertices"),
+        ):
+            block.check_lengths(key, least=least, what=what)
+            if key == b"v" and block.rows[key]:
+                self._add_vertices(block)
+        starts, names = self._names(block)
         for key in (b"f", b"l"):
-            if block.of(key):
+            if block.rows[key]:
                 corners, wrong = block.corners(key, self.counts)
-                self.corners[key].append(corners)
                 self.wrong += wrong
-                self.sizes[key].append(np.array([len(row) - 1 for row in block.of(key)], dtype=np.int64))
-                self.lines[key].append(block.line_numbers(key))
-        self._add_names(block)
+                sizes = np.array([len(row) - 1 for row in block.rows[key]], dtype=np.int64)
+                own_names = np.array(names, dtype=np.int64)[np.searchsorted(starts, block.standing(key)) - 1]
+                self.elements[key].append((corners, sizes, block.line_numbers(key), own_names))
         for key in (b"vt", b"vn"):
             self._add_values(block, key)
         for key in COUNTED:
-            self.counts[key] += len(block.of(key))
+            self.counts[key] += len(block.rows[key])
 
     def _add_vertices(self, block: _Block) -> None:
-        lengths = set(map(len, block.of(b"v")))
-        if not lengths:
-            return
-        self.vertices.append(block.floats(b"v", 1, 4))
-        if not self.first_nonfinite and len(wrong := nonfinite_rows(self.vertices[-1])):
+        lengths = set(map(len, block.rows[b"v"]))
+        vertices = block.floats(b"v", 1, 4)
+        self.values[b"v"].append(vertices)
+        if not self.first_nonfinite and len(wrong := nonfinite_rows(vertices)):
             self.first_nonfinite = f"line {block.line_numbers(b'v')[wrong[0]]}"
-        self.widths |= lengths
-        if self.widths in ({7}, {8}):
+        self.widths[b"v"] |= lengths
+        if self.widths[b"v"] in ({7}, {8}):
             self.colors.append(block.floats(b"v", 4, min(lengths)))
         else:
             self.colors.clear()
 
     def _add_values(self, block: _Block, key: bytes) -> None:
         """Texture coordinates or normals, as long as they may all be used; an unreadable one matters only then."""
-        self.lengths[key] |= set(map(len, block.of(key)))
-        if len(self.lengths[key]) != 1 or key in self.unreadable or min(self.lengths[key]) < 2:
+        self.widths[key] |= set(map(len, block.rows[key]))
+        if len(self.widths[key]) != 1 or key in self.unreadable or min(self.widths[key]) < 2:
             self.values[key].clear()
             return
         try:
-            self.values[key].append(block.floats(key, 1, min(self.lengths[key])))
+            self.values[key].append(block.floats(key, 1, min(self.widths[key])))
         except MeshFileError as error:
             self.unreadable[key] = error
 
-    def _add_names(self, block: _Block) -> None:
-        """The names that hold at each face and curve of a block."""
+    def _names(self, block: _Block) -> tuple[list[int], list[int]]:
+        """Behind which lines of a block which name holds, as a number."""
         starts, numbers = [-1], [self._number()]
-        for row, key, words in block.name_rows():
-            name = b" ".join(words).decode("utf-8", "replace")
-            if key == b"o":
-                self.of_object, self.of_group = name, ""
-            else:
-                self.of_group = name
+        for row, words in zip(block.standing(b"o").tolist(), block.rows[b"o"], strict=True):
+            name = b" ".join(words[1:]).decode("utf-8", "replace")
+            self.of_object, self.of_group = (name, "") if words[0].lower() == b"o" else (self.of_object, name)
             starts.append(row)
             numbers.append(self._number())
-        for key in (b"f", b"l"):
-            at = np.searchsorted(starts, block.rows_of(key)) - 1
-            self.labels[key].append(np.array(numbers, dtype=np.int64)[at])
+        return starts, numbers
 
     def _number(self) -> int:
         name = "/".join(filter(None, (self.of_object, self.of_group)))
@@ -223,34 +215,29 @@ class _Collected:
         Raises:
             MeshFileError: no vertices, or an index of none.
         """
-        if not self.vertices:
+        if not self.values[b"v"]:
             advice = "check that the file is complete and is an OBJ file"
             raise malformed(self.path, "", "has no vertices (`v` lines)", advice)
-        vertices = np.concatenate(self.vertices)
-        corners = {key: _joined(parts, (0, 3)) for key, parts in self.corners.items()}
-        self._check_corners(corners, len(vertices))
-        attributes = {}
-        width = {frozenset({7}): 3, frozenset({8}): 4}.get(frozenset(self.widths), 0)
-        if width:
-            attributes["color"] = np.concatenate(self.colors)
+        vertices = np.concatenate(self.values[b"v"])
+        faces, curves = ([np.concatenate(parts) for parts in zip(*own, strict=True)] for own in self.elements.values())
+        self._check_corners((faces, curves), len(vertices))
+        attributes = {"color": np.concatenate(self.colors)} if self.colors else {}
         corner_indices = {}
         for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
-            own = _index_of_each_vertex(corners[b"f"][:, 0], corners[b"f"][:, column], len(vertices), self.counts[key])
-            lengths = self.lengths[key]
-            if own is None or len(lengths) != 1 or (name == "normal" and lengths != {4}):
+            own = _index_of_each_vertex(faces[0][:, 0], faces[0][:, column], len(vertices), self.counts[key])
+            if own is None or len(self.widths[key]) != 1 or (name == "normal" and self.widths[key] != {4}):
                 continue
             if key in self.unreadable:
                 raise self.unreadable[key]
             corner_indices[name] = own
             attributes[name] = np.where(own[:, None] >= 0, np.concatenate(self.values[key])[own], 0.0)
-        pieces = np.split(corners[b"l"][:, 0], np.cumsum(_joined(self.sizes[b"l"], (0,)))[:-1])
-        chains = chained(pieces) if len(corners[b"l"]) else ()
-        labels, names = _joined(self.labels[b"l"], (0,)), tuple(self.names)
+        pieces = np.split(curves[0][:, 0], np.cumsum(curves[1])[:-1]) if len(curves[1]) else []
+        chains, names = chained(pieces), tuple(self.names)
         contents = FileContents(
             vertices=vertices,
-            polygons=Polygons.of_sizes(corners[b"f"][:, 0], _joined(self.sizes[b"f"], (0,))),
+            polygons=Polygons.of_sizes(faces[0][:, 0], faces[1]),
             attributes=attributes,
-            color_scale=color_scale_of(attributes["color"]) if width else 1.0,
+            color_scale=color_scale_of(attributes.get("color", np.zeros(0))),
             representatives=np.arange(len(vertices)),
             polylines=tuple(curve for _, curve in chains),
             first_nonfinite=self.first_nonfinite,
@@ -258,22 +245,19 @@ class _Collected:
         return ObjText(
             contents=contents,
             names=names,
-            face_names=_joined(self.labels[b"f"], (0,)),
-            curve_names=tuple(names[labels[first]] for first, _ in chains),
-            color_width=width,
+            face_names=faces[3],
+            curve_names=tuple(names[curves[3][first]] for first, _ in chains),
             corner_indices=corner_indices,
             counts={"uv": self.counts[b"vt"], "normal": self.counts[b"vn"]},
             newline=newline,
             ending=ending,
         )
 
-    def _check_corners(self, corners: dict[bytes, Int[np.ndarray, "n 3"]], vertices: int) -> None:
+    def _check_corners(self, elements: Iterable[list[Int[np.ndarray, "..."]]], vertices: int) -> None:
         wrong = list(self.wrong)
-        for key in (b"f", b"l"):
-            beyond = np.flatnonzero(corners[key][:, 0] >= vertices)
-            if len(beyond):
-                line = np.searchsorted(np.cumsum(np.concatenate(self.sizes[key])), beyond[0], side="right")
-                wrong.append((int(np.concatenate(self.lines[key])[line]), str(corners[key][beyond[0], 0] + 1)))
+        for corners, sizes, lines, _ in elements:
+            beyond = np.flatnonzero(corners[:, 0] >= vertices)[:1].tolist()
+            wrong += [(int(np.repeat(lines, sizes)[corner]), str(corners[corner, 0] + 1)) for corner in beyond]
         if wrong:
             number, word = min(wrong)
             problem = f"'{word}' names a vertex that does not exist, the file has {vertices} (numbered from 1)"
@@ -281,7 +265,11 @@ class _Collected:
 
 
 class _Block:
-    """The lines of a part of an OBJ file as words, by their first word."""
+    """The lines of a part of an OBJ file as words, by their first word.
+
+    Attributes:
+        rows: the lines by the first of `KEYS` that begins them; those of groups stand among those of objects.
+    """
 
     def __init__(self, data: bytes, path: Path | None, *, split_at: bytes, first_line: int) -> None:
         self.path = path
@@ -289,95 +277,76 @@ class _Block:
         self._first_line, self._line_numbers = first_line, numbers
         commented = b"#" in data
         codes = {key: code for code, key in enumerate(KEYS, start=1)}
-        self._by_key: dict[bytes, list[Row]] = {key: [] for key in KEYS}
+        codes[b"g"] = codes[b"o"]
+        self.rows: dict[bytes, list[Row]] = {key: [] for key in KEYS}
         found = bytearray(len(lines))
         for number, line in enumerate(lines):
             row = (line.partition(b"#")[0] if commented else line).split()
             code = (codes.get(row[0]) or codes.get(row[0].lower())) if row else None
             if code:
-                self._by_key[KEYS[code - 1]].append(row)
+                self.rows[KEYS[code - 1]].append(row)
                 found[number] = code
         self._codes = np.frombuffer(found, dtype=np.uint8)
 
-    def of(self, key: bytes) -> list[Row]:
-        """The lines that begin with one of the known words."""
-        return self._by_key[key]
-
-    def rows_of(self, key: bytes) -> Int[np.ndarray, " n"]:
-        """Where those lines stand among the block's lines."""
-        return np.flatnonzero(self._is(key))
-
-    def _is(self, key: bytes) -> Bool[np.ndarray, " n"]:
-        return np.asarray(self._codes == KEYS.index(key) + 1)
+    def standing(self, key: bytes) -> Int[np.ndarray, " n"]:
+        """Where the lines of a key stand among the block's lines."""
+        return np.flatnonzero(self._codes == KEYS.index(key) + 1)
 
     def line_numbers(self, key: bytes) -> Int[np.ndarray, " n"]:
         """Their numbers in the file, from 1."""
-        numbers: Int[np.ndarray, " n"] = np.fromiter(self._line_numbers, dtype=np.int64)[self.rows_of(key)]
+        numbers: Int[np.ndarray, " n"] = np.fromiter(self._line_numbers, dtype=np.int64)[self.standing(key)]
         return self._first_line + numbers
 
-    def name_rows(self) -> Iterator[tuple[int, bytes, Row]]:
-        """The lines that name objects and groups: their place, their first word, and the name's words."""
-        rows = (
-            (int(row), words)
-            for key in (b"o", b"g")
-            for row, words in zip(self.rows_of(key), self.of(key), strict=True)
-        )
-        for row, words in sorted(rows):
-            yield row, words[0].lower(), words[1:]
-
-    def error(self, key: bytes, number: int, problem: str, advice: str) -> MeshFileError:
-        """The error at line `number` of those that begin with a word."""
+    def _error(self, key: bytes, number: int, problem: str, advice: str) -> MeshFileError:
+        """The error at line `number` of a key."""
         return malformed(self.path, f"line {self.line_numbers(key)[number]}", problem, advice)
 
     def check_lengths(self, key: bytes, *, least: int, what: str) -> None:
-        """Whether all lines that begin with a word have enough other words."""
-        rows = self.of(key)
+        """Whether all lines of a key have enough other words."""
+        rows = self.rows[key]
         if rows and min(map(len, rows)) <= least:
             number = next(index for index, row in enumerate(rows) if len(row) <= least)
             text = b" ".join(rows[number]).decode("utf-8", "replace")
-            raise self.error(key, number, f"{what}, got '{text}'", "complete or remove the line")
+            raise self._error(key, number, f"{what}, got '{text}'", "complete or remove the line")
 
     def floats(self, key: bytes, start: int, stop: int) -> Float[np.ndarray, "n k"]:
-        """Words `start` to `stop` of all lines that begin with a word, as numbers."""
-        rows = self.of(key)
-        try:
-            flat = list(map(real, chain.from_iterable(row[start:stop] for row in rows)))
-        except ValueError:
-            number, word = first_unreadable((row[start:stop] for row in rows), real)
-            raise self.error(key, number, f"'{word}' is no number", "correct the line") from None
-        return np.array(flat, dtype=np.float64).reshape(len(rows), stop - start)
+        """Words `start` to `stop` of all lines of a key, as numbers."""
+
+        def error(number: int, word: str) -> MeshFileError:
+            return self._error(key, number, f"'{word}' is no number", "correct the line")
+
+        flat = converted(self.rows[key], real, error, slice(start, stop))
+        return np.array(flat, dtype=np.float64).reshape(-1, stop - start)
 
     def corners(self, key: bytes, counts: dict[bytes, int]) -> tuple[Int[np.ndarray, "n 3"], list[tuple[int, str]]]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
 
         Args:
-            key: the lines' first word.
+            key: the lines' key.
             counts: how many elements the blocks before this one have.
 
         Returns:
             The indices, and the first line with a position that cannot exist and the word there, if there is one.
         """
-        rows = self.of(key)
+        rows = self.rows[key]
         words = list(chain.from_iterable(row[1:] for row in rows))
-        corners = _split_corners(words)
+
+        def error(number: int, word: str) -> MeshFileError:
+            return self._error(key, number, f"'{word}' is no corner", "write v, v/vt, v//vn or v/vt/vn")
+
+        corners = _uniform_corners(words)
         if corners is None:
-            number, word = first_unreadable((row[1:] for row in rows), _corner)
-            raise self.error(key, number, f"'{word}' is no corner", "write v, v/vt, v//vn or v/vt/vn")
+            corners = np.array(converted(rows, _corner, error, slice(1, None)), dtype=np.int64)
         line_of = np.repeat(np.arange(len(rows)), [len(row) - 1 for row in rows])
         if (corners < 0).any():
-            standing = self.rows_of(key)
-            before = np.stack([counts[name] + np.cumsum(self._is(name))[standing] for name in COUNTED], axis=1)
-            corners = np.where(corners < 0, corners + before[line_of] + 1, corners)
+            standing = self.standing(key)
+            before = [counts[name] + np.searchsorted(self.standing(name), standing) for name in COUNTED]
+            corners = np.where(corners < 0, corners + np.stack(before, axis=1)[line_of] + 1, corners)
             # an index before the file's first element must not pass for "not given"
             corners[:, 1:] = np.where(corners[:, 1:] < 0, np.iinfo(np.int64).max, corners[:, 1:])
         wrong = np.flatnonzero(corners[:, 0] < 1)[:1].tolist()
         at = [(int(self.line_numbers(key)[line_of[i]]), words[i].decode("utf-8", "replace")) for i in wrong]
         return corners - 1, at
-
-
-def _joined(parts: Sequence[Int[np.ndarray, " *n"]], empty: tuple[int, ...]) -> Int[np.ndarray, " *n"]:
-    joined: Int[np.ndarray, " *n"] = np.concatenate(parts) if parts else np.zeros(empty, dtype=np.int64)
-    return joined
 
 
 def _logical_lines(data: bytes, split_at: bytes) -> tuple[list[bytes], Iterable[int]]:
@@ -399,22 +368,20 @@ def _logical_lines(data: bytes, split_at: bytes) -> tuple[list[bytes], Iterable[
     return joined, line_numbers
 
 
-def _split_corners(words: list[bytes]) -> Int[np.ndarray, "n 3"] | None:
-    """Corners "v", "v/vt", "v//vn" or "v/vt/vn" as they stand in the file, 0 where not given; None if malformed."""
+def _uniform_corners(words: list[bytes]) -> Int[np.ndarray, "n 3"] | None:
+    """Corners as they stand in the file, 0 where not given; None unless they all have one form, and are well-formed."""
     text = b" ".join(words)
     slashes = words[0].count(b"/") if words else 0
     # what is left without the numbers tells whether all corners have one form, much faster than looking at each
-    is_uniform = text.translate(None, b"-0123456789") == b" ".join([b"/" * slashes] * len(words))
+    if slashes > 2 or text.translate(None, b"-0123456789") != b" ".join([b"/" * slashes] * len(words)):
+        return None
     corners = np.zeros((len(words), 3), dtype=np.int64)
     try:
-        if is_uniform and slashes <= 2:
-            flat = list(map(int, text.replace(b"//", b"/0/").replace(b"/", b" ").split()))
-            if len(flat) == (slashes + 1) * len(words):
-                corners[:, : slashes + 1] = np.array(flat, dtype=np.int64).reshape(-1, slashes + 1)
-                return corners
-        return np.array(list(map(_corner, words)), dtype=np.int64).reshape(-1, 3)
+        flat = list(map(int, text.replace(b"//", b"/0/").replace(b"/", b" ").split()))
+        corners[:, : slashes + 1] = np.array(flat, dtype=np.int64).reshape(len(words), slashes + 1)
     except (ValueError, OverflowError):
         return None
+    return corners
 
 
 def _corner(word: bytes) -> tuple[int, int, int]:

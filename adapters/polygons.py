@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from spinor_geom.errors import MeshFileError
 
 # A polygon of n corners is split in the best of its n fans; beyond this size only the first is tried, as n fans take
 # n² triangles.
@@ -56,9 +58,22 @@ class Polygons:
         sizes = np.concatenate([self.sizes, np.full(len(faces), 3)])
         return Polygons.of_sizes(np.concatenate([self.corners, faces.reshape(-1)]), sizes)
 
-    def from_face(self, first: int) -> Polygons:
-        """The faces from number `first` on."""
-        return Polygons.of_sizes(self.corners[self.starts[first] :], self.sizes[first:])
+    def checked(self, vertices: int, error: Callable[[int, str], MeshFileError]) -> Polygons:
+        """These faces, if each has three corners, all among so many vertices.
+
+        Args:
+            vertices: how many there are.
+            error: what to raise of the number of the first face that has not, and what is wrong with it.
+        """
+        few = np.flatnonzero(self.sizes < 3)
+        if len(few):
+            raise error(int(few[0]), f"has {self.sizes[few[0]]} corners, a face needs three")
+        wrong = np.flatnonzero((self.corners < 0) | (self.corners >= vertices))
+        if len(wrong):
+            face = int(np.searchsorted(self.starts, wrong[0], side="right")) - 1
+            problem = f"names vertex {self.corners[wrong[0]]}, but the file has vertices 0 to {vertices - 1}"
+            raise error(face, problem)
+        return self
 
     def renumbered(self, new_index: Int[np.ndarray, " v"]) -> Polygons:
         """The same faces with vertex v called new_index[v]."""

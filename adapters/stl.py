@@ -12,15 +12,16 @@ from jaxtyping import Float
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
-    first_unreadable,
+    converted,
     malformed,
     nonfinite_rows,
-    numbers,
     real,
     single_precision,
+    text_rows,
     unit_vectors,
 )
 from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.errors import MeshFileError
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER = 80
@@ -35,10 +36,17 @@ def read_stl(data: bytes, path: Path | None) -> FileContents:
     Raises:
         MeshFileError: shorter than announced, a facet without three readable corners, or no facets; names the place.
     """
-    corners = _binary_corners(data)
-    is_text = corners is None
-    if corners is None:
+    is_text = data.removeprefix(BYTE_ORDER_MARK).lstrip()[:5].lower() == b"solid" and b"\0" not in data
+    count = int(np.frombuffer(data, "<u4", 1, HEADER)[0]) if len(data) >= HEADER + 4 else 0
+    size = HEADER + 4 + count * FACET.itemsize
+    # a header may begin like text; less than a facet of padding may follow in a file that is none
+    if size <= len(data) < size + (1 if is_text else FACET.itemsize):
+        corners, is_text = np.frombuffer(data, FACET, count, HEADER + 4)["corners"], False
+    elif is_text:
         corners = _text_corners(data, path)
+    else:
+        problem = f"announces {count} facets, {size} bytes; has {len(data)} and does not begin with 'solid'"
+        raise malformed(path, f"byte {HEADER}", problem, "check that the file is complete and is an STL file")
     if len(corners) == 0:
         raise malformed(path, "", "has no facets", "check that the file is complete")
     vertices = corners.reshape(-1, 3).astype(np.float64)
@@ -62,11 +70,10 @@ def encode_stl(contents: FileContents) -> bytes:
     corners = contents.vertices[faces]
     normals = _normals(corners)
     if contents.is_text_stl:
+        rows = text_rows(corners.reshape(-1, 3))
         blocks = [
-            f"facet normal {numbers(normal)}\n outer loop\n"
-            + "".join(f"  vertex {numbers(corner)}\n" for corner in triangle)
-            + " endloop\nendfacet\n"
-            for normal, triangle in zip(normals.tolist(), corners.tolist(), strict=True)
+            f"facet normal {normal}\n outer loop\n  vertex {a}\n  vertex {b}\n  vertex {c}\n endloop\nendfacet\n"
+            for normal, a, b, c in zip(text_rows(normals), rows[::3], rows[1::3], rows[2::3], strict=True)
         ]
         return f"solid {SOLID}\n{''.join(blocks)}endsolid {SOLID}\n".encode("ascii")
     facets = np.zeros(len(faces), dtype=FACET)
@@ -75,34 +82,9 @@ def encode_stl(contents: FileContents) -> bytes:
     return SOLID.encode("ascii").ljust(HEADER, b"\0") + struct.pack("<I", len(faces)) + facets.tobytes()
 
 
-def _binary_corners(data: bytes) -> Float[np.ndarray, "f 3 3"] | None:
-    """The corners in a binary file, or None if this is none.
-
-    The length must be what the header announces; less than a facet of padding may follow in a file that is no text.
-    """
-    if len(data) < HEADER + 4:
-        return None
-    count = int(np.frombuffer(data, "<u4", 1, HEADER)[0])
-    rest = len(data) - (HEADER + 4 + count * FACET.itemsize)
-    if rest and not (0 < rest < FACET.itemsize and not _is_text(data)):
-        return None
-    return np.frombuffer(data, FACET, count, HEADER + 4)["corners"]
-
-
-def _is_text(data: bytes) -> bool:
-    return data.lstrip()[:5].lower() == b"solid" and b"\0" not in data
-
-
 def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
-    data = data.removeprefix(BYTE_ORDER_MARK)
     if b"\n" not in data:
         data = data.replace(b"\r", b"\n")
-    if not _is_text(data):
-        announced = int(np.frombuffer(data, "<u4", 1, HEADER)[0]) if len(data) >= HEADER + 4 else None
-        problem = f"has {len(data)} bytes and does not begin with 'solid'"
-        if announced is not None:
-            problem = f"announces {announced} facets, {HEADER + 4 + announced * FACET.itemsize} bytes; has {len(data)}"
-        raise malformed(path, f"byte {HEADER}", problem, "check that the file is complete and is an STL file")
     # the first line is the solid's name, which may be anything
     start = data.find(b"\n", data.lower().find(b"solid")) + 1
     words = re.findall(rb"(?im)^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t\r]*$", data[start:])
@@ -111,12 +93,11 @@ def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
     if begins != ends or len(words) != 3 * ends:
         problem = f"{begins} facets begin, {ends} end, and {len(words)} vertices can be read, three for each are needed"
         raise malformed(path, f"about facet {min(ends, len(words) // 3)}", problem, "check that the file is complete")
-    try:
-        flat = [real(word) for row in words for word in row]
-    except ValueError:
-        number, word = first_unreadable(words, real)
-        raise malformed(path, f"facet {number // 3}", f"'{word}' is no number", "correct it") from None
-    return np.array(flat).reshape(-1, 3, 3)
+
+    def error(number: int, word: str) -> MeshFileError:
+        return malformed(path, f"facet {number // 3}", f"'{word}' is no number", "correct it")
+
+    return np.array(converted(words, real, error)).reshape(-1, 3, 3)
 
 
 def _normals(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"]:

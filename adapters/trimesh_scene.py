@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from spinor_geom.adapters.contents import unit_vectors
-from spinor_geom.adapters.extending import check_extension
+from spinor_geom.adapters.extending import check_extension, parts_of_faces
 from spinor_geom.adapters.trimesh_mesh import TrimeshAdapter
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.extension import MeshExtension
@@ -41,14 +39,9 @@ class _Part:
     start: int
     names: dict[str, str]
 
-    @property
-    def mirrored(self) -> bool:
-        """Whether the transform turns faces inside out."""
-        return bool(np.linalg.det(self.transform[:3, :3]) < 0)
-
     def placed(self, faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
-        """Faces from the part's sense of rotation to the scene's, or back."""
-        return faces[:, ::-1] if self.mirrored else faces
+        """Faces in the scene's sense of rotation, or back: turned over where the transform mirrors."""
+        return faces[:, ::-1] if np.linalg.det(self.transform[:3, :3]) < 0 else faces
 
 
 class SceneAdapter:
@@ -90,11 +83,22 @@ class SceneAdapter:
         """
         parts = _parts(obj)
         grown = obj.copy()
-        vertex_owner, face_owner = _owners(extension, parts)
         old = sum(len(part.mesh.vertices) for part in parts)
+        check_extension(extension, vertices=old, attributes={})
+        if not parts:
+            return grown
+        votes = parts_of_faces(extension, [part.start for part in parts], old)
+        joining = votes[(votes > 0).sum(axis=1) > 1]
+        if len(joining):
+            joined = " and ".join(repr(parts[number].geometry) for number in np.flatnonzero(joining[0])[:2])
+            raise MeshShapeError(f"new faces join the geometries {joined} of the scene; give scene.to_mesh() instead")
+        owner = votes.argmax(axis=1)
+        owner_of_vertex = np.zeros(old + len(extension.vertices), dtype=np.int64)
+        owner_of_vertex[extension.faces] = owner[:, None]
         for number, part in enumerate(parts):
             count = len(part.mesh.vertices)
-            own, faces = np.flatnonzero(vertex_owner == number), face_owner == number
+            faces = owner == number
+            own = np.flatnonzero(owner_of_vertex[old:] == number)
             new_index = np.zeros(old + len(extension.vertices), dtype=np.int64)
             new_index[part.start : part.start + count] = np.arange(count)
             new_index[old + own] = count + np.arange(len(own))
@@ -137,28 +141,3 @@ def _parts(scene: trimesh.Scene) -> list[_Part]:
         parts.append(_Part(geometry=geometry, mesh=mesh, transform=transform, start=start, names=names))
         start += len(mesh.vertices)
     return parts
-
-
-def _owners(extension: MeshExtension, parts: list[_Part]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " t"]]:
-    """Which part each new vertex and each new face belongs to: the one whose vertices its patch hangs on.
-
-    Raises:
-        MeshShapeError: a patch joins two geometries.
-        VertexIndexError: a new face names a vertex that does not exist.
-    """
-    old = sum(len(part.mesh.vertices) for part in parts)
-    check_extension(extension, vertices=old, attributes={})
-    part_of_vertex = np.repeat(np.arange(len(parts)), [len(part.mesh.vertices) for part in parts])
-    node = np.concatenate([part_of_vertex, len(parts) + np.arange(len(extension.vertices))])
-    links = node[extension.faces]
-    pairs = np.concatenate([links[:, :2], links[:, 1:]])
-    graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(len(node), len(node)))
-    _, patch = connected_components(graph, directed=False)
-    owner = np.zeros(len(node), dtype=np.int64)
-    for number in range(len(parts)):
-        other = owner[patch[number]]
-        if number and patch[number] in patch[:number]:
-            joined = f"{parts[other].geometry!r} and {parts[number].geometry!r}"
-            raise MeshShapeError(f"new faces join the geometries {joined} of the scene; give scene.to_mesh() instead")
-        owner[patch[number]] = number
-    return owner[patch[len(parts) : len(parts) + len(extension.vertices)]], owner[patch[links[:, 0]]]

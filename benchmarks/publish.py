@@ -18,14 +18,14 @@ from PIL import Image
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.claims import claims
 from spinor_geom.bench.figures import Figure
-from spinor_geom.bench.isolate import Record
-from spinor_geom.bench.machine import is_older
-from spinor_geom.bench.page import table_of, write_text
+from spinor_geom.bench.machine import Record, is_older
+from spinor_geom.bench.measure import DISTANCE
+from spinor_geom.bench.page import table_of
 from spinor_geom.bench.pieces import pieces_of, scale_of
 from spinor_geom.bench.runner import read_records
 from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS
 from spinor_geom.bench.tables import OLDER, Table, filler_table, kind_table, method_name
-from spinor_geom.files import atomic_path
+from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.portrait import plain_portrait
 
 HERE = Path(__file__).parent
@@ -149,10 +149,10 @@ def disk_table(disks: Sequence[Record]) -> Table:
         names = ("triangles", "mesh_area_error", "distance_max", "curvature_rms", "seconds")
         meshes = (" / ".join(number(r.get(name)) for r in (mine, other)) for name in names)
         rows.append((f"{case}{f' {OLDER}' if is_older(mine) else ''}", str(n), *surface, *meshes))
-    meshed = ("triangles", "mesh area error", "mesh distance max", "mesh |H| rms", "s")
+    meshed = ("triangles", "mesh area error", "distance max", "curvature rms", "seconds")
     return Table(
         title="Disks over smooth curves",
-        columns=("case", "points", "surface area error", "points' limit", "surface distance max", *meshed),
+        columns=("case", "points", "area error", "limit error", "surface distance max", *meshed),
         rows=tuple(rows),
         note="Of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
         "Of meshes, at the formula's steps: ours / libigl-uniform's. Where nothing stands it is not measured yet.",
@@ -167,7 +167,7 @@ def fill_table(fills: Sequence[Record]) -> Table:
         cells = (" / ".join(number(r.get(name)) for r in here) for name in ("area_excess", "curvature_rms", "seconds"))
         left = sum(r["open_rim_edges"] + r["new_open_edges"] for r in here)
         rows.append((method_name(here[0]), ", ".join(str(r["n"]) for r in here), *cells, str(left)))
-    columns = ("tool", "points", "mesh area excess", "mesh |H| rms", "s", "open edges")
+    columns = ("tool", "points", "area excess", "curvature rms", "seconds", "open edges")
     return Table(title="Enneper's rim filled", columns=columns, rows=tuple(rows))
 
 
@@ -184,8 +184,8 @@ def draw(folders: Sequence[Path]) -> None:
             pieces = pieces_of(folder)
             scale = scale_of(pieces)
             first, *others = (
-                plain_portrait(piece.vertices, piece.faces, np.clip(piece.values, scale.low, scale.high))
-                for piece in pieces
+                plain_portrait(piece.vertices, piece.faces, np.clip(piece.fields[DISTANCE], scale.low, scale.high))
+                for piece in pieces.values()
             )
             path = Path(place) / f"{folder.name}.png"
             first.beside(*others).write(path, eye=EYE, size=(SIDE * len(pieces), SIDE))

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
 from spinor_geom.measures.hausdorff import HausdorffDistance, hausdorff_distance
@@ -80,26 +80,22 @@ class Comparison:
     def __str__(self) -> str:
         """A table of one line a figure, with a column for each surface."""
         forward, backward = self.hausdorff.forward, self.hausdorff.backward
+        curvatures = self.exact_curvature, self.patch_curvature, self.baseline_curvature
         rows = [
             ("", "surface", "its mesh", f"{self.method} mesh"),
             ("area", *(f"{area:.8g}" for area in (self.exact_area, self.patch_area, self.baseline_area))),
             ("mesh area excess", "", "", f"{self.baseline_area / self.patch_area - 1:+.2e}"),
-            ("|H| max", *(f"{figures.max:.2e}" for figures in self._curvatures)),
-            ("|H| rms", *(f"{figures.rms:.2e}" for figures in self._curvatures)),
-            ("tangential rms", "", *(f"{figures.tangential_rms:.2e}" for figures in self._curvatures[1:])),
+            ("|H| max", *(f"{figures.max:.2e}" for figures in curvatures)),
+            ("|H| rms", *(f"{figures.rms:.2e}" for figures in curvatures)),
+            ("tangential rms", "", *(f"{figures.tangential_rms:.2e}" for figures in curvatures[1:])),
             ("vertices", "", str(self.patch_vertices), str(self.baseline_vertices)),
             ("seconds", f"{self.solution_seconds:.2f}", "", f"{self.baseline_seconds:.2f}"),
             ("distance max", "", f"{forward.max:.2e}", f"{backward.max:.2e}"),
             ("distance mean", "", f"{forward.mean:.2e}", f"{backward.mean:.2e}"),
         ]
-        widths = [max(len(row[column]) for row in rows) for column in range(4)]
-        return "\n".join(
-            "  ".join([row[0].ljust(widths[0]), *(row[k].rjust(widths[k]) for k in (1, 2, 3))]).rstrip() for row in rows
-        )
-
-    @property
-    def _curvatures(self) -> tuple[CurvatureFigures, CurvatureFigures, CurvatureFigures]:
-        return self.exact_curvature, self.patch_curvature, self.baseline_curvature
+        name, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
+        form = f"{{:<{name}}}" + "".join(f"  {{:>{width}}}" for width in others)
+        return "\n".join(form.format(*row).rstrip() for row in rows)
 
 
 def compare(
@@ -124,7 +120,7 @@ def compare(
     """
     mesh = mesh_patch(solution, target_edge_length) if patch is None else patch
     discrete = baseline or _baseline(mesh, [rim.loop for rim in solution.rims], target_edge_length)
-    exact = _exact_curvature(solution, mesh)
+    exact = exact_curvature(solution, mesh.points[mesh.boundary_size :])
     return Comparison(
         method=discrete.method,
         hausdorff=hausdorff_distance(mesh.vertices, mesh.faces, discrete.vertices, discrete.faces),
@@ -160,10 +156,17 @@ def _discrete_curvature(mesh: Patch | DiscreteMinimalSurface) -> CurvatureFigure
     return CurvatureFigures(max=curvature.max, rms=curvature.rms, tangential_rms=curvature.tangential_rms)
 
 
-def _exact_curvature(solution: PlateauSolution, patch: Patch) -> Float[np.ndarray, " k"]:
-    """|H| at inner vertices of the patch; a branch point has none."""
-    inner = patch.points[patch.boundary_size :]
-    if len(inner) > MOST_CURVATURE_POINTS:
-        inner = inner[np.linspace(0, len(inner) - 1, MOST_CURVATURE_POINTS).astype(int)]
-    values = np.abs(np.asarray(solution.surface.mean_curvature(inner)))
+def exact_curvature(
+    solution: PlateauSolution, points: Complex[np.ndarray, " n"], most: int = MOST_CURVATURE_POINTS
+) -> Float[np.ndarray, " k"]:
+    """|H| of a surface by automatic differentiation of its position, in 1/mesh units; a branch point has none.
+
+    Args:
+        solution: The surface.
+        points: In Ω.
+        most: That are taken, evenly spread.
+    """
+    if len(points) > most:
+        points = points[np.linspace(0, len(points) - 1, most).astype(int)]
+    values = np.abs(np.asarray(solution.surface.mean_curvature(points)))
     return np.asarray(values[np.isfinite(values)])

@@ -102,8 +102,13 @@ def atomic_folder(path: str | os.PathLike[str], *, staging: str | os.PathLike[st
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
     """Writes a nested value as JSON, the file whole or not at all; numbers that JSON cannot hold become null."""
+    write_text(path, json_text(value))
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Writes a text file in UTF-8, whole or not at all."""
     with atomic_path(path) as temporary:
-        temporary.write_text(json_text(value), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8")
 
 
 def json_text(value: Any) -> str:

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import Addition, FileContents, malformed
+from spinor_geom.adapters.contents import FileContents, malformed
 from spinor_geom.adapters.mesh_files import FORMATS, MeshFile
 from spinor_geom.adapters.obj import added_lines
 from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
@@ -25,9 +25,10 @@ from spinor_geom.batching.records import worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.many_loops import fill_loops
-from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole
+from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole, unfilled
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.stitch import LoopPatch, RimEdges, joined, stitch
+from spinor_geom.fill.stitch import LoopPatch, joined, stitch
+from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.loops import find_boundary_loops
@@ -70,7 +71,7 @@ class OpenedFile:
         stream: its bytes, to be copied.
         text: what was read.
         mesh: of its faces, or a mesh without faces for its curves.
-        taken: the edges that patches must not have.
+        surroundings: what patches must not have and what they cross.
         loops: holes, then curves.
         problem: why its holes could not be looked for, if so.
         seconds: it took to read.
@@ -81,7 +82,7 @@ class OpenedFile:
     stream: BinaryIO
     text: ObjText
     mesh: MeshFile
-    taken: RimEdges
+    surroundings: Surroundings
     loops: tuple[NamedLoop, ...]
     problem: str
     seconds: float
@@ -107,14 +108,14 @@ def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
             None, "", f"has a coordinate of size {largest:.1e}, whose powers are no numbers", "scale the file"
         )
     mesh, holes, problem = _mesh_and_holes(text)
-    taken = RimEdges(mesh.mesh, [hole.loop for hole in holes if hole.loop is not None])
-    checked = [replace(hole, error=_refusal(hole, taken)) for hole in holes]
+    surroundings = Surroundings(mesh.mesh, [hole.loop for hole in holes if hole.loop is not None])
+    checked = [replace(hole, error=_refusal(hole, surroundings)) for hole in holes]
     return OpenedFile(
         key=key,
         stream=stream,
         text=text,
         mesh=mesh,
-        taken=taken,
+        surroundings=surroundings,
         loops=(*checked, *curve_loops(text, closing=options.closing)),
         problem=problem,
         seconds=perf_counter() - start,
@@ -144,10 +145,10 @@ def _mesh_and_holes(text: ObjText) -> tuple[MeshFile, list[NamedLoop], str]:
     return mesh, named, ""
 
 
-def _refusal(hole: NamedLoop, taken: RimEdges) -> SpinorGeomError | None:
+def _refusal(hole: NamedLoop, surroundings: Surroundings) -> SpinorGeomError | None:
     assert hole.loop is not None
     try:
-        refuse_what_is_no_hole(hole.loop, taken)
+        refuse_what_is_no_hole(hole.loop, surroundings.taken)
         refuse_what_bounds_no_disk(hole.loop)
     except SpinorGeomError as error:
         return error
@@ -209,8 +210,10 @@ def _solved(
     mesh, holes = opened.mesh.mesh, opened.holes
     options = fill_options(opened.options)
     rims = [hole.loop for hole in holes if hole.loop is not None]
-    refusals = {place: hole.error for place, hole in enumerate(holes) if hole.error is not None}
-    outcomes, patches = fill_loops(mesh, rims, answers, opened.taken, options, refusals=refusals)
+    left_open = {
+        place: unfilled(place, rims[place], hole.error) for place, hole in enumerate(holes) if hole.error is not None
+    }
+    outcomes, patches = fill_loops(opened.surroundings, rims, answers, options, left_open=left_open)
     of_place = {patch.place: patch for patch in patches}
     entries = [
         _solved_entry(opened, place, outcome, of_place.get(place), files) for place, outcome in enumerate(outcomes)
@@ -224,7 +227,7 @@ def _solved(
             entries.append(_entry(opened, place, "failed", str(curve.error)))
             continue
         alone = replace(options, continuity="C0")
-        (outcome,), own = fill_loops(mesh, [curve.loop], answers, RimEdges(mesh, []), alone)
+        (outcome,), own = fill_loops(Surroundings(mesh), [curve.loop], answers, alone)
         entries.append(_solved_entry(opened, place, outcome, own[0] if own else None, files))
     return entries, extension
 
@@ -361,16 +364,10 @@ def _filled(opened: OpenedFile, extension: MeshExtension, files: dict[str, Write
 
 
 def _append(opened: OpenedFile, extension: MeshExtension, path: Path) -> None:
-    addition = Addition(
-        first=len(opened.text.contents.vertices),
-        vertices=extension.vertices,
-        faces=extension.faces,
-        attributes=extension.vertex_attributes,
-    )
     opened.stream.seek(0)
     with path.open("wb") as file:
         shutil.copyfileobj(opened.stream, file, COPIED_AT_ONCE)
-        file.write(added_lines(opened.text, addition))
+        file.write(added_lines(opened.text, extension))
 
 
 def _write_loop(loop: BoundaryLoop, path: Path) -> None:

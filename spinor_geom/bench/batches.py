@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -33,14 +34,11 @@ def smooth_loop(seed: int, points: int = POINTS) -> BoundaryLoop:
     return BoundaryLoop.from_points(curve)
 
 
-def smooth(seed: int) -> str:
-    """A smooth loop as OBJ."""
-    return _curve(smooth_loop(seed).points)
-
-
-def rough(seed: int) -> str:
-    """The same with noise."""
-    return _curve(noisy_loop(smooth_loop(seed), NOISE, seed=seed).points)
+def smooth(seed: int, noise: float = 0.0) -> str:
+    """A smooth loop, or one with noise, as OBJ."""
+    loop = smooth_loop(seed)
+    points = noisy_loop(loop, noise, seed=seed).points if noise else loop.points
+    return _points(points) + "l " + " ".join(map(str, [*range(1, len(points) + 1), 1])) + "\n"
 
 
 def cut(seed: int) -> str:
@@ -48,10 +46,6 @@ def cut(seed: int) -> str:
     hole = ragged_hole(CUT[seed % len(CUT)])
     turned = hole.vertices @ Rotation.random(random_state=seed).as_matrix().T
     return _points(turned) + "".join(f"f {a} {b} {c}\n" for a, b, c in (hole.faces + 1).tolist())
-
-
-def _curve(points: Float[np.ndarray, "n 3"]) -> str:
-    return _points(points) + "l " + " ".join(map(str, [*range(1, len(points) + 1), 1])) + "\n"
 
 
 def _points(points: Float[np.ndarray, "n 3"]) -> str:
@@ -119,7 +113,7 @@ def _checksums(output: Path) -> dict[str, str]:
 BATCHES: Mapping[str, Callable[[Path, float], dict[str, Any]]] = {
     "smooth loops": lambda work, share: _rate(work, smooth, round(FILES * share)),
     "smooth loops, one worker": lambda work, share: _rate(work, smooth, round(FILES / 4 * share), workers=1),
-    "loops with 5% noise": lambda work, share: _rate(work, rough, round(FILES / 10 * share)),
+    "loops with 5% noise": lambda work, share: _rate(work, partial(smooth, noise=NOISE), round(FILES / 10 * share)),
     "rims cut along triangles": lambda work, share: _rate(work, cut, round(FILES / 10 * share)),
     "cluster of 4 processes": lambda work, share: _cluster(work, round(FILES / 10 * share)),
     "few inputs": lambda work, share: _memory(work, round(FEW_INPUTS * share)),

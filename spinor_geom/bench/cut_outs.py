@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import pdist
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.bench.holes import Hole
+from spinor_geom.bench.holes import Hole, lattice
 from spinor_geom.errors import OptionError
 from spinor_geom.measures.hausdorff import distances_to_mesh
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
@@ -98,31 +98,21 @@ def _sphere(ball: str) -> _Mesh:
 
 
 def _plane() -> _Mesh:
-    (x, y), faces = _grid(40, 40, wrap_x=False, wrap_y=False)
+    (x, y), faces = lattice(40, 40)
     return np.stack([x, y, 0 * x], axis=1) + [1, 1, 0] * _jitter((len(x), 3), 1.0), faces
 
 
 def _cylinder() -> _Mesh:
-    (x, y), faces = _grid(48, 32, wrap_x=True, wrap_y=False)
+    (x, y), faces = lattice(48, 32, wrap_x=True)
     angle = 2 * np.pi * x / 48
     return np.stack([TUBE * np.cos(angle), TUBE * np.sin(angle), y / 16 - 1], axis=1), faces
 
 
 def _torus() -> _Mesh:
-    (x, y), faces = _grid(72, 30, wrap_x=True, wrap_y=True)
+    (x, y), faces = lattice(72, 30, wrap_x=True, wrap_y=True)
     angle, around = 2 * np.pi * x / 72, 2 * np.pi * y / 30
     radius = TORUS + TORUS_TUBE * np.cos(around)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), TORUS_TUBE * np.sin(around)], axis=1), faces
-
-
-def _grid(nx: int, ny: int, *, wrap_x: bool, wrap_y: bool) -> tuple[Float[np.ndarray, "2 n"], Int[np.ndarray, "f 3"]]:
-    """Lattice points 0, 1, … and two triangles a cell, round where it wraps."""
-    width, depth = nx + (not wrap_x), ny + (not wrap_y)
-    places = np.stack(np.meshgrid(np.arange(width), np.arange(depth))).reshape(2, -1).astype(np.float64)
-    i, j = (part.ravel() for part in np.meshgrid(np.arange(nx), np.arange(ny)))
-    right, up = (i + 1) % width, (j + 1) % depth
-    a, b, c, d = i + width * j, right + width * j, right + width * up, i + width * up
-    return places, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
 def _jitter(shape: tuple[int, ...], edge: float) -> Float[np.ndarray, "n 3"]:

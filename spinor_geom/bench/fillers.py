@@ -1,16 +1,18 @@
-"""All hole fillers by name: ours and the peers."""
+"""All hole fillers by name: ours, and those of other projects, each by its own package and options that serve it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Int
 
 from spinor_geom.bench.holes import Hole
-from spinor_geom.bench.peers import PEERS, Filled, Peer, ways_of
 from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.result import LoopOutcome
 
 OURS, SMOOTH = "spinor-fill", "spinor-fill-c1"
 OUR_FILLERS = (OURS, SMOOTH)
@@ -20,72 +22,332 @@ SMOOTHEST = (
     *("meshlib-nicely", "meshlib-nicely-fine", "meshlib-nicely-natural", "cgal-fair", "cgal-fair-2"),
     *("meshlab-close-smoothed", "pymeshfix-refined"),
 )
+# radius of holes for tools that cannot tell ours from the others by it
+_EVERY_SIZE = 1e6
+# CGAL's own default, which its bindings ask for before the continuity
+_CGAL_DENSITY = 2**0.5
 
 
-def _prepare(hole: Hole) -> Any:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Filled:
+    """What a filler left.
+
+    Attributes:
+        vertices: of the whole mesh.
+        faces: of the whole mesh.
+        told: what the call returned, in words; empty where it returns nothing.
+        succeeded: whether the tool says that it filled; None where it says nothing, which users take for a yes.
+        area: of the surface that the patches are meshes of, where there is one.
+        in_order: whether the mesh's vertices are known to come first as before, wherever they are now.
+        figures: what only ours tells besides.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "f 3"]
+    told: str = ""
+    succeeded: bool | None = None
+    area: float | None = None
+    in_order: bool = False
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+
+# the call that fills, which alone is timed, and what makes of its answer the mesh that it left
+Prepared: TypeAlias = tuple[Callable[[], Any], Callable[[Any], Filled]]
+
+
+@dataclass(frozen=True)
+class Filler:
+    """A way to fill holes.
+
+    Attributes:
+        package: the module it is imported from.
+        distribution: the package that holds it, whose version is told.
+        options: which are not the defaults, for the documents.
+        prepare: hands the mesh over.
+    """
+
+    package: str
+    distribution: str
+    options: str
+    prepare: Callable[[Hole], Prepared]
+
+
+def _left(vertices: Any, faces: Any, **said: Any) -> Filled:
+    """A tool's arrays, which may be of other kinds."""
+    return Filled(vertices=np.asarray(vertices, dtype=np.float64), faces=np.asarray(faces, dtype=np.int64), **said)
+
+
+def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
+    # of a mesh all of whose loops are asked for, borders of sheets are left open as for any user
+    which = {} if len(hole.places) == len(hole.loops) else {"loop": hole.places}
     if hole.facing:
         which = {"bridge": hole.places}
-    else:
-        # of a mesh all of whose loops are asked for, borders of sheets are left open as for any user
-        which = {} if len(hole.places) == len(hole.loops) else {"loop": hole.places}
-    return (hole.vertices, hole.faces), which
 
+    def fill() -> Any:
+        mesh = hole.vertices, hole.faces
+        return fill_hole(mesh, **which, islands="join", continuity=continuity, return_report=True)
 
-def _fill(state: Any, continuity: Continuity) -> Any:
-    mesh, which = state
-    return fill_hole(mesh, **which, islands="join", continuity=continuity, return_report=True)
-
-
-def _finish(state: Any, answer: Any) -> Filled:
-    (vertices, faces), report = answer
-    requested = [outcome for outcome in report.loops if outcome.requested]
-    said = [outcome.reason for outcome in requested if outcome.reason]
-    said += [note for outcome in requested for note in outcome.notes]
-    filled = sum(outcome.filled for outcome in requested)
-    return Filled(
-        vertices=vertices,
-        faces=faces,
-        told="; ".join([f"{filled} of {len(requested)} filled", *dict.fromkeys(said)]),
-        succeeded=all(outcome.converged for outcome in requested) and report.intersection_free,
-        # a surface between two rims counts once, at the rim that its faces are counted at
-        area=sum(o.area for o in requested if o.area is not None and o.faces_added),
-        figures=_own_figures(requested),
-    )
-
-
-def _own_figures(requested: Sequence[LoopOutcome]) -> dict[str, Any]:
-    """What only ours tells: kinds of the patches, and root mean square residuals per mean edge of the exact ones."""
-    kinds = [outcome.kind for outcome in requested if outcome.filled]
-    residuals = [
-        outcome.solution.boundary_residual.rms_per_edge
-        for outcome in requested
-        if outcome.filled and outcome.solution is not None
-    ]
-    return {
-        **{kind: kinds.count(kind) for kind in ("minimal", "discrete", "smooth")},
-        "requested": len(requested),
-        "unexplained": sum(not outcome.filled and not outcome.reason for outcome in requested),
-        "within_1e-2": sum(residual <= 1e-2 for residual in residuals),
-        "within_1e-3": sum(residual <= 1e-3 for residual in residuals),
-        "residual_per_edge": max(residuals, default=None),
-    }
-
-
-FILLERS: Mapping[str, Peer] = {
-    peer.name: peer
-    for peer in (
-        *ways_of(
-            *("spinor_geom", "spinor-geom", _prepare, _finish),
-            {
-                OURS: (
-                    "fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, "
-                    "meshing, stitching",
-                    partial(_fill, continuity="C0"),
-                ),
-                SMOOTH: ('the same with continuity="C1"', partial(_fill, continuity="C1")),
+    def finish(answer: Any) -> Filled:
+        mesh, report = answer
+        asked = [outcome for outcome in report.loops if outcome.requested]
+        filled = [outcome for outcome in asked if outcome.filled]
+        said = [outcome.reason for outcome in asked if outcome.reason]
+        said += [note for outcome in asked for note in outcome.notes]
+        exact = [outcome.solution for outcome in filled if outcome.solution is not None]
+        residuals = [solution.boundary_residual.rms_per_edge for solution in exact]
+        return _left(
+            *mesh,
+            told="; ".join([f"{len(filled)} of {len(asked)} filled", *dict.fromkeys(said)]),
+            succeeded=all(outcome.converged for outcome in asked) and report.intersection_free,
+            # a surface between two rims counts once, at the rim that its faces are counted at
+            area=sum(o.area for o in asked if o.area is not None and o.faces_added),
+            figures={
+                **{kind: sum(o.kind == kind for o in filled) for kind in ("minimal", "discrete", "smooth")},
+                "requested": len(asked),
+                "unexplained": sum(not outcome.filled and not outcome.reason for outcome in asked),
+                "within_1e-2": sum(residual <= 1e-2 for residual in residuals),
+                "within_1e-3": sum(residual <= 1e-3 for residual in residuals),
+                "residual_per_edge": max(residuals, default=None),
             },
-        ),
-        *PEERS,
+        )
+
+    return fill, finish
+
+
+def _meshlab(hole: Hole, *, refine: bool, smooth: bool = False) -> Prepared:
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(hole.vertices, hole.faces.astype(np.int32)))
+    # it fills what has fewer edges than the limit
+    limit, length = hole.edge_limit + 1, pymeshlab.PureValue(hole.mean_edge)
+
+    def fill() -> Any:
+        closed = meshes.meshing_close_holes(maxholesize=limit, refinehole=refine, refineholeedgelen=length)
+        if smooth:  # the new faces, which are selected now
+            meshes.apply_coord_laplacian_smoothing(selected=True)
+        return closed or {}
+
+    def finish(answer: Any) -> Filled:
+        mesh, closed = meshes.current_mesh(), answer.get("closed_holes")
+        told = ", ".join(f"{key} {value}" for key, value in answer.items())
+        succeeded = None if closed is None else bool(closed)
+        return _left(mesh.vertex_matrix(), mesh.face_matrix(), told=told, succeeded=succeeded)
+
+    return fill, finish
+
+
+def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool = False) -> Prepared:
+    from meshlib import mrmeshnumpy, mrmeshpy
+
+    mesh = mrmeshnumpy.meshFromFacesVerts(hole.faces.astype(np.int32), hole.vertices)
+    rim = set(hole.rim.tolist())
+
+    def edges() -> list[Any]:
+        """An edge of every rim that is open."""
+        return [edge for edge in mesh.topology.findHoleRepresentiveEdges() if mesh.topology.org(edge).get() in rim]
+
+    asked = edges()
+
+    def plain() -> None:
+        for edge in asked:
+            parameters = mrmeshpy.FillHoleParams()
+            parameters.metric = getattr(mrmeshpy, metric)(mesh)
+            mrmeshpy.fillHole(mesh, edge, parameters)
+
+    def nicely() -> None:
+        settings = mrmeshpy.StitchHolesNicelySettings() if hole.facing else mrmeshpy.FillHoleNicelySettings()
+        if fine:
+            settings.subdivideSettings.maxEdgeLen = hole.mean_edge
+            settings.subdivideSettings.maxEdgeSplits = 1_000_000
+        settings.smoothSettings.naturalSmooth = natural
+        if hole.facing:
+            mrmeshpy.stitchHolesNicely(mesh, *asked, settings)
+            return
+        for edge in asked:
+            mrmeshpy.fillHoleNicely(mesh, edge, settings)
+
+    def finish(_: Any) -> Filled:
+        left = len(edges())
+        vertices, faces = mrmeshnumpy.getNumpyVerts(mesh), mrmeshnumpy.getNumpyFaces(mesh.topology)
+        return _left(vertices, faces, told=f"{left} holes left" if left else "", in_order=True)
+
+    return plain if metric else nicely, finish
+
+
+def _cgal(hole: Hole, *, function: str, outputs: int = 2, options: tuple[float, ...] = ()) -> Prepared:
+    from CGAL import CGAL_Polygon_mesh_processing
+    from CGAL.CGAL_Kernel import Point_3
+    from CGAL.CGAL_Polyhedron_3 import Polyhedron_3, Polyhedron_modifier
+
+    modifier = Polyhedron_modifier()
+    modifier.begin_surface(len(hole.vertices), len(hole.faces))
+    for x, y, z in hole.vertices.tolist():
+        modifier.add_vertex(Point_3(x, y, z))
+    for face in hole.faces.tolist():
+        modifier.begin_facet()
+        for vertex in face:
+            modifier.add_vertex_to_facet(vertex)
+        modifier.end_facet()
+    modifier.end_surface()
+    polyhedron = Polyhedron_3()
+    polyhedron.delegate(modifier)
+    if polyhedron.size_of_vertices() != len(hole.vertices):
+        raise ValueError("CGAL's Polyhedron_3 does not take this mesh")
+
+    def points() -> list[tuple[float, float, float]]:
+        """Numbers the vertices."""
+        found = []
+        for k, vertex in enumerate(polyhedron.vertices()):
+            vertex.set_id(k)
+            point = vertex.point()
+            found.append((point.x(), point.y(), point.z()))
+        return found
+
+    points()
+    rims = _cgal_rims(polyhedron, set(hole.rim.tolist()))
+    call = getattr(CGAL_Polygon_mesh_processing, function)
+
+    def fill() -> list[Any]:
+        return [call(polyhedron, halfedge, *([] for _ in range(outputs)), *options) for halfedge in rims]
+
+    def finish(answer: Any) -> Filled:
+        vertices, faces = points(), []
+        for facet in polyhedron.facets():
+            first = facet.halfedge()
+            faces.append((first.vertex().id(), first.next().vertex().id(), first.next().next().vertex().id()))
+        said = [value for value in answer if isinstance(value, bool)]
+        told = ", ".join(str(value) for value in answer if value is not None)
+        return _left(vertices, faces, told=told, succeeded=all(said) if said else None)
+
+    return fill, finish
+
+
+def _cgal_rims(polyhedron: Any, rim: set[int]) -> list[Any]:
+    """A halfedge of every rim."""
+    polyhedron.normalize_border()
+    seen: set[tuple[int, int]] = set()
+    found = []
+    for halfedge in (one for one in polyhedron.halfedges() if one.is_border()):
+        around, walk = set(), halfedge
+        while (ends := (walk.opposite().vertex().id(), walk.vertex().id())) not in seen:
+            seen.add(ends)
+            around.add(ends[0])
+            walk = walk.next()
+        if around and around <= rim:
+            found.append(halfedge)
+    return found
+
+
+def _vtk(hole: Hole) -> Prepared:
+    import pyvista
+
+    mesh = pyvista.PolyData.from_regular_faces(hole.vertices, hole.faces)
+
+    def finish(answer: Any) -> Filled:
+        triangles = answer.triangulate()
+        return _left(triangles.points, triangles.regular_faces)
+
+    return lambda: mesh.fill_holes(_EVERY_SIZE), finish
+
+
+def _open3d(hole: Hole) -> Prepared:
+    import open3d
+
+    tensor: Any = open3d.core.Tensor  # its stubs do not know that arrays may come without a dtype
+    mesh = open3d.t.geometry.TriangleMesh(tensor(hole.vertices), tensor(hole.faces))
+    return (
+        lambda: mesh.fill_holes(hole_size=_EVERY_SIZE),
+        lambda answer: _left(answer.vertex.positions.numpy(), answer.triangle.indices.numpy()),
     )
+
+
+def _meshfix(hole: Hole, *, refine: bool) -> Prepared:
+    import pymeshfix
+
+    mesh = pymeshfix.PyTMesh()
+    mesh.set_quiet(True)
+    mesh.load_array(hole.vertices, hole.faces.astype(np.int32))
+    limit = hole.edge_limit
+
+    def finish(answer: Any) -> Filled:
+        if answer is None:
+            return _left(*mesh.return_arrays())
+        return _left(*mesh.return_arrays(), told=f"{answer} filled", succeeded=bool(answer))
+
+    return lambda: mesh.fill_small_boundaries(limit, refine), finish
+
+
+def _trimesh(hole: Hole, *, stitch: bool) -> Prepared:
+    import trimesh
+
+    mesh = trimesh.Trimesh(hole.vertices, hole.faces, process=False)
+    repair: Any = trimesh.repair
+
+    def finish(answer: Any) -> Filled:
+        if not stitch:
+            return _left(mesh.vertices, mesh.faces, told=f"returned {answer}", succeeded=bool(answer))
+        faces = np.asarray(answer, dtype=np.int64).reshape(-1, 3)
+        return _left(mesh.vertices, np.concatenate([mesh.faces, faces]), told=f"{len(faces)} faces")
+
+    return (lambda: repair.stitch(mesh)) if stitch else mesh.fill_holes, finish
+
+
+_FAIR = "triangulate_refine_and_fair_hole"
+_TOOLS: Mapping[tuple[str, str], Mapping[str, tuple[str, Callable[[Hole], Prepared]]]] = {
+    ("spinor_geom", "spinor-geom"): {
+        OURS: (
+            "fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, "
+            "meshing, stitching",
+            partial(_spinor, continuity="C0"),
+        ),
+        SMOOTH: ('the same with continuity="C1"', partial(_spinor, continuity="C1")),
+    },
+    ("pymeshlab", "pymeshlab"): {
+        "meshlab-close": ("maxholesize above the rim's edges", partial(_meshlab, refine=False)),
+        "meshlab-close-refined": ("and refinehole=True with the rim's mean edge", partial(_meshlab, refine=True)),
+        "meshlab-close-smoothed": (
+            "and apply_coord_laplacian_smoothing of the new faces with its defaults",
+            partial(_meshlab, refine=True, smooth=True),
+        ),
+    },
+    ("meshlib", "meshlib"): {
+        "meshlib-universal": ("fillHole, universal metric", partial(_meshlib, metric="getUniversalMetric")),
+        "meshlib-min-area": ("fillHole, minimum-area metric", partial(_meshlib, metric="getMinAreaMetric")),
+        "meshlib-nicely": ("fillHoleNicely with its defaults, stitchHolesNicely between facing rims", _meshlib),
+        "meshlib-nicely-fine": (
+            "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",
+            partial(_meshlib, fine=True),
+        ),
+        "meshlib-nicely-natural": (
+            "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too",
+            partial(_meshlib, natural=True),
+        ),
+    },
+    ("CGAL", "cgal"): {
+        "cgal": ("triangulate_hole", partial(_cgal, function="triangulate_hole", outputs=1)),
+        "cgal-refine": ("triangulate_and_refine_hole", partial(_cgal, function="triangulate_and_refine_hole")),
+        "cgal-fair": (f"{_FAIR}, which fairs with continuity 1", partial(_cgal, function=_FAIR)),
+        "cgal-fair-2": ("with fairing continuity 2", partial(_cgal, function=_FAIR, options=(_CGAL_DENSITY, 2))),
+    },
+    ("pyvista", "vtk"): {
+        "vtk": ("vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too", _vtk)
+    },
+    ("open3d", "open3d-cpu"): {"open3d": ("t.geometry fill_holes, any size", _open3d)},
+    ("pymeshfix", "pymeshfix"): {
+        "pymeshfix": ("fill_small_boundaries up to the rim's edges, refine=False", partial(_meshfix, refine=False)),
+        "pymeshfix-refined": ("the same, refine=True", partial(_meshfix, refine=True)),
+    },
+    ("trimesh", "trimesh"): {
+        "trimesh": ("fill_holes", partial(_trimesh, stitch=False)),
+        "trimesh-stitch": (
+            "repair.stitch, which closes every boundary, the outer ones too",
+            partial(_trimesh, stitch=True),
+        ),
+    },
+}
+
+FILLERS: Mapping[str, Filler] = {
+    name: Filler(*tool, *way) for tool, ways in _TOOLS.items() for name, way in ways.items()
 }
 """Ours first."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -107,12 +107,13 @@ def hole_over(name: str, loop: BoundaryLoop, area: float | None = None) -> Hole:
     outward = np.cross(tangent, normal[:n])
     outward /= np.linalg.norm(outward, axis=1)[:, None]
     outer = loop.points + _COLLAR * loop.mean_edge_length * outward
-    return replace(collar(name, loop.points, np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0)), area=area)
+    return replace(collar(name, loop.points, outer), area=area)
 
 
-def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n+1 3"], *, expected: str = "") -> Hole:
-    """Triangles between a rim and an outer curve that has one point more, its second."""
+def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n 3"], *, expected: str = "") -> Hole:
+    """Triangles between a rim and an outer curve, which gets one point more in its first edge."""
     n = len(rim)
+    outer = np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0)
     i = np.arange(n)
     after = (i + 1) % n
     across = np.append(n, n + 2 + np.arange(n - 1))
@@ -126,69 +127,93 @@ def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n
 # --- odd rims ---------------------------------------------------------------------------------------------------------
 
 
-def figure_eight(n: int = 64) -> Hole:
-    """A plane curve that crosses itself in the middle of two edges."""
-    t = 2 * np.pi * (np.arange(n) + 0.5) / n
-    return _upright("figure-eight", np.stack([np.sin(t), np.sin(2 * t) / 2, 0 * t], axis=1), "bounds no embedded disk")
+@cache
+def odd_holes() -> Mapping[str, Hole]:
+    """Rims that are no ordinary holes, and those of other projects' tests, rebuilt from what they say."""
+    return {hole.name: hole for hole in (*_odd(), *_peer_tests())}
 
 
-def knot(n: int = 48) -> Hole:
-    """A trefoil."""
-    t = 2 * np.pi * np.arange(n) / n
+def _odd() -> Iterator[Hole]:
+    t = 2 * np.pi * (np.arange(64) + 0.5) / 64
+    # it crosses itself in the middle of two edges
+    eight = np.stack([np.sin(t), np.sin(2 * t) / 2, 0 * t], axis=1)
+    yield _upright("figure-eight", eight, "bounds no embedded disk")
+    t = 2 * np.pi * np.arange(48) / 48
     r = 2 + np.cos(3 * t)
-    points = np.stack([r * np.cos(2 * t), r * np.sin(2 * t), np.sin(3 * t)], axis=1)
-    return _upright("knot", points, "every disk over it crosses itself")
+    trefoil = np.stack([r * np.cos(2 * t), r * np.sin(2 * t), np.sin(3 * t)], axis=1)
+    yield _upright("knot", trefoil, "every disk over it crosses itself")
+    cells = [(x, y) for x, y in _square(3, 9) if not (x in (5, 6) and y in (5, 6))]
+    yield _pierced("island", cells, "one patch with a hole for the island")
+    # cut open along a line: a rim of zero width
+    vertices, faces = _plane()
+    line = [_GRID // 2 * (_GRID + 1) + x for x in range(3, 10)]
+    copies = np.arange(len(vertices))
+    copies[line[1:-1]] = len(vertices) + np.arange(len(line) - 2)
+    above = vertices[faces].mean(axis=1)[:, 1] > _GRID // 2
+    faces[above] = copies[faces[above]]
+    points, rim = np.concatenate([vertices, vertices[line[1:-1]]]), np.array([*line, *copies[line[1:-1]]])
+    yield Hole(name="slit", vertices=points, faces=faces, rim=rim, expected="merge its sides: there is nothing to fill")
+    for height in (0.5, 0.6, 0.7):
+        yield facing_rims(height)
+
+
+def _peer_tests() -> Iterator[Hole]:
+    """Holes that the test suites of PMP, MeshLib, trimesh and CGAL fill."""
+    t, i = 2 * np.pi * np.arange(8) / 8, np.arange(8)
+    cone = np.concatenate([np.stack([np.cos(t), np.sin(t), 0 * t], axis=1), [[0, 0, 1.5]]])
+    # PMP: a cone of radius 1 and height 1.5 without its base
+    yield all_rims("open-cone", cone, np.stack([i, (i + 1) % 8, np.full(8, 8)], axis=1), "one flat patch")
+    # MeshLib: a coarse torus less one triangle
+    ring = trimesh.creation.torus(2.0, 1.0, major_sections=10, minor_sections=10)
+    yield all_rims("torus-window", ring.vertices, ring.faces[1:], "one triangle")
+    # MeshLib: a prism less three triangles: rims of three and four edges with two common vertices
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
+    ends, sides = [[0, 2, 1], [3, 4, 5]], [[0, 1, 3], [2, 5, 4], [2, 3, 5]]
+    yield all_rims("prism", points, ends + sides, "two patches of one and two triangles")
+    # MeshLib: two triangles at distance 1, to be joined by a prism's sides
+    yield replace(all_rims("facing-triangles", points, ends, "the three sides of a prism, or refused"), facing=True)
+    # trimesh: a cube less its first and last triangle
+    box = trimesh.creation.box()
+    yield all_rims("holey-cube", box.vertices, box.faces[1:-1], "one triangle in each of two sides")
+    # CGAL: a closed mesh less two neighbouring triangles
+    ball = trimesh.creation.icosphere(2)
+    beside = (np.isin(ball.faces, ball.faces[0]).sum(axis=1) == 2).nonzero()[0][0]
+    yield all_rims("quad-hole", ball.vertices, np.delete(ball.faces, [0, beside], axis=0), "two triangles")
+    # a plane hole that winds to and fro, as those of CGAL's and trimesh's plane tests
+    rows = [(x, y) for y in (4, 8, 12) for x in range(6, 18)]
+    turns = [(x, y) for x, low in ((17, 5), (6, 9)) for y in range(low, low + 3)]
+    yield _pierced("squiggle", rows + turns, "one flat patch", 2 * _GRID)
+    # CGAL: a non-manifold rim: a triangle stands on an edge of the mesh that ends in the rim
+    hole = _pierced("fin", _square(3, 9), "closed, or refused with the edge's name")
+    inner = hole.faces[np.isin(hole.faces, hole.rim).sum(axis=1) == 1][0]
+    on = inner[np.isin(inner, hole.rim)][0], inner[~np.isin(inner, hole.rim)][0]
+    top = hole.vertices[list(on)].mean(axis=0) + np.array([0, 0, 1])
+    fin = [[*on, len(hole.vertices)]]
+    yield replace(hole, vertices=np.vstack([hole.vertices, top]), faces=np.concatenate([hole.faces, fin]))
+    # CGAL: two square holes that touch in a vertex
+    yield _pierced("bow-tie", _square(3, 6) + _square(6, 9), "two patches that share a vertex")
 
 
 def _upright(name: str, points: Float[np.ndarray, "n 3"], expected: str) -> Hole:
     """A collar that goes down and outwards."""
-    outer = points * [1.15, 1.15, 1.0] - [0, 0, 0.25]
-    return collar(name, points, np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0), expected=expected)
-
-
-def bow_tie() -> Hole:
-    """Two square holes of a plane grid that touch in a vertex."""
-    cells = [(x, y) for x in range(3, 6) for y in range(3, 6)] + [(x, y) for x in range(6, 9) for y in range(6, 9)]
-    return _pierced("bow-tie", cells, "two patches that share a vertex")
-
-
-def island() -> Hole:
-    """A hole of a plane grid with an island of faces in it."""
-    cells = [(x, y) for x in range(3, 9) for y in range(3, 9) if not (x in (5, 6) and y in (5, 6))]
-    return _pierced("island", cells, "one patch with a hole for the island")
-
-
-def slit() -> Hole:
-    """A plane grid cut open along a line: a rim of zero width."""
-    vertices, faces = _grid()
-    line = [_GRID // 2 * (_GRID + 1) + x for x in range(3, 10)]
-    copies = {old: len(vertices) + k for k, old in enumerate(line[1:-1])}
-    above = vertices[faces].mean(axis=1)[:, 1] > _GRID // 2
-    cut = faces.copy()
-    cut[above] = np.vectorize(lambda v: copies.get(v, v))(faces[above])
-    points = np.concatenate([vertices, vertices[line[1:-1]]])
-    rim = np.array([*line, *copies.values()])
-    return Hole(name="slit", vertices=points, faces=cut, rim=rim, expected="merge its sides: there is nothing to fill")
+    return collar(name, points, points * [1.15, 1.15, 1.0] - [0, 0, 0.25], expected=expected)
 
 
 def facing_rims(height: float, n: int = 48) -> Hole:
     """Two unit circles at z = ±h with collars that lead away from each other."""
     t = 2 * np.pi * np.arange(n) / n
     circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
-    outer = 1.1 * circle + np.array([0, 0, 0.1])
     lift = np.array([0, 0, height])
-    upper = collar("", circle + lift, np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0) + lift)
+    upper = collar("", circle + lift, 1.1 * circle + np.array([0, 0, 0.1]) + lift)
     lower = upper.vertices * [1, 1, -1]
     joined = height < 0.66274
-    expected = (
-        "the catenoid between them has less area than two disks"
-        if height < 0.5277
-        else "a catenoid between them is a local minimum, two disks have less area"
-        if joined
-        else "no minimal annulus between them: two disks"
-    )
+    expected = "no minimal annulus between them: two disks"
+    if joined:
+        expected = "a catenoid between them is a local minimum, two disks have less area"
+    if height < 0.5277:
+        expected = "the catenoid between them has less area than two disks"
     return Hole(
-        name=f"facing rims at ±{height:g}",
+        name=f"facing-{height:g}",
         vertices=np.concatenate([upper.vertices, lower]),
         faces=np.concatenate([upper.faces, upper.faces[:, ::-1] + len(lower)]),
         rim=np.concatenate([upper.rim, upper.rim + len(lower)]),
@@ -206,94 +231,36 @@ def catenoid_area(height: float) -> float:
     return float(2 * np.pi * (height * c + c * c * np.sinh(height / c) * np.cosh(height / c)))
 
 
+def _square(low: int, high: int) -> list[tuple[int, int]]:
+    return [(x, y) for x in range(low, high) for y in range(low, high)]
+
+
 def _pierced(name: str, cells: list[tuple[int, int]], expected: str, side: int = _GRID) -> Hole:
-    vertices, faces = _grid(side)
-    gone = np.zeros(2 * side**2, dtype=bool)
-    for x, y in cells:
-        gone[2 * (y * side + x) : 2 * (y * side + x) + 2] = True
-    faces = faces[~gone]
-    used, faces = np.unique(faces, return_inverse=True)
-    vertices = vertices[used]
-    edges = boundary_edges(faces.reshape(-1, 3))
-    inside = ((vertices[:, :2] > 0.5) & (vertices[:, :2] < side - 0.5)).all(axis=1)
-    rim = np.unique(edges)
-    return Hole(name=name, vertices=vertices, faces=faces.reshape(-1, 3), rim=rim[inside[rim]], expected=expected)
+    """A plane grid without some of its cells."""
+    vertices, faces = _plane(side)
+    gone = np.zeros((side, side, 2), dtype=bool)
+    gone[tuple(np.array(cells).T[::-1])] = True
+    used, rest = np.unique(faces[~gone.ravel()], return_inverse=True)
+    hole = all_rims(name, vertices[used], rest.reshape(-1, 3), expected)
+    inside = ((hole.vertices[hole.rim, :2] > 0.5) & (hole.vertices[hole.rim, :2] < side - 0.5)).all(axis=1)
+    return replace(hole, rim=hole.rim[inside])
 
 
-def _grid(side: int = _GRID) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-    line = np.arange(side + 1, dtype=np.float64)
-    x, y = np.meshgrid(line, line)
-    vertices = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
-    low = (np.arange(side) + (side + 1) * np.arange(side)[:, None]).ravel()
-    up = low + side + 1
-    pairs = np.stack([np.stack([low, low + 1, up + 1], axis=1), np.stack([low, up + 1, up], axis=1)], axis=1)
-    return vertices, pairs.reshape(-1, 3)
+def _plane(side: int = _GRID) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+    (x, y), faces = lattice(side, side)
+    return np.stack([x, y, 0 * x], axis=1), faces
 
 
-# --- cases of other projects' tests, rebuilt from what they say -------------------------------------------------------
-
-
-def open_cone(n: int = 8) -> Hole:
-    """PMP: a cone of radius 1 and height 1.5 without its base."""
-    t = 2 * np.pi * np.arange(n) / n
-    vertices = np.concatenate([np.stack([np.cos(t), np.sin(t), 0 * t], axis=1), [[0, 0, 1.5]]])
-    i = np.arange(n)
-    faces = np.stack([i, (i + 1) % n, np.full(n, n)], axis=1)
-    return all_rims("open-cone", vertices, faces, "one flat patch")
-
-
-def torus_window() -> Hole:
-    """MeshLib: a coarse torus less one triangle."""
-    ring = trimesh.creation.torus(2.0, 1.0, major_sections=10, minor_sections=10)
-    return all_rims("torus-window", ring.vertices, ring.faces[1:], "one triangle")
-
-
-def prism() -> Hole:
-    """MeshLib: a prism less three triangles: rims of three and four edges with two common vertices."""
-    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
-    faces = [[0, 2, 1], [3, 4, 5], [0, 1, 3], [2, 5, 4], [2, 3, 5]]
-    return all_rims("prism", points, faces, "two patches of one and two triangles")
-
-
-def facing_triangles() -> Hole:
-    """MeshLib: two triangles at distance 1, to be joined by a prism's sides."""
-    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
-    hole = all_rims("facing-triangles", points, [[0, 2, 1], [3, 4, 5]], "the three sides of a prism, or refused")
-    return replace(hole, facing=True)
-
-
-def holey_cube() -> Hole:
-    """Trimesh: a cube less its first and last triangle."""
-    box = trimesh.creation.box()
-    return all_rims("holey-cube", box.vertices, box.faces[1:-1], "one triangle in each of two sides")
-
-
-def quad_hole() -> Hole:
-    """CGAL: a closed mesh less two neighbouring triangles."""
-    ball = trimesh.creation.icosphere(2)
-    beside = (np.isin(ball.faces, ball.faces[0]).sum(axis=1) == 2).nonzero()[0][0]
-    kept = np.delete(ball.faces, [0, beside], axis=0)
-    return all_rims("quad-hole", ball.vertices, kept, "two triangles")
-
-
-def squiggle() -> Hole:
-    """A plane hole that winds to and fro, as those of CGAL's and trimesh's plane tests."""
-    side = 2 * _GRID
-    rows = [(x, y) for y in (4, 8, 12) for x in range(6, 18)]
-    turns = [(x, y) for x, low in ((17, 5), (6, 9)) for y in range(low, low + 3)]
-    return _pierced("squiggle", rows + turns, "one flat patch", side)
-
-
-def fin() -> Hole:
-    """CGAL: a hole with a non-manifold rim: a triangle stands on an edge of the mesh that ends in the rim."""
-    hole = _pierced(
-        "fin", [(x, y) for x in range(3, 9) for y in range(3, 9)], "closed, or refused with the edge's name"
-    )
-    inner = hole.faces[np.isin(hole.faces, hole.rim).sum(axis=1) == 1][0]
-    on = inner[np.isin(inner, hole.rim)][0], inner[~np.isin(inner, hole.rim)][0]
-    top = hole.vertices[list(on)].mean(axis=0) + np.array([0, 0, 1])
-    fin_face = [[*on, len(hole.vertices)]]
-    return replace(hole, vertices=np.vstack([hole.vertices, top]), faces=np.concatenate([hole.faces, fin_face]))
+def lattice(
+    nx: int, ny: int, *, wrap_x: bool = False, wrap_y: bool = False
+) -> tuple[Float[np.ndarray, "2 n"], Int[np.ndarray, "f 3"]]:
+    """Points of the plane at 0, 1, … and two triangles a cell, round where it wraps."""
+    width, depth = nx + (not wrap_x), ny + (not wrap_y)
+    places = np.stack(np.meshgrid(np.arange(width), np.arange(depth))).reshape(2, -1).astype(np.float64)
+    i, j = (part.ravel() for part in np.meshgrid(np.arange(nx), np.arange(ny)))
+    right, up = (i + 1) % width, (j + 1) % depth
+    a, b, c, d = i + width * j, right + width * j, right + width * up, i + width * up
+    return places, np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3)
 
 
 def all_rims(name: str, vertices: ArrayLike, faces: ArrayLike, expected: str = "") -> Hole:
@@ -301,32 +268,6 @@ def all_rims(name: str, vertices: ArrayLike, faces: ArrayLike, expected: str = "
     points, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
     rim = np.unique(boundary_edges(triangles))
     return Hole(name=name, vertices=points, faces=triangles, rim=rim, expected=expected)
-
-
-PEER_TESTS: Mapping[str, Callable[[], Hole]] = {
-    "open-cone": open_cone,
-    "torus-window": torus_window,
-    "prism": prism,
-    "facing-triangles": facing_triangles,
-    "holey-cube": holey_cube,
-    "quad-hole": quad_hole,
-    "squiggle": squiggle,
-    "fin": fin,
-    "bow-tie": bow_tie,
-}
-"""Holes that the test suites of PMP, MeshLib, trimesh and CGAL fill."""
-
-ODD: Mapping[str, Callable[[], Hole]] = {
-    "figure-eight": figure_eight,
-    "knot": knot,
-    "island": island,
-    "slit": slit,
-    "facing-0.5": lambda: facing_rims(0.5),
-    "facing-0.6": lambda: facing_rims(0.6),
-    "facing-0.7": lambda: facing_rims(0.7),
-    **PEER_TESTS,
-}
-"""Rims that are no ordinary holes."""
 
 
 # --- mesh files -------------------------------------------------------------------------------------------------------

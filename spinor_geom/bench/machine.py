@@ -11,9 +11,12 @@ from collections.abc import Mapping
 from datetime import date
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from spinor_geom.version import program_version
+
+Task: TypeAlias = Mapping[str, Any]
+Record: TypeAlias = dict[str, Any]
 
 PACKAGES = (
     *("numpy", "scipy", "torch", "libigl", "pythoncdt", "trimesh", "pymeshlab", "meshlib", "pymeshfix", "cgal", "vtk"),
@@ -51,16 +54,8 @@ def _changed_since(version: str) -> bool:
     if version == program_version():
         return False
     commit = re.search(r"g([0-9a-f]{7,})$", version)
-    command = [
-        "git",
-        "-C",
-        str(_ROOT),
-        "diff",
-        "--quiet",
-        commit[1] if commit else version,
-        "--",
-        *(f"spinor_geom/{name}" for name in MEASURED),
-    ]
+    command = ["git", "-C", str(_ROOT), "diff", "--quiet", commit[1] if commit else version, "--"]
+    command += [f"spinor_geom/{name}" for name in MEASURED]
     try:
         return subprocess.run(command, capture_output=True).returncode != 0
     except OSError:  # no git

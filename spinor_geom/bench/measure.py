@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,13 +11,14 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.bench.cases import Case
 from spinor_geom.bench.cut_outs import CutOut
+from spinor_geom.bench.fillers import Filled
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.methods import Spanned
-from spinor_geom.bench.peers import Filled
+from spinor_geom.comparison import exact_curvature
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
-from spinor_geom.measures.quality import triangle_quality
+from spinor_geom.measures.quality import smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.operators import face_areas, internal_angles
@@ -38,7 +39,6 @@ _SAME = 1e-6
 DISTANCE = "distance / diameter"
 
 Figures = dict[str, Any]
-View: TypeAlias = tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]
 
 
 def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
@@ -60,7 +60,13 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
         solution = spanned.solution
         figures["solve_seconds"] = sum(solution.solve_timings.values())
         figures["residual_per_edge"] = solution.boundary_residual.rms_per_edge
-        figures |= _exact_curvature(solution, diameter)
+        mesh = solution.domain.triangulation
+        curvature = exact_curvature(solution, mesh.points[mesh.boundary_size :], _CURVATURE_POINTS) * diameter
+        if len(curvature):
+            figures |= {
+                "exact_curvature_median": float(np.median(curvature)),
+                "exact_curvature_max": float(curvature.max()),
+            }
         figures |= _surface_distance(solution, case.chart, diameter)
     return figures
 
@@ -131,15 +137,22 @@ def cut_out_figures(filled: Filled, cut_out: CutOut) -> Figures:
     return figures
 
 
-def cut_out_views(filled: Filled, cut_out: CutOut) -> dict[str, View]:
-    """What was removed, by the name "removed", and the patches, by none; coloured by distance per diameter."""
-    _, _, patch = _parts(filled, cut_out.hole)
-    made: dict[str, View] = {}
+def cut_out_views(filled: Filled, cut_out: CutOut) -> dict[str, dict[str, np.ndarray]]:
+    """Arrays of what was removed, by the name "removed", and of the patches, by none.
+
+    Vertices, faces, and as values the vertices' distances from what was removed, per diameter of the hole.
+    """
+    made = {}
+    patch = _parts(filled, cut_out.hole)[2]
     for name, vertices, faces in (("removed", cut_out.vertices, cut_out.faces), ("", filled.vertices, patch)):
         if len(faces):
             used, index = np.unique(faces, return_inverse=True)
             distance = cut_out.distances(vertices[used]) / cut_out.diameter
-            made[name] = vertices[used], index.reshape(-1, 3), {DISTANCE: distance}
+            made[name] = {
+                "vertices": vertices[used].astype(np.float32),
+                "faces": index.reshape(-1, 3).astype(np.int32),
+                "values": distance.astype(np.float32),
+            }
     return made
 
 
@@ -174,7 +187,7 @@ def patch_figures(
         "mesh_area": float(face_areas(vertices, faces).sum()),
         "curvature_max": curvature.max * diameter,
         "curvature_rms": curvature.rms * diameter,
-        "min_angle": triangle_quality(vertices, faces).min,
+        "min_angle": float(smallest_angles(vertices, faces).min()),
         # of a triangle without area as of one that is flat
         "max_angle": float(np.degrees(np.nan_to_num(internal_angles(vertices, faces), nan=np.pi).max())),
         "nonmanifold_edges": int((HalfEdges.of(faces).counts > 2).sum()),
@@ -185,17 +198,6 @@ def patch_figures(
         figures["distance_max"] = distance.max / diameter
         figures["distance_mean"] = distance.mean / diameter
     return figures
-
-
-def _exact_curvature(solution: PlateauSolution, diameter: float) -> Figures:
-    """|H| of the surface at inner points, by automatic differentiation of its position."""
-    inner = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
-    if not len(inner):
-        return {}
-    inner = inner[np.linspace(0, len(inner) - 1, min(len(inner), _CURVATURE_POINTS)).astype(int)]
-    values = np.abs(np.asarray(solution.surface.mean_curvature(inner))) * diameter
-    values = values[np.isfinite(values)]
-    return {"exact_curvature_median": float(np.median(values)), "exact_curvature_max": float(values.max(initial=0))}
 
 
 def _surface_distance(solution: PlateauSolution, chart: Chart, diameter: float) -> Figures:

@@ -1,10 +1,10 @@
-"""Methods that span a bare loop by a disk: ours with each model, and the discrete ones."""
+"""Methods that span a bare loop by a disk: ours, and the discrete ones."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -37,18 +37,16 @@ class Spanned:
     told: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class LoopMethod:
     """A way to span a loop.
 
     Attributes:
-        name: on the command line and in tables.
         options: what is asked for, for the documents.
         most_points: of a loop; more take minutes.
         span: the whole of it, mesh included.
     """
 
-    name: str
     options: str
     most_points: int
     span: Callable[[BoundaryLoop], Spanned]
@@ -67,41 +65,24 @@ def _spinor(loop: BoundaryLoop) -> Spanned:
     )
 
 
-def _discrete(method: DiscreteMethod, inside: Literal["graded", "uniform"]) -> Callable[[BoundaryLoop], Spanned]:
-    def span(loop: BoundaryLoop) -> Spanned:
-        edge = loop.mean_edge_length if inside == "uniform" else None
-        found = discrete_minimal_surface(loop, method=method, target_edge_length=edge)
-        return Spanned(vertices=found.vertices, faces=found.faces, area=found.area, converged=found.converged)
-
-    return span
+def _discrete(loop: BoundaryLoop, *, method: DiscreteMethod, uniform: bool = True) -> Spanned:
+    found = discrete_minimal_surface(loop, method=method, target_edge_length=loop.mean_edge_length if uniform else None)
+    return Spanned(vertices=found.vertices, faces=found.faces, area=found.area, converged=found.converged)
 
 
 LOOP_METHODS: Mapping[str, LoopMethod] = {
-    method.name: method
-    for method in (
-        LoopMethod(
-            name="spinor",
-            options="solve_plateau with its defaults, then mesh_patch with the loop's mean edge",
-            most_points=5000,
-            span=_spinor,
-        ),
-        LoopMethod(
-            name="libigl",
-            options="discrete_minimal_surface with its defaults: edges as the loop's at the rim, longer inside",
-            most_points=1024,
-            span=_discrete("libigl", "graded"),
-        ),
-        LoopMethod(
-            name="libigl-uniform",
-            options="the same with the loop's mean edge everywhere",
-            most_points=512,
-            span=_discrete("libigl", "uniform"),
-        ),
-        LoopMethod(
-            name="pymeshlab",
-            options="discrete_minimal_surface(method='pymeshlab') with the loop's mean edge",
-            most_points=128,
-            span=_discrete("pymeshlab", "uniform"),
-        ),
-    )
+    "spinor": LoopMethod("solve_plateau with its defaults, then mesh_patch with the loop's mean edge", 5000, _spinor),
+    "libigl": LoopMethod(
+        "discrete_minimal_surface with its defaults: edges as the loop's at the rim, longer inside",
+        1024,
+        partial(_discrete, method="libigl", uniform=False),
+    ),
+    "libigl-uniform": LoopMethod(
+        "the same with the loop's mean edge everywhere", 512, partial(_discrete, method="libigl")
+    ),
+    "pymeshlab": LoopMethod(
+        "discrete_minimal_surface(method='pymeshlab') with the loop's mean edge",
+        128,
+        partial(_discrete, method="pymeshlab"),
+    ),
 }

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,49 +10,35 @@ from jaxtyping import Float, Int
 
 from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.measure import DISTANCE
-from spinor_geom.render.layers import Scale
+from spinor_geom.render.layers import Faces, Scale
 
 REMOVED = "removed"
 _GAP = 1.15  # from piece to piece, per width
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Piece:
-    """One of several patches side by side.
+def pieces_of(folder: Path) -> dict[str, Faces]:
+    """The pieces that a run left in a folder, by name: what was removed, then the fillers' in their order.
 
-    Attributes:
-        name: of the filler, or "removed".
-        vertices: moved to the piece's place, the hole's normal along the third axis.
-        faces: triangles.
-        values: distance at each vertex from what was removed, per diameter of the hole.
+    They lie side by side, the hole's normal along the third axis, each with its distance from what was removed, per
+    diameter of the hole, at every vertex.
     """
-
-    name: str
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
-    values: Float[np.ndarray, " n"]
-
-
-def pieces_of(folder: Path) -> list[Piece]:
-    """The pieces that a run left in a folder: what was removed, then the fillers' in their order."""
-    names = [name for name in (REMOVED, *FILLERS) if (folder / f"{name}.npz").exists()]
-    made: list[Piece] = []
-    for place, name in enumerate(names):
+    made: dict[str, Faces] = {}
+    for name in (name for name in (REMOVED, *FILLERS) if (folder / f"{name}.npz").exists()):
         with np.load(folder / f"{name}.npz") as arrays:
             vertices, faces = arrays["vertices"].astype(np.float64), arrays["faces"].astype(np.int64)
-            values = arrays[f"field/{DISTANCE}"].astype(np.float64)
+            values = arrays["values"].astype(np.float64)
         if not made:
             middle = vertices.mean(axis=0)
             axes = _axes(vertices, faces)
             width = _GAP * np.ptp((vertices - middle) @ axes.T, axis=0)[0]
-        moved = (vertices - middle) @ axes.T + [place * width, 0, 0]
-        made.append(Piece(name=name, vertices=moved, faces=faces, values=values))
+        moved = (vertices - middle) @ axes.T + [len(made) * width, 0, 0]
+        made[name] = Faces(vertices=moved, faces=faces, fields={DISTANCE: values}, edges=True)
     return made
 
 
-def scale_of(pieces: Sequence[Piece]) -> Scale:
+def scale_of(pieces: Mapping[str, Faces]) -> Scale:
     """One scale for all: from zero to what all but one vertex in twenty of a typical piece stay below."""
-    tops = [float(np.quantile(piece.values, 0.95)) for piece in pieces if piece.name != REMOVED]
+    tops = [float(np.quantile(piece.fields[DISTANCE], 0.95)) for name, piece in pieces.items() if name != REMOVED]
     return Scale(low=0.0, high=float(np.median(tops)))
 
 

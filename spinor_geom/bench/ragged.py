@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
-from spinor_geom.bench.holes import Hole, all_rims
+from spinor_geom.bench.holes import Hole, all_rims, lattice
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -87,14 +87,13 @@ def _torus(random: np.random.Generator) -> _Cut:
 
 def _cylinder(random: np.random.Generator) -> _Cut:
     """A closed cylinder of radius 0.5, its side divided into a grid."""
-    angle, height = np.meshgrid(2 * np.pi * np.arange(40) / 40, np.linspace(-1, 1, 26))
-    vertices = np.column_stack([0.5 * np.cos(angle.ravel()), 0.5 * np.sin(angle.ravel()), height.ravel()])
-    row, column = (part.ravel() for part in np.meshgrid(np.arange(25), np.arange(40), indexing="ij"))
-    a, b = 40 * row + column, 40 * row + (column + 1) % 40
+    (column, row), side = lattice(40, 25, wrap_x=True)
+    angle = 2 * np.pi * column / 40
+    vertices = np.column_stack([0.5 * np.cos(angle), 0.5 * np.sin(angle), row * 0.08 - 1])
     ring, after = np.arange(40), (np.arange(40) + 1) % 40
     bottom = np.column_stack([np.full(40, len(vertices)), after, ring])
     top = np.column_stack([np.full(40, len(vertices) + 1), 1000 + ring, 1000 + after])
-    faces = np.vstack([np.column_stack([a, b, b + 40]), np.column_stack([a, b + 40, a + 40]), bottom, top])
+    faces = np.vstack([side, bottom, top])
     turn = random.uniform(0, 2 * np.pi)
     centre = np.array([0.5 * np.cos(turn), 0.5 * np.sin(turn), random.uniform(-0.4, 0.4)])
     return np.vstack([vertices, [[0, 0, -1], [0, 0, 1]]]), faces, centre, random.uniform(0.15, 0.4)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import itertools
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from spinor_geom.bench.isolate import Record, Task, run_isolated
-from spinor_geom.bench.machine import machine, stamp
+from spinor_geom.bench.machine import Record, Task, machine, stamp
 from spinor_geom.bench.suites import Settings, chosen_tasks
 from spinor_geom.errors import OptionError
 from spinor_geom.files import finite, write_json
+from spinor_geom.isolate import FaultError, Process
 
 RECORDS, DESCRIPTION = "records.jsonl", "run.json"
 WORKER = "spinor_geom.bench.worker"
@@ -84,6 +84,35 @@ def measure(
     return Run(folder=place, description=description, records=[done[key(task)] for task in tasks])
 
 
+def run_isolated(
+    tasks: Iterable[Task], *, module: str, time_limit: float, on_record: Callable[[Task, Record], None]
+) -> None:
+    """Runs tasks one after the other in a process that is replaced when it crashes or hangs.
+
+    A crash or a hang is one task's, and so is the memory. The process runs the module as a program, which tells one
+    answer to each task. What it writes besides is kept beside the answer, as "said".
+
+    Args:
+        tasks: JSON-ready.
+        module: of the process.
+        time_limit: of each task, in seconds.
+        on_record: called with each task and its answer. A task that crashed has the status "crashed", one
+            that took too long "timed out".
+    """
+    process = Process(module)
+    try:
+        for task in tasks:
+            record: Record = {}
+            try:
+                said = process.run(task, record.update, seconds=time_limit)
+            except FaultError as fault:
+                record = {"status": "timed out" if fault.kind == "time" else "crashed", "reason": str(fault)}
+                said = fault.said
+            on_record(task, {**record, "said": said} if said else record)
+    finally:
+        process.end()
+
+
 def read_records(folder: Path) -> list[Record]:
     """The records of a run's folder; a last line that was not finished is no record."""
     path = folder / RECORDS
@@ -98,20 +127,22 @@ def read_records(folder: Path) -> list[Record]:
 
 
 def _description(settings: Settings, folder: Path) -> dict[str, Any]:
-    here = {"settings": settings.description(), "machine": machine()}
-    path = folder / DESCRIPTION
+    told = {**asdict(settings), "data": None if settings.data is None else str(settings.data)}
+    here, path = {"settings": told, "machine": machine()}, folder / DESCRIPTION
     if path.exists():
-        before, now = json.loads(path.read_text(encoding="utf-8"))["machine"], here["machine"]
-        # of ours every record has its commit
-        for name in ("versions", "cores", "processor"):
-            if before[name] != now[name] and not (name == "versions" and _peers(before) == _peers(now)):
-                raise OptionError(
-                    f"{folder} holds a run on another machine or of other versions ({name} differ); name another folder"
-                )
+        before = json.loads(path.read_text(encoding="utf-8"))["machine"]
+        differ = [name for name, value in _compared(here["machine"]).items() if value != _compared(before)[name]]
+        if differ:
+            raise OptionError(
+                f"{folder} holds a run on another machine or of other versions ({', '.join(differ)} differ); "
+                "name another folder"
+            )
         here["machine"] = before
     write_json(path, here)
     return here
 
 
-def _peers(machine: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: version for name, version in machine["versions"].items() if name != "spinor-geom"}
+def _compared(machine: Mapping[str, Any]) -> dict[str, Any]:
+    # of ours every record has its commit
+    peers = {name: version for name, version in machine["versions"].items() if name != "spinor-geom"}
+    return {"versions": peers, "cores": machine["cores"], "processor": machine["processor"]}

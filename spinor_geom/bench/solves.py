@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any, Literal, TypeAlias
 
@@ -15,7 +15,7 @@ from spinor_geom import gallery
 from spinor_geom.bench.figures import Limit
 from spinor_geom.bench.holes import catenoid_area
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.experiments.timing import boundary_distance
+from spinor_geom.experiments.paper_surfaces import boundary_distance
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
@@ -43,7 +43,7 @@ QUICK = (
 """Those of the short run."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Solve:
     """Something to be solved.
 
@@ -70,7 +70,7 @@ class Solve:
 @cache
 def solves() -> Mapping[str, Solve]:
     """All of them by name."""
-    return {one.name: one for one in (*_curves(), *_random(), *_rims(), *_speed(), *_paper())}
+    return {one.name: one for one in (*_curves(), *_rims(), *_speed(), *_paper())}
 
 
 def solve_figures(case: Solve, answer: PlateauSolution | NoConnectedSurface) -> dict[str, Any]:
@@ -142,6 +142,10 @@ def null_error(solution: PlateauSolution) -> float:
 # --- what is to be solved ---------------------------------------------------------------------------------------------
 
 
+_CONVERGED = Limit("converged", "converged", True)
+_ANNULUS = Limit("annulus", "an annulus is found", True)
+
+
 def _met(tolerance: float) -> tuple[Limit, ...]:
     return (Limit("rms_per_edge", "RMS distance from Γ, in mean edges,", tolerance), _CONVERGED)
 
@@ -154,53 +158,33 @@ def _seconds(limit: float) -> Limit:
     return Limit("seconds", "seconds", limit, "time")
 
 
-_CONVERGED = Limit("converged", "converged", True)
-
-
 def _curves() -> Iterator[Solve]:
     """Smooth curves, noisy ones, strips, polygons, and rims with straight sides."""
-
-    def case(curve: KnownCurve, n: int, tolerance: float, *limits: Limit) -> Solve:
-        subject, options = partial(curve.sample, n), {"tolerance": tolerance}
-        name = f"{curve.name} at {n} points"
-        return Solve(suite="curves", name=name, subject=subject, limits=limits, options=options, disks=curve.disks)
-
-    for curve in (gallery.twisted_circle(), gallery.tennis_seam(0.8), gallery.tennis_seam(0.75)):
-        verdict = Limit("verdict", "verdict", "stable, index 0")
-        yield case(curve, 128, 1e-8, *_met(1e-8), _area(1e-6), verdict)
-    for ratio, n in ((2.0, 100), (4.0, 100), (8.0, 100), (16.0, 200), (32.0, 400)):
-        yield case(gallery.ellipse(ratio, 0.3), n, 1e-8, *_met(1e-8))
-    for ratio, n in ((2.0, 100), (4.0, 100), (8.0, 200)):
-        curve = gallery.ellipse(ratio, 0.3)
-        name = f"{curve.name} at {n} points, 20% noise"
-        yield Solve(suite="curves", name=name, subject=partial(_noisy, curve, n, 0.2, 0), limits=_met(1e-3))
-    for curve, n in (
-        (gallery.slit(), 102),
-        (gallery.slit(bend=np.pi / 2), 102),
-        (gallery.horseshoe(), 160),
-        *((gallery.helical_ramp(turns), 160) for turns in (1.3, 2.0, 3.0)),
+    stable = (*_met(1e-8), _area(1e-6), Limit("verdict", "verdict", "stable, index 0"))
+    near = Limit("rms_per_diameter", "RMS distance from Γ, in diameters,", 1e-5), _CONVERGED
+    seam, ramp, ellipse = gallery.tennis_seam, gallery.helical_ramp, partial(gallery.ellipse, height=0.3)
+    for curve, n, tolerance, limits in (
+        *((curve, 128, 1e-8, stable) for curve in (gallery.twisted_circle(), seam(0.8), seam(0.75))),
+        *((ellipse(ratio), 100, 1e-8, _met(1e-8)) for ratio in (2.0, 4.0, 8.0)),
+        *((ellipse(ratio), n, 1e-8, _met(1e-8)) for ratio, n in ((16.0, 200), (32.0, 400))),
+        *((curve, 102, 1e-3, _met(1e-3)) for curve in (gallery.slit(), gallery.slit(bend=np.pi / 2))),
+        *((curve, 160, 1e-3, _met(1e-3)) for curve in (gallery.horseshoe(), ramp(1.3), ramp(2.0), ramp(3.0))),
+        (gallery.schwarz_d_quadrilateral(), 96, 1e-8, (_area(1e-9),)),
+        *((curve(), 144, 1e-8, (_area(1e-8),)) for curve in (gallery.schwarz_d_hexagon, gallery.schwarz_p_hexagon)),
+        *((curve, 64, 1e-4, near) for curve in (gallery.l_shape(), gallery.l_shape(rise=0.25))),
+        (gallery.zigzag_rim(20), 100, 1e-4, near),
     ):
-        yield case(curve, n, 1e-3, *_met(1e-3))
-    yield case(gallery.schwarz_d_quadrilateral(), 96, 1e-8, _area(1e-9))
-    yield case(gallery.schwarz_d_hexagon(), 144, 1e-8, _area(1e-8))
-    yield case(gallery.schwarz_p_hexagon(), 144, 1e-8, _area(1e-8))
-    near = Limit("rms_per_diameter", "RMS distance from Γ, in diameters,", 1e-5)
-    for curve, n in ((gallery.l_shape(), 64), (gallery.l_shape(rise=0.25), 64), (gallery.zigzag_rim(20), 100)):
-        yield case(curve, n, 1e-4, near, _CONVERGED)
-
-
-def _random() -> Iterator[Solve]:
-    """Random closed curves: what is promised of them is promised of all together."""
+        subject, options = partial(curve.sample, n), {"tolerance": tolerance}
+        yield Solve("curves", f"{curve.name} at {n} points", subject, limits, options, curve.disks)
+    for ratio, n in ((2.0, 100), (4.0, 100), (8.0, 200)):
+        curve = ellipse(ratio)
+        name = f"{curve.name} at {n} points, 20% noise"
+        yield Solve("curves", name, partial(_noisy, curve, n, 0.2, 0), _met(1e-3))
+    # what is promised of random ones is promised of all together
     for seed in range(RANDOM):
         noise = RANDOM_NOISE if seed % 2 else 0.0
-        yield Solve(
-            suite="curves",
-            name=f"random curve {seed}",
-            subject=partial(_random_loop, seed, noise),
-            limits=(),
-            options={"tolerance": 1e-3 if noise else 1e-6},
-            also="truth",
-        )
+        subject, options = partial(_random_loop, seed, noise), {"tolerance": 1e-3 if noise else 1e-6}
+        yield Solve("curves", f"random curve {seed}", subject, (), options, also="truth")
 
 
 def _random_loop(seed: int, noise: float) -> BoundaryLoop:
@@ -214,45 +198,36 @@ def _noisy(curve: KnownCurve, n: int, noise: float, seed: int) -> BoundaryLoop:
 
 def _rims() -> Iterator[Solve]:
     """Two rims: catenoids, rings, and rims that crowd, tilt and shake."""
-    whole = partial(Solve, suite="rims")
-    annulus = Limit("annulus", "an annulus is found", True)
+
+    def known(name: str, subject: Callable[[], Subject], area: float, *limits: Limit) -> Solve:
+        return Solve("rims", name, subject, limits, disks=(KnownDisk(area=area),))
+
     for h in HEIGHTS:
-        pair, disks = (ring(1.0, h), ring(1.0, -h)), (KnownDisk(area=catenoid_area(h)),)
-        for way, subject, error in (
-            ("of 64 points a rim", partial(_sampled, pair, (64, 64)), 1e-6),
-            ("of formulas", partial(_same, pair), 1e-12),
-        ):
-            limits = annulus, _area(error), _seconds(0.1)
-            yield whole(name=f"catenoid h = {h:g} {way}", subject=subject, limits=limits, disks=disks)
+        pair, area = (ring(1.0, h), ring(1.0, -h)), catenoid_area(h)
+        sampled, name = partial(_sampled, pair, (64, 64)), f"catenoid h = {h:g}"
+        yield known(f"{name} of 64 points a rim", sampled, area, _ANNULUS, _area(1e-6), _seconds(0.1))
+        yield known(f"{name} of formulas", partial(_same, pair), area, _ANNULUS, _area(1e-12), _seconds(0.1))
     for h in TOO_FAR:
-        none = Limit("annulus", "an annulus is found", False)
-        pair, disks = (ring(1.0, h), ring(1.0, -h)), (KnownDisk(area=2 * np.pi),)
-        disks_area = Limit("area_error", "error of the two disks' area", 1e-12)
-        subject = partial(_same, pair)
-        yield whole(name=f"circles h = {h:g}", subject=subject, limits=(none, disks_area), disks=disks)
-    for name, pair, area in (
-        ("plane ring, eccentric hole", (ring(1, 0), ring(0.2, 0, centre=(0.5, 0.1))), 0.96 * np.pi),
-        (
-            "plane ellipse 4:1, hole near an end",
-            (ring(1, 0, stretch=4.0), ring(0.2, 0, centre=(2.5, 0.1))),
-            3.96 * np.pi,
-        ),
+        limits = replace(_ANNULUS, value=False), Limit("area_error", "error of the two disks' area", 1e-12)
+        yield known(f"circles h = {h:g}", partial(_same, (ring(1.0, h), ring(1.0, -h))), 2 * np.pi, *limits)
+    for name, outer, hole, area in (
+        ("plane ring, eccentric hole", ring(1, 0), ring(0.2, 0, centre=(0.5, 0.1)), 0.96),
+        ("plane ellipse 4:1, hole near an end", ring(1, 0, stretch=4.0), ring(0.2, 0, centre=(2.5, 0.1)), 3.96),
     ):
-        disks = (KnownDisk(area=area),)
-        yield whole(name=name, subject=partial(_same, pair), limits=(annulus, _area(1e-10)), disks=disks)
-    inner = ring(0.7, 0.2, centre=(0.1, 0.05), stretch=7.6 / 0.7)
+        yield known(name, partial(_same, (outer, hole)), area * np.pi, _ANNULUS, _area(1e-10))
+    crowded = ring(1.0, 0.0, stretch=8.0), ring(0.7, 0.2, centre=(0.1, 0.05), stretch=7.6 / 0.7)
     tilted = ring(1.0, 0.35, stretch=1.3), ring(0.8, -0.35, centre=(0.2, 0.1))
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.4), -np.sin(0.4)], [0.0, np.sin(0.4), np.cos(0.4)]])
     slender = ring(1.0, 0.0, stretch=4.0), ring(0.2, 0.1, centre=(2.5, 0.1))
     for name, subject in (
         ("small hole near the end of an ellipse 4:1, lifted", partial(_sampled, slender, (120, 40))),
-        ("ellipse 8:1 in another", partial(_sampled, (ring(1.0, 0.0, stretch=8.0), inner), (200, 180))),
+        ("ellipse 8:1 in another", partial(_sampled, crowded, (200, 180))),
         *(
             (f"tilted rims, noise {noise:.0%} of an edge", partial(_sampled, tilted, (80, 60), noise=noise, turn=tilt))
             for noise in (0.0, 0.1, 0.2)
         ),
     ):
-        yield whole(name=name, subject=subject, limits=(Limit("rms_per_edge", "RMS residual, in mean edges,", 1e-3),))
+        yield Solve("rims", name, subject, (Limit("rms_per_edge", "RMS residual, in mean edges,", 1e-3),))
 
 
 def ring(
@@ -294,14 +269,12 @@ def _speed() -> Iterator[Solve]:
     ellipse = gallery.ellipse(2.0, 0.3)
     for curve in (gallery.twisted_circle(), ellipse, gallery.tennis_seam(0.8)):
         for n, seconds in SMOOTH_SECONDS.items():
-            limits = _seconds(seconds), *_met(1e-3)
             name = f"{curve.name} at {n} points, timed"
-            yield Solve(suite="speed", name=name, subject=partial(curve.sample, n), limits=limits)
+            yield Solve("speed", name, partial(curve.sample, n), (_seconds(seconds), *_met(1e-3)))
     for n, seconds in ROUGH_SECONDS.items():
         limits = _seconds(seconds), *_met(1e-2), Limit("memory_mib", "peak memory in MiB", 6144)
         name = f"{ellipse.name} at {n} points, 15% noise, timed"
-        subject = partial(_noisy, ellipse, n, 0.15, 0)
-        yield Solve(suite="speed", name=name, subject=subject, limits=limits, options={"tolerance": 1e-2})
+        yield Solve("speed", name, partial(_noisy, ellipse, n, 0.15, 0), limits, {"tolerance": 1e-2})
 
 
 def _paper() -> Iterator[Solve]:
@@ -311,46 +284,28 @@ def _paper() -> Iterator[Solve]:
     def near(error: float) -> Limit:
         return Limit("max_per_diagonal", "largest distance from Γ, in diagonals,", error)
 
-    for curve, disk, which, keep in (
-        (circle, circle.disks[0], "", True),
-        (tame, tame.disks[0], "", True),
-        (seam, seam.disks[-1], ", symmetric disk", True),
-        (seam, seam.disks[0], ", stable disk", False),
+    exact = near(1e-13), Limit("null_error", "largest |φ·φ| by the largest |φ|²", 1e-13), _area(1e-13)
+    for curve, disk, which, unstable in (
+        (circle, circle.disks[0], "", "keep"),
+        (tame, tame.disks[0], "", "keep"),
+        (seam, seam.disks[-1], ", symmetric disk", "keep"),
+        (seam, seam.disks[0], ", stable disk", "leave"),
     ):
-        null = Limit("null_error", "largest |φ·φ| by the largest |φ|²", 1e-13)
         # leaving an unstable disk is a second solve, of twice as many nodes
-        limits = near(1e-13), null, _area(1e-13), *([_seconds(0.1)] if keep else [])
-        yield Solve(
-            suite="paper",
-            name=f"Douglas-Newton, {curve.name}{which}",
-            subject=partial(_same, curve),
-            limits=limits,
-            options={"model": "series", "unstable": "keep" if keep else "leave"},
-            disks=(disk,),
-            also="null error",
-        )
+        limits = (*exact, _seconds(0.1)) if unstable == "keep" else exact
+        name, options = f"Douglas-Newton, {curve.name}{which}", {"model": "series", "unstable": unstable}
+        yield Solve("paper", name, partial(_same, curve), limits, options, (disk,), "null error")
+    first, fine = LevenbergMarquardt(tolerance=1e-5), LevenbergMarquardt(tolerance=1e-7)
     wide = LevenbergMarquardt(tolerance=1e-7, width=40, nodes=256, distillation_steps=400)
-    for curve, finer in (
-        (circle, LevenbergMarquardt(tolerance=1e-7)),
-        (tame, LevenbergMarquardt(tolerance=1e-7)),
-        (seam, wide),
-    ):
+    deep = LevenbergMarquardt(tolerance=1e-4, depth=10, width=20)
+    for curve, finer in ((circle, fine), (tame, fine), (seam, wide)):
         for name, network, limits in (
-            ("Levenberg-Marquardt", LevenbergMarquardt(tolerance=1e-5), (near(1e-5), _seconds(5.0))),
+            ("Levenberg-Marquardt", first, (near(1e-5), _seconds(5.0))),
             (f"Levenberg-Marquardt, {finer.width} units, {finer.nodes} nodes", finer, (near(1e-7),)),
-            (
-                "10 × 20 network",
-                LevenbergMarquardt(tolerance=1e-4, depth=10, width=20),
-                (near(1e-4), _seconds(30.0)),
-            ),
+            ("10 × 20 network", deep, (near(1e-4), _seconds(30.0))),
         ):
-            yield Solve(
-                suite="paper",
-                name=f"{name}, {curve.name}",
-                subject=partial(_same, curve),
-                limits=limits,
-                options={"model": "mlp", "optimizer": network},
-            )
+            options = {"model": "mlp", "optimizer": network}
+            yield Solve("paper", f"{name}, {curve.name}", partial(_same, curve), limits, options)
 
 
 def _same(subject: Subject) -> Subject:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,8 @@ from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTHEST
-from spinor_geom.bench.holes import ODD, mesh_files
-from spinor_geom.bench.isolate import Task
+from spinor_geom.bench.holes import mesh_files, odd_holes
+from spinor_geom.bench.machine import Task
 from spinor_geom.bench.methods import LOOP_METHODS
 from spinor_geom.bench.ragged import CUT, NOISY
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
@@ -65,29 +65,13 @@ class Settings:
     @classmethod
     def short(cls, **changed: Any) -> Settings:
         """The run that takes less than three minutes: the promises' own cases, every tool once."""
-        values: dict[str, Any] = {
-            "points": (32, 64),
-            "hole_points": (64,),
-            "repeat": 1,
-            "time_limit": 60.0,
-            "quick": True,
-        }
-        return cls(**{**values, **changed})
+        few: dict[str, Any] = {"points": (32, 64), "hole_points": (64,), "repeat": 1, "time_limit": 60.0}
+        return cls(quick=True, **{**few, **changed})
 
     @property
     def few(self) -> bool:
         """Whether each suite chooses some of its cases."""
         return self.quick and not self.cases
-
-    def wants(self, task: Task) -> bool:
-        """Whether a task is to be measured."""
-        name = case_name(task)
-        here = not self.cases or any(fnmatchcase(name, pattern) for pattern in self.cases)
-        return here and (not self.methods or task["method"] in self.methods)
-
-    def description(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return {**asdict(self), "data": None if self.data is None else str(self.data)}
 
 
 def case_name(task: Task) -> str:
@@ -103,10 +87,8 @@ def chosen_tasks(settings: Settings, folder: Path) -> list[Task]:
     """
     if settings.data is not None and not settings.data.is_dir():
         raise OptionError(f"{settings.data}: is not a folder; name one that holds mesh files")
-    for kind, names, there in (
-        ("suite", settings.suites, SUITES),
-        ("method", settings.methods, (*LOOP_METHODS, *FILLERS)),
-    ):
+    places = {name: place for place, name in enumerate((*LOOP_METHODS, *FILLERS))}
+    for kind, names, there in (("suite", settings.suites, SUITES), ("method", settings.methods, places)):
         for name in names:
             if name not in there:
                 raise OptionError(f"there is no {kind} {name!r}; choose from: {', '.join(there)}")
@@ -119,41 +101,38 @@ def chosen_tasks(settings: Settings, folder: Path) -> list[Task]:
                 f"there is no case {pattern!r} in the suites {', '.join(settings.suites or SUITES)}, of the mesh files "
                 f"in {settings.data or 'no folder'}; there are {near}, … (docs/benchmark.md has the names)"
             )
-    wanted = [task for task in found if settings.wants(task)]
+    patterns, methods = settings.cases or ("*",), settings.methods or places
+    wanted = [
+        task
+        for task in found
+        if task["method"] in methods and any(fnmatchcase(case_name(task), pattern) for pattern in patterns)
+    ]
     if not wanted:
         raise OptionError("the chosen methods do not work on the chosen cases; nothing is left to measure")
-    places = {name: place for place, name in enumerate((*LOOP_METHODS, *FILLERS))}
     return sorted(wanted, key=lambda task: places[task["method"]])
 
 
 def _disks(settings: Settings, _: Path) -> Iterator[Task]:
     """Known loops spanned by ours and by discrete surfaces."""
     more = [name for name in settings.cases if name.removeprefix("random-").partition("@")[0].isdigit()]
-    cases = QUICK_CASES if settings.few else dict.fromkeys((*KNOWN, *SAMPLED, *more))
+    cases = QUICK_CASES if settings.few else tuple(dict.fromkeys((*KNOWN, *SAMPLED, *more)))
     for name, method in LOOP_METHODS.items():
-        for place, case in enumerate(cases):
-            if settings.few and name in SLOW and place > 1:
-                continue
-            if "@" in case and not settings.cases and name not in COMPARED:
-                continue
-            for n in settings.points:
-                if n <= method.most_points:
+        for case in cases[:2] if settings.few and name in SLOW else cases:
+            if "@" not in case or settings.cases or name in COMPARED:
+                for n in (n for n in settings.points if n <= method.most_points):
                     yield _task("disks", name, case, settings.repeat, n=n)
 
 
 def _fills(settings: Settings, _: Path) -> Iterator[Task]:
     """Known rims in a collar, filled by ours and by peers."""
-    for name in FILLERS:
-        for case in QUICK_CASES[:1] if settings.few else KNOWN:
-            count = 3 if case == REFERENCE_CASE else 2 if known_kind(case) == "smooth" else 1
-            for n in settings.hole_points[:count]:
-                yield _task("fills", name, case, settings.repeat, n=n)
+    for case in QUICK_CASES[:1] if settings.few else KNOWN:
+        count = 3 if case == REFERENCE_CASE else 2 if known_kind(case) == "smooth" else 1
+        for n in settings.hole_points[:count]:
+            yield from _each("fills", (case,), FILLERS, settings.repeat, n=n)
 
 
 def _each(suite: str, cases: Iterable[str], methods: Iterable[str], repeat: int = 0, **more: Any) -> Iterator[Task]:
-    for name in methods:
-        for case in cases:
-            yield _task(suite, name, case, repeat, **more)
+    return (_task(suite, name, case, repeat, **more) for name in methods for case in cases)
 
 
 def _cut_outs(settings: Settings, folder: Path) -> Iterator[Task]:
@@ -196,7 +175,7 @@ def _batch(settings: Settings, _: Path) -> Iterator[Task]:
 SUITES: Mapping[str, Callable[[Settings, Path], Iterator[Task]]] = {
     "disks": _disks,
     "fills": _fills,
-    "odd": lambda settings, _: _each("odd", ODD, FILLERS),
+    "odd": lambda settings, _: _each("odd", odd_holes(), FILLERS),
     "cut-outs": _cut_outs,
     "meshes": _meshes,
     "ragged": _ragged,

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import TypeAlias
 
 from spinor_geom.bench.claims import claims, is_whole
 from spinor_geom.bench.figures import Figure
 from spinor_geom.bench.fillers import FILLERS, SMOOTH
-from spinor_geom.bench.isolate import Record
-from spinor_geom.bench.machine import is_older
+from spinor_geom.bench.machine import Record, is_older
 from spinor_geom.bench.methods import LOOP_METHODS
-from spinor_geom.bench.solves import SUITES as SOLVED
+from spinor_geom.render.page import cell, markdown
 
-Show: TypeAlias = Callable[[Record], str]
 OLDER = "†"  # a row of ours whose code has changed since
 _SAID = 160
 
@@ -35,63 +31,57 @@ class Table:
     """
 
     title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
     note: str = ""
-    marked: frozenset[int] = field(default_factory=frozenset)
+    marked: frozenset[int] = frozenset()
 
     def __str__(self) -> str:
         """The heading and the table, in markdown."""
-        lines = [self.columns, ("---",) * len(self.columns), *self.rows]
-        cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
         note = [self.note, ""] if self.note else []
-        return "\n".join([f"### {self.title}", "", *note, *(f"| {' | '.join(line)} |" for line in cells)])
+        return "\n".join([f"### {self.title}", "", *note, markdown(self.columns, self.rows)])
+
+
+_FILLED = ("closed", "triangles", "crossings", "mesh_crossings", "old_faces_kept", "residual_per_edge")
+_SOLVED = ("seconds", "rms_per_edge", "max_per_diagonal", "area_error", "converged", "verdict", "untrue", "told")
+_DISK = (
+    *("n", "seconds", "memory_mib", "area_error", "limit_error", "surface_distance_max", "exact_curvature_median"),
+    *("triangles", "mesh_area_error", "distance_max", "curvature_rms", "rim_kept", "open_edges", "crossings"),
+    *("min_angle", "converged"),
+)
+FIELDS: Mapping[str, tuple[str, ...]] = {
+    "disks": _DISK,
+    "fills": (
+        *("n", "seconds", *_FILLED, "area_error", "area_excess", "distance_max", "curvature_rms"),
+        *("min_angle", "memory_mib"),
+    ),
+    "meshes": ("seconds", *_FILLED, "nonmanifold_edges", "told"),
+    "ragged": ("seconds", *_FILLED),
+    **dict.fromkeys(("curves", "rims", "speed", "paper"), _SOLVED),
+    "batch": ("files", "seconds", "rate", "files_failed", "driver_mib", "equal"),
+}
+"""What is shown of every single record of a suite; all of it stands in the CSV."""
 
 
 def tables(records: Sequence[Record]) -> list[Table]:
     """All tables of a run that have rows."""
     of = {suite: [r for r in records if r["suite"] == suite] for suite in dict.fromkeys(r["suite"] for r in records)}
     cut_outs = [r for r in of.get("cut-outs", []) if r["status"] != "missing"]
-    made = [
-        claim_table(claims(records)),
-        _shown("Disks over known loops", DISKS, _done(of.get("disks", [])), _DISK_NOTE),
-        _shown("Known rims, filled", {**WHERE, **FILLS, **KNOWN_FILLS}, _done(of.get("fills", []))),
-        odd_table(of.get("odd", [])),
-        filler_table(cut_outs),
-        kind_table(cut_outs),
-        _shown("Mesh files, all holes", {**WHERE, **FILLS, **SAYS}, _done(of.get("meshes", []))),
-        _shown("Ragged rims", {**WHERE, **FILLS}, _done(of.get("ragged", []))),
-        *(_shown(f"Ours alone: {suite}", SOLVES, _done(of.get(suite, []))) for suite in SOLVED),
-        _shown("Batches", BATCHED, _done(of.get("batch", []))),
-        trouble_table(records),
-    ]
-    return [table for table in made if table.rows]
+    single = (record_table(suite, of.get(suite, [])) for suite in FIELDS)
+    compared = (odd_table(of.get("odd", [])), filler_table(cut_outs), kind_table(cut_outs))
+    return [table for table in (claim_table(claims(records)), *compared, *single, trouble_table(records)) if table.rows]
 
 
-def _shown(title: str, columns: Mapping[str, Show], records: Iterable[Record], note: str = "") -> Table:
-    """A line a record."""
-    rows = tuple(tuple(show(record) for show in columns.values()) for record in records)
-    return Table(title=title, columns=tuple(columns), rows=rows, note=note)
-
-
-def _done(records: Iterable[Record]) -> list[Record]:
-    return [r for r in records if r["status"] == "done"]
-
-
-def _number(name: str, form: str) -> Show:
-    def show(record: Record) -> str:
-        value = record.get(name)
-        return "" if value is None or (isinstance(value, float) and math.isnan(value)) else format(value, form)
-
-    return show
-
-
-def _yes(name: str) -> Show:
-    return lambda record: {None: "", True: "yes", False: "no"}[record.get(name)]
-
-
-def _said(record: Record) -> str:
-    return short(record.get("told") or record.get("said") or "nothing")
+def record_table(suite: str, records: Iterable[Record]) -> Table:
+    """A line a record that is done."""
+    rows = []
+    for record in (r for r in records if r["status"] == "done"):
+        told = short(record.get("told") or record.get("said") or "")
+        shown = {**record, "closed": closed(record) if "open_rim_edges" in record else None, "told": told}
+        fields = (cell(shown.get(name)) for name in FIELDS[suite])
+        rows.append((Path(record["case"]).name, method_name(record), *fields))
+    columns = ("case", "method", *(name.replace("_", " ") for name in FIELDS[suite]))
+    return Table(title=f"Suite {suite}", columns=columns, rows=rows)
 
 
 def short(text: str) -> str:
@@ -118,76 +108,9 @@ def closed(record: Record) -> str:
     return f"no, {', '.join(problems)}{silent}{', and reports success' if record['succeeded'] else ''}"
 
 
-WHERE: Mapping[str, Show] = {
-    "case": lambda r: Path(r["case"]).name,
-    "points": _number("n", "d"),
-    "tool": method_name,
-    "s": _number("seconds", ".3g"),
-}
-FILLS: Mapping[str, Show] = {
-    "closed": closed,
-    "triangles": _number("triangles", "d"),
-    "crossings": lambda r: str((r.get("crossings") or 0) + (r.get("mesh_crossings") or 0)),
-    "mesh kept": _yes("old_faces_kept"),
-    "residual / edge": _number("residual_per_edge", ".1e"),
-}
-KNOWN_FILLS: Mapping[str, Show] = {
-    "surface area error": lambda r: _number("area_error", ".1e")(r) if "spinor" in r["method"] else "",
-    "mesh area excess": _number("area_excess", "+.1e"),
-    "mesh distance max": _number("distance_max", ".1e"),
-    "mesh |H| rms": _number("curvature_rms", ".1e"),
-    "min angle °": _number("min_angle", ".0f"),
-    "MiB": _number("memory_mib", ".0f"),
-}
-SAYS: Mapping[str, Show] = {"non-manifold": _number("nonmanifold_edges", "d"), "says": _said}
-DISKS: Mapping[str, Show] = {
-    "case": lambda r: r["case"],
-    "method": method_name,
-    "points": _number("n", "d"),
-    "s": _number("seconds", ".3g"),
-    "MiB": _number("memory_mib", ".0f"),
-    "surface area error": lambda r: _number("area_error", ".1e")(r) if "spinor" in r["method"] else "",
-    "points' limit": _number("limit_error", ".1e"),
-    "surface distance max": _number("surface_distance_max", ".1e"),
-    "exact |H| median": _number("exact_curvature_median", ".1e"),
-    "triangles": _number("triangles", "d"),
-    "mesh area error": _number("mesh_area_error", ".1e"),
-    "mesh distance max": _number("distance_max", ".1e"),
-    "mesh |H| rms": _number("curvature_rms", ".1e"),
-    "rim kept": _yes("rim_kept"),
-    "open": _number("open_edges", "d"),
-    "crossings": _number("crossings", "d"),
-    "min angle °": _number("min_angle", ".0f"),
-    "says": lambda r: "" if r["converged"] else "not converged",
-}
-_DISK_NOTE = (
-    "Ours alone have a surface between the vertices; meshes are measured alike for all. The points' limit is the "
-    " error of the best usual interpolant of the same points, chosen by who knows the answer."
-)
-SOLVES: Mapping[str, Show] = {
-    "case": lambda r: r["case"] + (f" {OLDER}" if is_older(r) else ""),
-    "s": _number("seconds", ".3g"),
-    "RMS / edge": _number("rms_per_edge", ".1e"),
-    "max / diagonal": _number("max_per_diagonal", ".1e"),
-    "area error": _number("area_error", ".1e"),
-    "converged": _yes("converged"),
-    "stability": lambda r: r.get("verdict") or "",
-    "says": lambda r: short(r.get("untrue") or r.get("told") or ""),
-}
-BATCHED: Mapping[str, Show] = {
-    "case": lambda r: r["case"] + (f" {OLDER}" if is_older(r) else ""),
-    "files": _number("files", "d"),
-    "s": _number("seconds", ".3g"),
-    "loops/s": _number("rate", ".2f"),
-    "files failed": _number("files_failed", "d"),
-    "driver MiB": _number("driver_mib", ".0f"),
-    "equal": _yes("equal"),
-}
-
-
 def claim_table(found: Sequence[Figure]) -> Table:
     """The promises, those that are missed marked."""
-    rows = tuple((c.suite, c.case, c.text, c.measured, c.kind, "met" if c.met else "**missed**") for c in found)
+    rows = [(c.suite, c.case, c.text, c.measured, c.kind, "met" if c.met else "**missed**") for c in found]
     missed = frozenset(k for k, c in enumerate(found) if not c.met)
     note = f"{len(found) - len(missed)} of {len(found)} are met. Those of time are told, not checked." if found else ""
     columns = ("suite", "case", "promise", "measured", "kind", "verdict")
@@ -197,12 +120,10 @@ def claim_table(found: Sequence[Figure]) -> Table:
 def odd_table(records: Sequence[Record]) -> Table:
     """A line a tool, a column a rim; tools that leave edges open without a word are marked."""
     odd = [r for r in records if r["status"] != "missing"]
-    rims, tools = (list(dict.fromkeys(r[name] for r in odd)) for name in ("case", "method"))
-    found = {(r["method"], r["case"]): r for r in odd}
-    rows = tuple(
-        (tool, *(_in_short(found[tool, rim]) if (tool, rim) in found else "" for rim in rims)) for tool in tools
-    )
-    true = "; ".join(f"{case}: {text}" for case, text in {r["case"]: r["expected"] for r in _done(odd)}.items())
+    rims = _names(odd, "case")
+    found = {(r["method"], r["case"]): _in_short(r) for r in odd}
+    rows = [(tool, *(found.get((tool, rim), "") for rim in rims)) for tool in _names(odd, "method")]
+    true = "; ".join(f"{case}: {text}" for case, text in {r["case"]: r.get("expected") for r in odd}.items() if text)
     return Table(
         title="Odd rims, and test cases of other projects",
         columns=("tool", *rims),
@@ -210,7 +131,7 @@ def odd_table(records: Sequence[Record]) -> Table:
         note="Patches; pairs of crossing triangles (×); open edges, ! where the tool says nothing about them or tells "
         "of success; the largest angle; seconds. Refused: it says that it did not fill. Doubled: its faces are there "
         f"already. What is true of the rims: {true}.",
-        marked=frozenset(k for k, row in enumerate(rows) if any(" !" in cell for cell in row)),
+        marked=frozenset(k for k, row in enumerate(rows) if any(" !" in text for text in row)),
     )
 
 
@@ -233,33 +154,34 @@ def _in_short(record: Record) -> str:
 
 def filler_table(records: Sequence[Record]) -> Table:
     """A line a filler: how many cut-outs it closes, how near it is, how smooth, how quick."""
-    nearest = list(_nearest(records).values())
+    whole = [r for r in records if is_whole(r)]
+    by_case = ([r for r in whole if r["case"] == case] for case in _names(whole, "case"))
+    nearest = [min(here, key=lambda r: r["distance"]) for here in by_case]
+    smooth = {r["case"]: r["distance"] for r in whole if r["method"] == SMOOTH}
     rows = []
-    for method in _methods(records):
-        here = [r for r in records if r["method"] == method]
-        whole = [r for r in here if is_whole(r)]
-        bends = [r["bend"] / r["removed_bend"] for r in whole if r["bend"] is not None and r["removed_bend"]]
+    for method in _names(records, "method"):
+        here, mine = [r for r in records if r["method"] == method], [r for r in whole if r["method"] == method]
+        bends = [r["bend"] / r["removed_bend"] for r in mine if r["bend"] is not None and r["removed_bend"]]
+        scans = [r for r in mine if r["kind"] == "scan"]
         rows.append(
             (
                 method_name(here[0]),
-                f"{len(whole)} of {len(here)}",
-                str(sum(bool(r.get("crossings") or r.get("mesh_crossings")) for r in whole)),
-                str(sum(r["old_faces_kept"] for r in whole)),
-                *(
-                    f"{sum(r['method'] == method for r in won) / max(len(won), 1):.0%}"
-                    for won in (nearest, [r for r in nearest if r["kind"] == "scan"])
-                ),
-                _beaten(records, method),
-                _median([r["distance"] for r in whole if r["kind"] == "scan"], ".3g"),
+                f"{len(mine)} of {len(here)}",
+                str(sum(bool(r.get("crossings") or r.get("mesh_crossings")) for r in mine)),
+                str(sum(r["old_faces_kept"] for r in mine)),
+                _share([r["method"] == method for r in nearest]),
+                _share([r["method"] == method for r in nearest if r["kind"] == "scan"]),
+                _share([smooth[r["case"]] < r["distance"] for r in scans if r["case"] in smooth and method != SMOOTH]),
+                _median([r["distance"] for r in scans], ".3g"),
                 _median(bends, ".2f"),
-                _median([r["seconds"] for r in whole], ".3f"),
+                _median([r["seconds"] for r in mine], ".3f"),
             )
         )
     columns = ("filler", "closed", "crossing", "mesh kept", "nearest", "nearest on scans", f"{SMOOTH} nearer on scans")
     return Table(
         title="Cut-outs: who puts back what was removed",
-        columns=(*columns, "median distance on scans", "median bend", "median s"),
-        rows=tuple(rows),
+        columns=(*columns, "median distance on scans", "median bend", "median seconds"),
+        rows=rows,
         note="Of patches that close their hole. Distances are per diameter of the hole, the bend across the rim per "
         "the removed piece's.",
     )
@@ -267,51 +189,31 @@ def filler_table(records: Sequence[Record]) -> Table:
 
 def kind_table(records: Sequence[Record]) -> Table:
     """Median distances, a column a kind of hole, a scan a kind of its own; the least of each in bold."""
-    whole = [r for r in records if is_whole(r)]
-    groups = list(dict.fromkeys(_group(r) for r in whole))
-    found = {
-        (method, group): [r["distance"] for r in whole if r["method"] == method and _group(r) == group]
-        for method in _methods(records)
-        for group in groups
-    }
-    least = {group: min((median(v) for (_, g), v in found.items() if g == group and v), default=0) for group in groups}
-    rows = tuple(
-        (method, *(_bold(found[method, group], least[group]) for group in groups)) for method in _methods(records)
-    )
+    distances: dict[str, dict[str, list[float]]] = {}
+    for r in (r for r in records if is_whole(r)):
+        kind = r["case"].rpartition("-")[0] if r["kind"] == "scan" else r["kind"]
+        distances.setdefault(kind, {}).setdefault(r["method"], []).append(r["distance"])
+    least = {kind: min(map(median, by_method.values())) for kind, by_method in distances.items()}
+    rows = []
+    for method in _names(records, "method") if distances else ():
+        here = {kind: by_method.get(method, []) for kind, by_method in distances.items()}
+        texts = {kind: _median(values, ".3g") for kind, values in here.items()}
+        best = {kind for kind, values in here.items() if values and median(values) == least[kind]}
+        rows.append((method, *(f"**{text}**" if kind in best else text for kind, text in texts.items())))
     return Table(
         title="Cut-outs: median distance by kind",
-        columns=("filler", *groups),
-        rows=rows if groups else (),
+        columns=("filler", *distances),
+        rows=rows,
         note="Per diameter of the hole: of new vertices from a known surface, of the triangles from a scan, both ways.",
     )
 
 
-def _nearest(records: Sequence[Record]) -> dict[str, Record]:
-    """The record of the filler that comes nearest, of each case."""
-    whole = [r for r in records if is_whole(r)]
-    cases = dict.fromkeys(r["case"] for r in whole)
-    return {case: min((r for r in whole if r["case"] == case), key=lambda r: r["distance"]) for case in cases}
+def _names(records: Sequence[Record], field: str) -> list[str]:
+    return list(dict.fromkeys(r[field] for r in records))
 
 
-def _beaten(records: Sequence[Record], method: str) -> str:
-    """On what share of the scans' disks our continuation is nearer than a filler."""
-    scans = [r for r in records if is_whole(r) and r["kind"] == "scan"]
-    mine = {r["case"]: r["distance"] for r in scans if r["method"] == SMOOTH}
-    pairs = [(mine[r["case"]], r["distance"]) for r in scans if r["method"] == method != SMOOTH and r["case"] in mine]
-    return f"{sum(a < b for a, b in pairs) / len(pairs):.0%}" if pairs else ""
-
-
-def _methods(records: Sequence[Record]) -> list[str]:
-    return list(dict.fromkeys(r["method"] for r in records))
-
-
-def _group(record: Record) -> str:
-    return str(record["case"].rpartition("-")[0] if record["kind"] == "scan" else record["kind"])
-
-
-def _bold(distances: Sequence[float], least: float) -> str:
-    text = _median(distances, ".3g")
-    return f"**{text}**" if distances and median(distances) == least else text
+def _share(met: Sequence[bool]) -> str:
+    return f"{sum(met) / len(met):.0%}" if met else ""
 
 
 def _median(values: Sequence[float], form: str) -> str:
@@ -326,10 +228,10 @@ def trouble_table(records: Sequence[Record]) -> Table:
             where = "all" if r["status"] == "missing" else Path(r["case"]).name
             where += f", {r['n']} points" if r.get("n") and where != "all" else ""
             cases.setdefault((r["method"], r["status"], short(r.get("reason") or "")), []).append(where)
-    rows = tuple(
+    rows = [
         (method, status, on[0] + (f" and {len(set(on)) - 1} more" if len(set(on)) > 1 else ""), reason)
         for (method, status, reason), on in cases.items()
-    )
+    ]
     return Table(
         title="Missing, refused, failed, crashed or too slow", columns=("method", "status", "on", "reason"), rows=rows
     )
@@ -337,6 +239,6 @@ def trouble_table(records: Sequence[Record]) -> Table:
 
 def option_table() -> Table:
     """What every method and filler is asked for."""
-    rows = [(method.name, "spinor-geom", method.options) for method in LOOP_METHODS.values()]
-    rows += [(peer.name, peer.distribution, peer.options) for peer in FILLERS.values()]
-    return Table(title="Methods and tools", columns=("name", "package", "options"), rows=tuple(rows))
+    rows = [(name, "spinor-geom", method.options) for name, method in LOOP_METHODS.items()]
+    rows += [(name, filler.distribution, filler.options) for name, filler in FILLERS.items()]
+    return Table(title="Methods and tools", columns=("name", "package", "options"), rows=rows)

@@ -1,4 +1,4 @@
-"""The process that runs tasks: `python -m spinor_geom.bench.worker`, spoken to by `isolate`."""
+"""The process that runs tasks: `python -m spinor_geom.bench.worker`, spoken to by the runner."""
 
 from __future__ import annotations
 
@@ -13,8 +13,22 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.bench.isolate import Record, Task, forget_peak_memory, peak_memory
+from spinor_geom.bench.cases import known_case
+from spinor_geom.bench.claims import LEAST_POINTS
+from spinor_geom.bench.cut_outs import named_cut_out
+from spinor_geom.bench.fillers import FILLERS
+from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
+from spinor_geom.bench.limit import points_limit
+from spinor_geom.bench.machine import Record, Task
+from spinor_geom.bench.measure import cut_out_figures, cut_out_views, disk_figures, hole_figures
+from spinor_geom.bench.methods import LOOP_METHODS
+from spinor_geom.bench.ragged import ragged_hole
+from spinor_geom.bench.solves import SUITES, solve_figures, solves
+from spinor_geom.errors import SpinorGeomError
+from spinor_geom.files import atomic_path
 from spinor_geom.isolate import serve
+from spinor_geom.mesh.boundary_loop import turning_angles
+from spinor_geom.plateau.solve import solve_plateau
 
 # repeats end when they have taken this long together
 _ENOUGH_SECONDS = 5.0
@@ -22,8 +36,6 @@ _ENOUGH_SECONDS = 5.0
 
 def run(task: Task) -> Record:
     """Runs a task and measures what it left; nothing that goes wrong in a tool ends the process by itself."""
-    from spinor_geom.errors import SpinorGeomError
-
     gc.collect()
     gc.freeze()  # what is imported and cached by now need not be looked through before the next task
     forget_peak_memory()
@@ -42,9 +54,6 @@ def run(task: Task) -> Record:
 
 
 def _work(task: Task) -> Record:
-    from spinor_geom.bench.methods import LOOP_METHODS
-    from spinor_geom.bench.solves import SUITES
-
     if task["suite"] == "batch":
         from spinor_geom.bench.batches import batch_figures
 
@@ -55,25 +64,16 @@ def _work(task: Task) -> Record:
 
 
 def _solve(task: Task) -> Record:
-    from spinor_geom.bench.solves import solve_figures, solves
-    from spinor_geom.plateau.solve import solve_plateau
-
     case = solves()[task["case"]]
     subject: Any = case.subject()
-    timed, answer = _timed(lambda: None, lambda _: solve_plateau(subject, **case.options), task["repeat"])
+    timed, answer, _ = _timed(lambda: (lambda: solve_plateau(subject, **case.options), None), task["repeat"])
     return {**timed, **solve_figures(case, answer)}
 
 
 def _span(task: Task) -> Record:
-    from spinor_geom.bench.cases import known_case
-    from spinor_geom.bench.claims import LEAST_POINTS
-    from spinor_geom.bench.limit import points_limit
-    from spinor_geom.bench.measure import disk_figures
-    from spinor_geom.bench.methods import LOOP_METHODS
-
     case = known_case(task["case"])
     loop, method = case.loop(task["n"]), LOOP_METHODS[task["method"]]
-    timed, spanned = _timed(lambda: None, lambda _: method.span(loop), task["repeat"])
+    timed, spanned, _ = _timed(lambda: (lambda: method.span(loop), None), task["repeat"])
     figures = disk_figures(spanned, loop, case)
     if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
         figures["limit_error"] = points_limit(case, task["n"])
@@ -81,14 +81,6 @@ def _span(task: Task) -> Record:
 
 
 def _fill(task: Task) -> Record:
-    from spinor_geom.bench.cases import known_case
-    from spinor_geom.bench.cut_outs import named_cut_out
-    from spinor_geom.bench.fillers import FILLERS
-    from spinor_geom.bench.holes import ODD, file_hole, hole_over
-    from spinor_geom.bench.measure import cut_out_figures, cut_out_views, hole_figures
-    from spinor_geom.bench.ragged import ragged_hole
-    from spinor_geom.mesh.boundary_loop import turning_angles
-
     name, case, cut_out = task["case"], None, None
     if task["suite"] == "cut-outs":
         cut_out = named_cut_out(name, None if task["data"] is None else Path(task["data"]))
@@ -99,22 +91,17 @@ def _fill(task: Task) -> Record:
     elif task["suite"] == "meshes":
         hole = file_hole(Path(name))
     else:
-        hole = ODD[name]() if task["suite"] == "odd" else ragged_hole(name)
-    tool = FILLERS[task["method"]]
-    state: Any = None
-
-    def prepare() -> Any:
-        nonlocal state
-        state = tool.prepare(hole)
-        return state
-
-    timed, answer = _timed(prepare, tool.fill, task["repeat"])
-    filled = tool.finish(state, answer)
+        hole = odd_holes()[name] if task["suite"] == "odd" else ragged_hole(name)
+    timed, answer, finish = _timed(lambda: FILLERS[task["method"]].prepare(hole), task["repeat"])
+    filled = finish(answer)
     if cut_out is not None:
         figures = cut_out_figures(filled, cut_out)
         if task["view"]:
-            for piece, view in cut_out_views(filled, cut_out).items():
-                _keep(str(Path(task["view"]) / f"{piece or task['method']}.npz"), *view)
+            folder = Path(task["view"])
+            folder.mkdir(parents=True, exist_ok=True)
+            for piece, arrays in cut_out_views(filled, cut_out).items():
+                with atomic_path(folder / f"{piece or task['method']}.npz") as temporary:
+                    np.savez_compressed(temporary, **arrays)
     else:
         figures = hole_figures(filled, hole, case)
     if task["suite"] == "ragged":
@@ -122,30 +109,39 @@ def _fill(task: Task) -> Record:
     return {**timed, **figures, "expected": hole.expected, "rims": len(hole.places)}
 
 
-def _timed(prepare: Callable[[], Any], work: Callable[[Any], Any], repeat: int) -> tuple[Record, Any]:
-    """The median seconds of the calls after one that is not counted, unless that takes so long that it is alone."""
+def _timed(prepare: Callable[[], tuple[Callable[[], Any], Any]], repeat: int) -> tuple[Record, Any, Any]:
+    """The median seconds of the calls after one that is not counted, unless that takes so long that it is alone.
+
+    Returns:
+        What was measured, the last call's answer, and what was prepared beside it.
+    """
     seconds: list[float] = []
-    answer = None
     while len(seconds) < repeat + 1 and (len(seconds) < 1 or sum(seconds) < _ENOUGH_SECONDS):
-        state = prepare()
+        work, beside = prepare()
         start = time.perf_counter()
-        answer = work(state)
+        answer = work()
         seconds.append(time.perf_counter() - start)
     counted = seconds[1:] or seconds
-    return {
-        "seconds": statistics.median(counted),
-        "seconds_all": counted,
-        "memory_mib": peak_memory(),
-    }, answer
+    timed = {"seconds": statistics.median(counted), "seconds_all": counted, "memory_mib": peak_memory()}
+    return timed, answer, beside
 
 
-def _keep(path: str, vertices: Any, faces: Any, fields: dict[str, Any]) -> None:
-    from spinor_geom.files import atomic_path
+def peak_memory() -> float | None:
+    """The process's largest resident size since `forget_peak_memory`, in MiB; None where the system does not tell."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as status:
+            return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        return None
 
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(path) as temporary, open(temporary, "wb") as file:
-        arrays = {f"field/{name}": values.astype(np.float32) for name, values in fields.items()}
-        np.savez_compressed(file, vertices=vertices.astype(np.float32), faces=faces.astype(np.int32), **arrays)
+
+def forget_peak_memory() -> None:
+    """Starts the search for the largest resident size anew, where the system can do that."""
+    try:
+        with open("/proc/self/clear_refs", "w", encoding="ascii") as control:
+            control.write("5")
+    except OSError:
+        pass
 
 
 def _sentence(error: BaseException) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import gc
 import importlib
+import math
+import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
@@ -67,14 +69,8 @@ def build_parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    _add_fill(commands)
-    _add_loops(commands)
-    _add_reproduce(commands)
-    _add_bench(commands)
-    _add_batch(commands)
-    _add_morph(commands)
-    _add_view(commands)
-    _add_render(commands)
+    for add in (_add_fill, _add_loops, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_view, _add_render):
+        add(commands)
     return parser
 
 
@@ -88,23 +84,61 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _checked(parse: Callable[[str], Any], what: str, fits: Callable[[Any], bool]) -> Callable[[str], Any]:
+    """Parses a text and refuses what is not of a kind."""
+
+    def read(text: str) -> Any:
+        try:
+            value = parse(text)
+            if fits(value):
+                return value
+        except ValueError:
+            pass
+        raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
+
+    return read
+
+
+def _bytes(text: str) -> float:
+    ((number, unit),) = re.findall(r"^([\d.]+)([kmgt]?)i?b?$", text.lower())
+    return float(number) * 2.0 ** (10 * " kmgt".index(unit or " "))
+
+
+def _path(metavar: str) -> dict[str, Any]:
+    return {"metavar": metavar, "type": Path}
+
+
+_Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+_positive = _checked(float, "a positive number", lambda x: 0 < x < math.inf)
+_FLAG: dict[str, Any] = {"action": "store_true"}
+_LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}
+_SECONDS: dict[str, Any] = {"metavar": "S", "type": _positive}
+_COUNT: dict[str, Any] = {"metavar": "N", "type": _checked(int, "a number from 1 on", lambda n: n > 0)}
+_NAMES: dict[str, Any] = {"metavar": "NAME[,NAME…]", "type": lambda text: [name for name in text.split(",") if name]}
+_loops = _checked(
+    lambda text: [int(part) for part in text.split(",")],
+    "a list of numbers such as 0,2,5; loops are numbered from 0",
+    lambda places: min(places) >= 0,
+)
+_size = _checked(
+    lambda text: tuple(map(int, text.split("x"))), "a size such as 1200x960", lambda s: len(s) == 2 and min(s) > 0
+)
+_direction = _checked(
+    lambda text: tuple(map(float, text.split(","))),
+    "a direction such as 1,-2,1.3",
+    lambda d: len(d) == 3 and 0 < math.hypot(*d) < math.inf,
+)
+
+
+def _add_fill(commands: _Commands) -> None:
     fill = commands.add_parser("fill", help="fill the holes of a mesh file", epilog=FILL_EPILOG)
-    add = fill.add_argument
+    add, which = fill.add_argument, fill.add_mutually_exclusive_group()
     _add_input(add)
-    add("-o", "--output", metavar="OUT", type=Path, required=True, help="filled mesh, format by its suffix")
-    which = fill.add_mutually_exclusive_group()
-    which.add_argument(
-        "--loop",
-        metavar="N[,N…]",
-        type=_places,
-        action="extend",
-        help="only these holes, as numbered by 'spinor-geom loops', borders of sheets too; may be repeated (default: "
-        "all holes)",
-    )
-    which.add_argument(
-        "--bridge", metavar="I,J[,K…]", type=_places, help="join these loops by one surface, and fill no other"
-    )
+    add("-o", "--output", **_path("OUT"), required=True, help="filled mesh, format by its suffix")
+    only = "only these holes, as numbered by 'spinor-geom loops', borders of sheets too; may be repeated"
+    which.add_argument("--loop", metavar="N[,N…]", type=_loops, action="extend", help=f"{only} (default: all holes)")
+    together = "join these loops by one surface, and fill no other"
+    which.add_argument("--bridge", metavar="I,J[,K…]", type=_loops, help=together)
     add(
         "--islands",
         choices=("join", "ignore"),
@@ -112,36 +146,17 @@ def _add_fill(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         help="a loose piece in a hole: join it to the hole's rim, or fill both by themselves (default)",
     )
     _add_quality(add)
-    add("--keep-largest", action="store_true", help="leave the longest loop open")
-    add("--max-perimeter", metavar="LENGTH", type=_positive, help="leave longer loops open")
-    add(
-        "--edge-length",
-        metavar="LENGTH",
-        type=_positive,
-        help="edge length of the patches (default: each loop's mean edge)",
-    )
-    add(
-        "--time-limit",
-        metavar="S",
-        type=_positive,
-        default=20.0,
-        help="seconds for the exact surface of each loop, after which it is closed by a discrete one (default: "
-        "%(default)g)",
-    )
-    add(
-        "--strict",
-        action="store_true",
-        help="exit with 1 too where a loop is closed by a discrete surface or not within the tolerance",
-    )
-    add("--report", metavar="JSON", type=Path, help="write a report")
-    add("--html", metavar="HTML", type=Path, help="write a page that shows the fill, for any browser")
-    add("--compare", action="store_true", help="compare each fill with a discrete minimal surface")
-    add(
-        "--picture",
-        metavar="PNG",
-        type=Path,
-        help="draw the open mesh beside the filled one, its largest patch face on",
-    )
+    add("--keep-largest", **_FLAG, help="leave the longest loop open")
+    add("--max-perimeter", **_LENGTH, help="leave longer loops open")
+    add("--edge-length", **_LENGTH, help="edge length of the patches (default: each loop's mean edge)")
+    late = "seconds for the exact surface of each loop, after which it is closed by a discrete one"
+    add("--time-limit", **_SECONDS, default=20.0, help=f"{late} (default: %(default)g)")
+    strict = "exit with 1 too where a loop is closed by a discrete surface or not within the tolerance"
+    add("--strict", **_FLAG, help=strict)
+    add("--report", **_path("JSON"), help="write a report")
+    add("--html", **_path("HTML"), help="write a page that shows the fill, for any browser")
+    add("--compare", **_FLAG, help="compare each fill with a discrete minimal surface")
+    add("--picture", **_path("PNG"), help="draw the open mesh beside the filled one, its largest patch face on")
 
 
 def _add_quality(add: Callable[..., Any]) -> None:
@@ -152,28 +167,23 @@ def _add_quality(add: Callable[..., Any]) -> None:
         help="C0: minimal surfaces, which meet the mesh at the rim (default); C1: patches that go on with its tangents "
         "and curvature",
     )
-    add(
-        "--tolerance",
-        metavar="T",
-        type=_positive,
-        default=1e-3,
-        help="RMS boundary residual per mean edge of the loop (default: %(default)s)",
-    )
+    residual = "RMS boundary residual per mean edge of the loop (default: %(default)s)"
+    add("--tolerance", metavar="T", type=_positive, default=1e-3, help=residual)
 
 
 def _add_input(add: Callable[..., Any]) -> None:
-    add("input", metavar="IN", type=Path, help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
-    add("--merge", action="store_true", help="first merge vertices of equal position (those of STL files always are)")
+    add("input", **_path("IN"), help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
+    add("--merge", **_FLAG, help="first merge vertices of equal position (those of STL files always are)")
 
 
-def _add_loops(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_loops(commands: _Commands) -> None:
     add = commands.add_parser("loops", help="list the boundary loops of a mesh file").add_argument
     _add_input(add)
-    add("--json", action="store_true", help="print JSON")
-    add("--picture", metavar="PNG", type=Path, help="draw the mesh, before and behind, its loops numbered")
+    add("--json", **_FLAG, help="print JSON")
+    add("--picture", **_path("PNG"), help="draw the mesh, before and behind, its loops numbered")
 
 
-def _add_reproduce(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_reproduce(commands: _Commands) -> None:
     add = commands.add_parser(
         "reproduce",
         help="run the experiments of the paper",
@@ -182,11 +192,11 @@ def _add_reproduce(commands: argparse._SubParsersAction[argparse.ArgumentParser]
         "again; what it has finished is measured anew where its folder is removed.",
     ).add_argument
     add("names", metavar="NAME", nargs="*", help=f"experiments: {', '.join(EXPERIMENTS)} (default: all)")
-    add("--quick", action="store_true", help="with fewer epochs and coarser grids; the report says what is shortened")
-    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of report, data and pictures")
+    add("--quick", **_FLAG, help="with fewer epochs and coarser grids; the report says what is shortened")
+    add("-o", "--output", **_path("DIR"), required=True, help="folder of report, data and pictures")
 
 
-def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_bench(commands: _Commands) -> None:
     add = commands.add_parser(
         "bench",
         help="measure exact minimal surfaces beside discrete ones and beside hole fillers",
@@ -194,33 +204,24 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "missed times are named too, but do not count), 2 the arguments cannot be used. A run that was killed goes on "
         "where it was when the same command is given again.",
     ).add_argument
-    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of the run")
-    add("--quick", action="store_true", help="a few cases of each suite, every tool once: less than three minutes")
+    add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
+    add("--quick", **_FLAG, help="a few cases of each suite, every tool once: less than three minutes")
     add(
         "--suite",
         dest="suites",
-        metavar="NAME[,NAME…]",
-        type=_names,
+        **_NAMES,
         help="disks, fills, odd, cut-outs, meshes, ragged: ours beside others; curves, rims, speed, paper, batch: "
         "ours alone (default: all)",
     )
-    add(
-        "--cases",
-        metavar="NAME[,NAME…]",
-        type=_names,
-        help="which of their cases, also by patterns as of files, for instance 'icosphere-*' (default: all)",
-    )
-    add("--methods", metavar="NAME[,NAME…]", type=_names, help="methods and tools (default: all)")
-    add("--repeat", metavar="N", type=_count, help="counted calls of each (default: 3)")
-    add("--time-limit", metavar="S", type=_positive, help="seconds for one measurement (default: 180, quick: 60)")
-    add("--data", metavar="DIR", type=Path, help="folder of mesh files (default: data, if it is there)")
+    which = "which of their cases, also by patterns as of files, for instance 'icosphere-*' (default: all)"
+    add("--cases", **_NAMES, help=which)
+    add("--methods", **_NAMES, help="methods and tools (default: all)")
+    add("--repeat", **_COUNT, help="counted calls of each (default: 3)")
+    add("--time-limit", **_SECONDS, help="seconds for one measurement (default: 180, quick: 60)")
+    add("--data", **_path("DIR"), help="folder of mesh files (default: data, if it is there)")
 
 
-def _names(text: str) -> list[str]:
-    return [name for name in text.split(",") if name]
-
-
-def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_batch(commands: _Commands) -> None:
     add = commands.add_parser(
         "batch",
         help="solve the boundary loops of many OBJ files",
@@ -234,7 +235,7 @@ def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="OBJ file, folder (with all below it), pattern, manifest (.csv with a column path, .jsonl) or archive "
         "(.zip, .tar, .tar.gz, ...)",
     )
-    add("-o", "--output", metavar="OUT", type=Path, required=True, help="folder of results")
+    add("-o", "--output", **_path("OUT"), required=True, help="folder of results")
     add(
         "--what",
         choices=WHAT,
@@ -243,39 +244,21 @@ def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "alone (default: %(default)s)",
     )
     add("--format", choices=FORMAT, default="obj", help="of the meshes (default: %(default)s)")
-    add("--workers", metavar="N", type=_count, help="processes that solve (default: one a core)")
+    add("--workers", **_COUNT, help="processes that solve (default: one a core)")
     add("--scheduler", metavar="ADDRESS", help="use a running Dask cluster instead, as tcp://host:8786")
-    add(
-        "--edge-length",
-        metavar="LENGTH",
-        type=_positive,
-        help="edge length of the triangulations (default: each loop's mean edge)",
-    )
+    add("--edge-length", **_LENGTH, help="edge length of the triangulations (default: each loop's mean edge)")
     _add_quality(add)
-    add(
-        "--closing",
-        metavar="T",
-        type=_from_zero,
-        default=1e-3,
-        help="curves whose ends are at most so many mean edges apart are closed (default: %(default)s)",
-    )
-    add("--compare", action="store_true", help="compare each surface with a discrete minimal surface")
+    near = "curves whose ends are at most so many mean edges apart are closed (default: %(default)s)"
+    from_zero = _checked(float, "a number from 0 on", lambda x: 0 <= x < math.inf)
+    add("--closing", metavar="T", type=from_zero, default=1e-3, help=near)
+    add("--compare", **_FLAG, help="compare each surface with a discrete minimal surface")
     add("--device", default="cpu", help="of the batched linear algebra (default: %(default)s)")
-    add("--resume", action="store_true", help="go on with the run in OUT: do what is not complete")
-    add(
-        "--time-limit",
-        metavar="SECONDS",
-        type=_positive,
-        default=300.0,
-        help="for reading a file and for each of its loops (default: %(default)s)",
-    )
-    add(
-        "--memory-limit",
-        metavar="SIZE",
-        type=_bytes,
-        default=4 << 30,
-        help="of a process that solves, as 512M or 4G (default: 4G)",
-    )
+    add("--resume", **_FLAG, help="go on with the run in OUT: do what is not complete")
+    each = "for reading a file and for each of its loops (default: %(default)s)"
+    add("--time-limit", metavar="SECONDS", type=_positive, default=300.0, help=each)
+    size = _checked(lambda text: int(_bytes(text)), "a size such as 512M or 4G", lambda n: n > 0)
+    memory = "of a process that solves, as 512M or 4G (default: 4G)"
+    add("--memory-limit", metavar="SIZE", type=size, default=4 << 30, help=memory)
     add(
         "--retries",
         metavar="K",
@@ -285,7 +268,7 @@ def _add_batch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
 
 
-def _add_morph(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_morph(commands: _Commands) -> None:
     add = commands.add_parser(
         "morph",
         help="turn a surface through its associate family, as the catenoid into the helicoid",
@@ -298,104 +281,36 @@ def _add_morph(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="a saved surface (.safetensors), or a name in the gallery, such as catenoid or enneper; for a name that "
         "does not exist all are listed",
     )
+    add("-o", "--output", **_path("OUT"), required=True, help="animation (.gif, .mp4), or page with a slider (.html)")
+    add("--frames", **_COUNT, default=72, help="of an animation (default: %(default)s)")
+
+
+def _add_shown(add: Callable[..., Any]) -> None:
     add(
-        "-o",
-        "--output",
-        metavar="OUT",
-        type=Path,
-        required=True,
-        help="animation (.gif, .mp4), or page with a slider (.html)",
+        "input",
+        **_path("IN"),
+        help="mesh file (obj, ply, stl, off, glb, vtp, vtk, 3mf) or saved surface (.safetensors)",
     )
-    add("--frames", metavar="N", type=_count, default=72, help="of an animation (default: %(default)s)")
+    add("--curvature", **_FLAG, help="colours tell the curvature: Gauss curvature of a surface, |H| of a mesh")
 
 
-_SHOWN = "mesh file (obj, ply, stl, off, glb, vtp, vtk, 3mf) or saved surface (.safetensors)"
-_CURVATURE = "colours tell the curvature: Gauss curvature of a surface, |H| of a mesh"
+def _add_view(commands: _Commands) -> None:
+    epilog = "exit status: 0 the window was closed, 2 the file cannot be read or there is no display"
+    _add_shown(commands.add_parser("view", help="open a window with a mesh or a surface", epilog=epilog).add_argument)
 
 
-def _add_view(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    add = commands.add_parser(
-        "view",
-        help="open a window with a mesh or a surface",
-        epilog="exit status: 0 the window was closed, 2 the file cannot be read or there is no display",
-    ).add_argument
-    add("input", metavar="IN", type=Path, help=_SHOWN)
-    add("--curvature", action="store_true", help=_CURVATURE)
-
-
-def _add_render(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_render(commands: _Commands) -> None:
     add = commands.add_parser(
         "render",
         help="draw a mesh or a surface as a PNG, without a display",
         epilog="exit status: 0 the picture was written, 2 the file cannot be read or the picture not be drawn",
     ).add_argument
-    add("input", metavar="IN", type=Path, help=_SHOWN)
-    add("-o", "--output", metavar="PNG", type=Path, required=True, help="the picture")
-    add("--curvature", action="store_true", help=_CURVATURE)
+    _add_shown(add)
+    add("-o", "--output", **_path("PNG"), required=True, help="the picture")
     add("--size", metavar="WxH", type=_size, default=(1200, 960), help="in pixels (default: 1200x960)")
-    add(
-        "--eye",
-        metavar="X,Y,Z",
-        type=_direction,
-        default=(1.0, -2.0, 1.3),
-        help="direction to the eye: right, backwards, up (default: 1,-2,1.3); write --eye=-1,... for a negative X",
-    )
+    towards = "direction to the eye: right, backwards, up (default: 1,-2,1.3); write --eye=-1,... for a negative X"
+    add("--eye", metavar="X,Y,Z", type=_direction, default=(1.0, -2.0, 1.3), help=towards)
     add("--up", choices=("y", "z"), help="axis that points upwards (default: y for mesh files, z for saved surfaces)")
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    return _count(width), _count(height)
-
-
-def _direction(text: str) -> tuple[float, ...]:
-    try:
-        direction = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        direction = ()
-    if len(direction) != 3 or not 0 < sum(x * x for x in direction) < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a direction such as 1,-2,1.3")
-    return direction
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 on")
-    return int(text)
-
-
-def _bytes(text: str) -> int:
-    units = {"": 0, "k": 10, "m": 20, "g": 30, "t": 40}
-    size = text.lower().removesuffix("b").removesuffix("i")
-    number = size.rstrip("kmgt")
-    try:
-        return int(_positive(number) * 2 ** units[size[len(number) :]])
-    except (KeyError, argparse.ArgumentTypeError):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size such as 512M or 4G") from None
-
-
-def _from_zero(text: str) -> float:
-    return 0.0 if text.strip("0.") == "" and text else _positive(text)
-
-
-def _places(text: str) -> list[int]:
-    try:
-        places = [int(part) for part in text.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a list of numbers such as 0,2,5") from None
-    if min(places) < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} has a negative number; loops are numbered from 0")
-    return places
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
-    return value
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         require(package, extra="experiments")
     from spinor_geom.experiments.report import PAGE, Done, reproduce
 
-    names = arguments.names or NAMES
+    names = arguments.names or tuple(NAMES)
     with progress("reproducing") as advance:
         seen: list[Done] = []
 

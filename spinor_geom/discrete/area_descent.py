@@ -23,12 +23,14 @@ _NO_AREA = 1e-300
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Descent:
-    """Result of an area descent: vertices, total areas (first to last) and whether the area became stationary."""
+class Disk:
+    """A triangulated disk or annulus, its boundary's points first: how its area fell, and why it is no better."""
 
     vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "f 3"]
     areas: tuple[float, ...]
     converged: bool
+    reason: str = ""
 
 
 def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
@@ -42,7 +44,7 @@ def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"])
 
 def descend_from_plane(
     plane: PlaneTriangulation, boundary: Float[np.ndarray, "m 3"], *, relative_change: float
-) -> Descent:
+) -> Disk:
     """Maps a plane mesh harmonically to its boundary in space, and descends in area as `descend_area` does."""
     mapped = harmonic_extension(mollified_laplacian(plane_coordinates(plane.points), plane.faces), boundary)
     return descend_area(mapped, plane.faces, len(boundary), relative_change=relative_change)
@@ -55,7 +57,7 @@ def descend_area(
     *,
     relative_change: float,
     max_iterations: int = 100,
-) -> Descent:
+) -> Disk:
     """Moves the inner vertices until the area is stationary for motions along the vertex normals.
 
     First harmonic maps on the current surface: ∇area = L(x)x with L the positive cotangent Laplacian, so the step
@@ -76,8 +78,8 @@ def descend_area(
     x, m = vertices, boundary_size
     areas = [float(face_areas(x, faces).sum())]
     if len(x) == m or areas[0] == 0:
-        return Descent(vertices=x, areas=tuple(areas), converged=True)
-    newton = False
+        return Disk(vertices=x, faces=faces, areas=tuple(areas), converged=True)
+    newton = converged = False
     for _ in range(max_iterations):
         if is_out_of_time():
             break
@@ -100,9 +102,11 @@ def descend_area(
         if small or change <= 0:
             if newton or (small and relative_change >= _HAND_OVER):
                 # where the area should fall along the step, but does not by any length, a face is about to turn over
-                return Descent(vertices=x, areas=tuple(areas), converged=small or slope <= allowed)
+                converged = small or slope <= allowed
+                break
             newton = True
-    return Descent(vertices=x, areas=tuple(areas), converged=False)
+    reason = "" if converged else "the area did not become stationary"
+    return Disk(vertices=x, faces=faces, areas=tuple(areas), converged=converged, reason=reason)
 
 
 def _harmonic_step(

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.discrete.area_descent import Descent, descend_area, descend_from_plane, harmonic_extension
+from spinor_geom.discrete.area_descent import Disk, descend_area, descend_from_plane, harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.delaunay import plane_coordinates
@@ -109,7 +109,10 @@ def discrete_minimal_surface(
     if not isinstance(loop, BoundaryLoop):
         if method != "libigl" or target_edge_length is not None:
             raise OptionError("between two loops there is only method='libigl', without target_edge_length")
-        return _between(loop, relative_change)
+        if len(loop) != 2:
+            raise TooManyRimsError(sizes=[len(one) for one in loop])
+        start, rims = time.perf_counter(), [one.points for one in loop]
+        return _result(discrete_annulus(*rims, relative_change=relative_change)[1], np.concatenate(rims), start=start)
     if method not in ("libigl", "pymeshlab"):
         raise OptionError(f"unknown method {method!r}; choose 'libigl' or 'pymeshlab'")
     start = time.perf_counter()
@@ -123,16 +126,8 @@ def discrete_minimal_surface(
         # n equilateral pairs of triangles of edge h have the area n·h²·√3/2
         shortest = math.sqrt(2 * disk.areas[-1] / (math.sqrt(3) * MOST_POINTS))
         vertices, faces = remeshed(disk.vertices, disk.faces, len(loop), max(target, shortest))
-        disk = Disk.of(descend_area(vertices, faces, len(loop), relative_change=relative_change), faces)
-    return disk.result(loop.points, scale=loop.diagonal, centre=loop.centroid, method=method, start=start)
-
-
-def _between(loops: Sequence[BoundaryLoop], relative_change: float) -> DiscreteMinimalSurface:
-    if len(loops) != 2:
-        raise TooManyRimsError(sizes=[len(loop) for loop in loops])
-    start = time.perf_counter()
-    plane, descent = discrete_annulus(loops[0].points, loops[1].points, relative_change=relative_change)
-    return Disk.of(descent, plane.faces).result(descent.vertices[: plane.boundary_size], method="libigl", start=start)
+        disk = descend_area(vertices, faces, len(loop), relative_change=relative_change)
+    return _result(disk, loop.points, scale=loop.diagonal, centre=loop.centroid, method=method, start=start)
 
 
 def relaxed_surface(
@@ -146,50 +141,32 @@ def relaxed_surface(
         boundary_size: number of boundary vertices.
     """
     start = time.perf_counter()
-    disk = Disk.of(descend_area(vertices, faces, boundary_size, relative_change=_FINE_CHANGE), faces)
-    return disk.result(vertices[:boundary_size], method="libigl", start=start)
+    disk = descend_area(vertices, faces, boundary_size, relative_change=_FINE_CHANGE)
+    return _result(disk, vertices[:boundary_size], start=start)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Disk:
-    """A triangulated disk over a closed curve, the curve's points first, and how its area fell; why it is no better."""
-
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
-    areas: tuple[float, ...]
-    converged: bool
-    reason: str = ""
-
-    @classmethod
-    def of(cls, descent: Descent, faces: Int[np.ndarray, "f 3"]) -> Disk:
-        """What a descent ended at."""
-        reason = "" if descent.converged else "the area did not become stationary"
-        return cls(
-            vertices=descent.vertices, faces=faces, areas=descent.areas, converged=descent.converged, reason=reason
-        )
-
-    def result(
-        self,
-        boundary: Float[np.ndarray, "m 3"],
-        *,
-        method: DiscreteMethod,
-        start: float,
-        scale: float = 1.0,
-        centre: Float[np.ndarray, "3"] | float = 0.0,
-    ) -> DiscreteMinimalSurface:
-        """The disk scaled and moved, its boundary put back bit for bit; `start` is when the work on it began."""
-        areas = tuple(area * scale**2 for area in self.areas)
-        return DiscreteMinimalSurface(
-            vertices=np.concatenate([boundary, self.vertices[len(boundary) :] * scale + centre]),
-            faces=self.faces,
-            boundary_size=len(boundary),
-            area=areas[-1],
-            area_history=areas,
-            converged=self.converged,
-            reason=self.reason,
-            method=method,
-            seconds=time.perf_counter() - start,
-        )
+def _result(
+    disk: Disk,
+    boundary: Float[np.ndarray, "m 3"],
+    *,
+    start: float,
+    method: DiscreteMethod = "libigl",
+    scale: float = 1.0,
+    centre: Float[np.ndarray, "3"] | float = 0.0,
+) -> DiscreteMinimalSurface:
+    """A disk scaled and moved, its boundary put back bit for bit; `start` is when the work on it began."""
+    areas = tuple(area * scale**2 for area in disk.areas)
+    return DiscreteMinimalSurface(
+        vertices=np.concatenate([boundary, disk.vertices[len(boundary) :] * scale + centre]),
+        faces=disk.faces,
+        boundary_size=len(boundary),
+        area=areas[-1],
+        area_history=areas,
+        converged=disk.converged,
+        reason=disk.reason,
+        method=method,
+        seconds=time.perf_counter() - start,
+    )
 
 
 def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, target: float | None) -> Disk:
@@ -262,7 +239,7 @@ def _fill(
 ) -> Disk:
     """Meshes a polygon, maps it harmonically to the loop, and descends in area."""
     plane = triangulate_polygon(polygon, size or graded_size(polygon))
-    return Disk.of(descend_from_plane(plane, points, relative_change=relative_change), plane.faces)
+    return descend_from_plane(plane, points, relative_change=relative_change)
 
 
 def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | None) -> SizeFunction:

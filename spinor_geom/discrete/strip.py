@@ -7,7 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.discrete.area_descent import Descent, descend_from_plane, harmonic_extension
+from spinor_geom.discrete.area_descent import Disk, descend_from_plane, harmonic_extension
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, size_bounds, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 
@@ -29,9 +29,7 @@ def minimum_area_strip(
     A strip runs once around both; each triangle has an edge of one polygon and a vertex of the other. All vertices of
     the second that may lie opposite to the first one's start are tried side by side: O(mn²) in all.
 
-    Args:
-        first: a polygon, with the strip on its left.
-        second: the other, likewise.
+    Both have the strip on their left.
 
     Returns:
         Faces, with the second polygon's vertices after the first's, and their area.
@@ -73,7 +71,7 @@ def minimum_area_strip(
 
 def discrete_annulus(
     first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], *, relative_change: float
-) -> tuple[PlaneTriangulation, Descent]:
+) -> tuple[PlaneTriangulation, Disk]:
     """A triangulated annulus of stationary area between two polygons, both with it on their left.
 
     The strip of least area gives the first places of the vertices on a round annulus; that is meshed and its area
@@ -102,10 +100,7 @@ def ruled_annulus(
 ) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
     """A triangulated round annulus, and straight lines between two polygons over its radii: nothing is minimised.
 
-    Args:
-        first: a polygon, with the annulus on its left.
-        second: the other, likewise.
-        target: edge length, in units of space.
+    Both have the annulus on their left; edges are about as long as the target, in units of space.
 
     Raises:
         DomainError: the rims lie so that no round annulus can be meshed with their vertices.
@@ -188,12 +183,7 @@ def _conformal_places(
 
 
 def nodes_on_cylinder(annulus: PlaneTriangulation, vertices: Float[np.ndarray, "v 3"]) -> float:
-    """How many equal steps of the angle resolve the gap and every edge of a discrete annulus over a round one.
-
-    Args:
-        annulus: its triangulation.
-        vertices: its vertices in space.
-    """
+    """How many equal steps of the angle resolve the gap and every edge of a discrete annulus over a round one."""
     places = _conformal_places(vertices, annulus.faces, annulus.rims[0], annulus.boundary_size)
     modulus = -math.log(abs(places[1][0]))
     shortest = min(float(np.abs(np.angle(np.roll(z, -1) / z)).min()) for z in places)

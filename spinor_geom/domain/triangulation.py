@@ -35,6 +35,8 @@ _MIN_ANGLE = 25.0
 # points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
 _SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
 _MOST_ROWS = 20_000
+# in radians, from which on a polygon's turn to the left is no rounding error
+_STRAIGHT = 1e-9
 # seeds keep this share of the lengths of edges from the tips of triangles on the boundary, and from its vertices, and
 # this share of the wanted size from each other
 _FROM_TIPS, _FROM_VERTICES, _LEAST_SPACING = 0.75, 1.2, 0.7
@@ -195,22 +197,18 @@ def triangulate_polygon(
             raise OptionError(f"the size function must give positive, finite lengths, got {h[wrong][0]}")
         return np.asarray(h / scale)
 
-    mesh = ConstrainedDelaunay(polygon, rims)
-    faces = mesh.faces[mesh.inside]
-    sides = (mesh.neighbours[mesh.inside] < 0).sum()
-    count = m - 2 + 2 * len(holes)
-    if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
-        raise DomainError(
-            "the boundary is not simple: a vertex lies on another edge, or a hole is not inside the polygon", vertices=m
-        )
     after = rim_successors(rims)
+    if holes or not _is_convex(polygon):
+        _require_simple(polygon, rims)
     guard = _Guard(polygon, after)
     if seeds is None:
         inner = _seeds(polygon, after, guard, wanted, max_points - m)
+        lengths = wanted(inner)
     else:
-        inner = _behind_a_row(polygon, after, guard, wanted, (seeds - centre) / scale)[: max(0, max_points - m)]
-    points = np.append(polygon, inner)
-    points, faces = _refine(points, ConstrainedDelaunay(points, rims), guard, wanted, max_points)
+        inner, lengths = _behind_a_row(polygon, after, guard, wanted, (seeds - centre) / scale)
+    some = slice(max(0, max_points - m))
+    points, lengths = np.append(polygon, inner[some]), np.append(wanted(polygon), lengths[some])
+    points, faces = _refine(points, lengths, ConstrainedDelaunay(points, rims), guard, wanted, max_points)
     for _ in range(3):
         middle = _long_bridges(points, faces, after, wanted, guard)
         if len(middle) == 0:
@@ -233,6 +231,25 @@ def _require_polygon(polygon: Complex[np.ndarray, " m"], *, clockwise: bool) -> 
         raise DomainError("a hole runs counter-clockwise or has no area; give it clockwise", vertices=m)
     if not clockwise and area <= 0:
         raise DomainError("the polygon runs clockwise or has no area; give it counter-clockwise", vertices=m)
+
+
+def _is_convex(polygon: Complex[np.ndarray, " m"]) -> bool:
+    """Whether a polygon turns to the left at each vertex, and once in all; then it is simple."""
+    edge = np.roll(polygon, -1) - polygon
+    turn = np.angle(np.roll(edge, -1) * np.conj(edge))
+    return bool((turn > _STRAIGHT).all() and turn.sum() < 3 * np.pi)
+
+
+def _require_simple(polygon: Complex[np.ndarray, " m"], rims: Rims) -> None:
+    m = len(polygon)
+    mesh = ConstrainedDelaunay(polygon, rims)
+    faces = mesh.faces[mesh.inside]
+    sides = (mesh.neighbours[mesh.inside] < 0).sum()
+    count = m - 2 + 2 * (len(rims) - 1)
+    if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
+        raise DomainError(
+            "the boundary is not simple: a vertex lies on another edge, or a hole is not inside the polygon", vertices=m
+        )
 
 
 def _area(polygon: Complex[np.ndarray, " m"]) -> float:
@@ -291,10 +308,10 @@ def _behind_a_row(
     guard: _Guard,
     size: SizeFunction,
     seeds: Complex[np.ndarray, " k"],
-) -> Complex[np.ndarray, " j"]:
+) -> tuple[Complex[np.ndarray, " j"], Float[np.ndarray, " j"]]:
     """The tips of equilateral triangles on the edges of a polygon, and behind them the seeds that stand wide enough.
 
-    Edges that turn much from one to the next have no room for a row of tips.
+    The sizes wanted there come with them. Edges that turn much from one to the next have no room for a row of tips.
     """
     edge = polygon[after] - polygon
     tips, length = 0.5 * (polygon + polygon[after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
@@ -302,25 +319,29 @@ def _behind_a_row(
         tips, length = tips[:0], length[:0]
     free = ~guard.too_near(tips)
     tips, length = tips[free], length[free]
+    wanted = size(seeds)
     if len(seeds) > 1:
         spacing, _ = cKDTree(plane_coordinates(seeds)).query(plane_coordinates(seeds), k=[2])
-        seeds = seeds[np.asarray(spacing)[:, 0] > _LEAST_SPACING * size(seeds)]
+        wide = np.asarray(spacing)[:, 0] > _LEAST_SPACING * wanted
+        seeds, wanted = seeds[wide], wanted[wide]
     row = np.concatenate([tips, polygon])
     away = np.concatenate([_FROM_TIPS * length, _FROM_VERTICES * np.abs(edge)])
     distance, nearest = cKDTree(plane_coordinates(row)).query(plane_coordinates(seeds))
-    return np.concatenate([tips, seeds[np.asarray(distance) > away[np.asarray(nearest)]]])
+    clear = np.asarray(distance) > away[np.asarray(nearest)]
+    return np.concatenate([tips, seeds[clear]]), np.concatenate([size(tips), wanted[clear]])
 
 
 def _refine(
     points: Complex[np.ndarray, " n"],
+    at_points: Float[np.ndarray, " n"],
     mesh: ConstrainedDelaunay,
     guard: _Guard,
     size: SizeFunction,
     max_points: int,
 ) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, "s 3"]]:
-    """Inserts batches of circumcentres until no triangle wants and can have one."""
+    """Inserts batches of circumcentres until no triangle wants and can have one, given the sizes wanted at points."""
     sine = np.sin(np.radians(_MIN_ANGLE))
-    at_points, at_centres = size(points), False
+    at_centres = False
     # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
     is_open = np.ones(len(points), dtype=bool)
     for _ in range(_BATCHES):

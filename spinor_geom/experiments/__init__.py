@@ -1,16 +1,17 @@
 """The paper's experiments, made anew from measured data, with our solvers beside its own.
 
-Each name is a module of this package, its dashes underscores, with an `EXPERIMENT`. Importing the package imports none.
+Importing the package imports none of them.
 """
 
-NAMES = (
-    "twisted-circle",
-    "tennis-seam",
-    "prescribed",
-    "heat-maps",
-    "mean-curvature",
-    "catenoid",
-    "tangents",
-    "timing",
-    "branch-points",
-)
+NAMES = {
+    "twisted-circle": "forms",
+    "tennis-seam": "forms",
+    "prescribed": "prescribed",
+    "heat-maps": "quadrature",
+    "mean-curvature": "quadrature",
+    "catenoid": "quadrature",
+    "tangents": "trainings",
+    "timing": "trainings",
+    "branch-points": "branch_points",
+}
+"""The module of this package that has each of them in its `EXPERIMENTS`."""

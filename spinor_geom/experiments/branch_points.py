@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,9 @@ from jaxtyping import Complex
 from numpy.polynomial import polynomial
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.experiments.baselines import branch_points, positions
 from spinor_geom.experiments.drawing import Drawn, surfaces
 from spinor_geom.experiments.experiment import Experiment, Outcome
+from spinor_geom.experiments.forms import branch_points, positions
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
@@ -28,44 +29,37 @@ _PERTURBATION = 0.15
 _DEGREE, _SEED = 5, 0
 
 
-@dataclass(frozen=True, kw_only=True)
-class BranchSettings:
-    """How much is measured.
+def lasting(*, orders: Sequence[int], random: int) -> Outcome:
+    """Finds the branch points of prescribed and of random pairs, in both forms.
 
-    Attributes:
+    Args:
         orders: of common zeros of p and q, and of zeros of f.
-        random: pairs of polynomials with random coefficients, of each form.
+        random: number of pairs of polynomials with random coefficients, of each form.
     """
-
-    orders: tuple[int, ...]
-    random: int
-
-
-def measure(settings: BranchSettings) -> Outcome:
-    """Finds the branch points of prescribed and of random pairs, in both forms."""
-    rows = [prescribed_row(form, order) for form in FORMS for order in settings.orders]
+    rows = [prescribed_row(form, order) for form in FORMS for order in orders]
     as_said = all(row["removable"] == (row["order of φ"] % 2 == 0) for row in rows)
-    random = np.random.default_rng(_SEED)
-    shape = (settings.random, 2, _DEGREE + 1)
-    pairs = random.normal(size=shape) + 1j * random.normal(size=shape)
-    lasting = {form: [len(lasting_points(form, pair)) for pair in pairs] for form in FORMS}
-    rows += [
-        {
-            "form": form,
-            "pairs": f"{settings.random} random, degree {_DEGREE}",
-            "with branch points that last": sum(count > 0 for count in counts),
-            "such points": sum(counts),
-        }
-        for form, counts in lasting.items()
-    ]
-    shares = {form: sum(count > 0 for count in counts) for form, counts in lasting.items()}
+    generator = np.random.default_rng(_SEED)
+    shape = (random, 2, _DEGREE + 1)
+    pairs = generator.normal(size=shape) + 1j * generator.normal(size=shape)
+    shares = {}
+    for form in FORMS:
+        found = [branch_points(surface_of(form, *pair)) or () for pair in pairs]
+        counts = [sum(not point.removable for point in points) for points in found]
+        shares[form] = sum(count > 0 for count in counts)
+        rows.append(
+            {
+                "form": form,
+                "pairs": f"{random} random, degree {_DEGREE}",
+                "with branch points that last": shares[form],
+                "such points": sum(counts),
+            }
+        )
     return Outcome(
         rows=rows,
         holds=as_said and shares[SPINOR] == 0 and shares[ENNEPER] > 0,
         verdict=f"Branch points are removable {'exactly' if as_said else 'not'} where the order of φ is even, by the "
-        f"lift of a frame around each. Of {settings.random} random pairs {shares[ENNEPER]} have others in the "
+        f"lift of a frame around each. Of {random} random pairs {shares[ENNEPER]} have others in the "
         f"Weierstrass-Enneper form, {shares[SPINOR]} as spinors.",
-        arrays={f"{form} counts": np.array(counts) for form, counts in lasting.items()},
         pictures={"branch-points": surfaces(drawn())},
     )
 
@@ -104,11 +98,6 @@ def prescribed_row(form: str, order: int) -> dict[str, Any]:
     }
 
 
-def lasting_points(form: str, pair: Complex[np.ndarray, "2 n"]) -> list[complex]:
-    """The branch points in the disk of a pair that are not removable."""
-    return [point.z for point in branch_points(surface_of(form, *pair)) or () if not point.removable]
-
-
 def drawn() -> dict[str, Drawn]:
     """Surfaces with the zero of order 1, and the spinors' after a small change of p."""
     p, q = pair_with_zero(1)
@@ -124,15 +113,17 @@ def drawn() -> dict[str, Drawn]:
     }
 
 
-EXPERIMENT = Experiment(
-    title="branch points, and which of them last",
-    paper="A zero of φ of order m is a branch point that a small change of the surface removes if and only if m is "
-    "even; p and q make even orders only, and a generic f has simple zeros.",
-    here="Zeros by the argument principle, and the lift to SU(2) of the surface's frame along a circle around each: on "
-    "polynomials with a zero of known order, and on polynomials with normal random coefficients. Crosses mark branch "
-    "points. Seen means that the lift agrees with the order everywhere, and that random f and g have branch points "
-    "that last where random p and q have none.",
-    measure=measure,
-    full=BranchSettings(orders=(1, 2, 3, 4, 5), random=500),
-    quick=BranchSettings(orders=(1, 2, 3, 4), random=50),
-)
+EXPERIMENTS = {
+    "branch-points": Experiment(
+        title="branch points, and which of them last",
+        paper="A zero of φ of order m is a branch point that a small change of the surface removes if and only if m is "
+        "even; p and q make even orders only, and a generic f has simple zeros.",
+        here="Zeros by the argument principle, and the lift to SU(2) of the surface's frame along a circle around "
+        "each: on polynomials with a zero of known order, and on polynomials with normal random coefficients. Crosses "
+        "mark branch points. Seen means that the lift agrees with the order everywhere, and that random f and g have "
+        "branch points that last where random p and q have none.",
+        measure=lasting,
+        full={"orders": (1, 2, 3, 4, 5), "random": 500},
+        quick={"orders": (1, 2, 3, 4), "random": 50},
+    )
+}

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
+from spinor_geom.files import finite
 from spinor_geom.training import RMSprop
-
-Settings = TypeVar("Settings")  # a dataclass
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,63 +24,54 @@ class Outcome:
         rows: the figures, as rows of one table; JSON-ready.
         holds: whether what the paper says was seen here too.
         verdict: the same in words, made from the figures.
-        arrays: the data of the pictures.
         pictures: by file name.
     """
 
     rows: Sequence[Mapping[str, Any]]
     holds: bool
     verdict: str
-    arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     pictures: Mapping[str, Figure] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Experiment(Generic[Settings]):
+class Experiment:
     """One experiment of the paper.
 
     Attributes:
         title: what it shows.
         paper: the paper's setting.
         here: ours, where it differs.
-        measure: runs it.
+        measure: runs it, its settings by name.
         full: its settings, the paper's where it names them.
-        quick: settings that take a minute or two.
+        quick: those that are changed so that it takes a minute or two; "a.b" is the option b of the setting a.
     """
 
     title: str
     paper: str
     here: str
-    measure: Callable[[Settings], Outcome]
-    full: Settings
-    quick: Settings
+    measure: Callable[..., Outcome]
+    full: Mapping[str, Any]
+    quick: Mapping[str, Any]
 
-    def settings(self, *, quick: bool) -> Settings:
+    def settings(self, *, quick: bool) -> dict[str, Any]:
         """The settings of a run."""
-        return self.quick if quick else self.full
+        chosen = dict(self.full)
+        for path, value in self.quick.items() if quick else ():
+            name, _, option = path.partition(".")
+            chosen[name] = replace(chosen[name], **{option: value}) if option else value
+        return chosen
+
+    def description(self, *, quick: bool) -> dict[str, Any]:
+        """The same, JSON-ready: by it a run knows what an earlier one finished."""
+        settings = self.settings(quick=quick)
+        told = {name: asdict(value) if is_dataclass(value) else value for name, value in settings.items()}
+        return {name: finite(value) for name, value in told.items()}
 
     def shortened(self) -> dict[str, tuple[Any, Any]]:
         """Each setting that the quick run changes: its full and its quick value."""
-        long, short = _by_path(self.full), _by_path(self.quick)
-        return {name: (value, short[name]) for name, value in long.items() if value != short[name]}
-
-
-def _by_path(settings: Any, prefix: str = "") -> dict[str, Any]:
-    """Nested settings as one dictionary, by names with dots."""
-    flat: dict[str, Any] = {}
-    for name, value in vars(settings).items():
-        flat |= _by_path(value, f"{prefix}{name}.") if is_dataclass(value) else {f"{prefix}{name}": value}
-    return flat
-
-
-def keeping(settings: Settings, folder: Path) -> Settings:
-    """Settings whose trainings keep their states in a folder, to go on from there; see `kept_as`."""
-    changes = {
-        name: replace(value, checkpoint=folder) if isinstance(value, RMSprop) else keeping(value, folder)
-        for name, value in vars(settings).items()
-        if is_dataclass(value)
-    }
-    return replace(settings, **changes)  # type: ignore[type-var] # every experiment's settings are a dataclass
+        paths = {path: path.partition(".") for path in self.quick}
+        long = {path: getattr(self.full[a], b) if b else self.full[a] for path, (a, _, b) in paths.items()}
+        return {path: (long[path], value) for path, value in self.quick.items()}
 
 
 def kept_as(name: str, options: RMSprop) -> RMSprop:
@@ -93,7 +81,7 @@ def kept_as(name: str, options: RMSprop) -> RMSprop:
     return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.pt")
 
 
-def experiment(name: str) -> Experiment[Any]:
+def experiment(name: str) -> Experiment:
     """The experiment of a name.
 
     Raises:
@@ -101,15 +89,5 @@ def experiment(name: str) -> Experiment[Any]:
     """
     if name not in NAMES:
         raise OptionError(f"there is no experiment {name!r}; choose from: {', '.join(NAMES)}")
-    module = importlib.import_module(f"spinor_geom.experiments.{name.replace('-', '_')}")
-    found: Experiment[Any] = module.EXPERIMENT
+    found: Experiment = importlib.import_module(f"spinor_geom.experiments.{NAMES[name]}").EXPERIMENTS[name]
     return found
-
-
-def fitted_slope(steps: Sequence[int], errors: Sequence[float], floor: float) -> float:
-    """Slope of log(error) by log(steps), where errors are above a floor of rounding; NaN where fewer than two are."""
-    above = [(n, e) for n, e in zip(steps, errors, strict=True) if e > floor]
-    if len(above) < 2:
-        return float("nan")
-    n, e = np.log(np.array(above)).T
-    return float(np.polyfit(n, e, 1)[0])

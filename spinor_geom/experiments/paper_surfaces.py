@@ -12,7 +12,10 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 
@@ -23,6 +26,8 @@ _SEED = 5
 _UNEVEN, _SHIFT = 0.4, 0.1
 # points of the circle that Taylor coefficients are taken from, and a boundary's, of which a hundred matter
 _TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512
+# points of ∂Ω whose distance from Γ is measured
+_MEASURED = 1024
 
 
 def random_networks(depth: int = 10) -> SpinorSurface:
@@ -97,3 +102,10 @@ def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:
     """The four surfaces from their boundaries alone, as networks."""
     found = {name: solved_by_network(curve, options).surface for name, curve in paper_curves(options.depth).items()}
     return {name: surface for name, surface in found.items() if isinstance(surface, SpinorSurface)}
+
+
+def boundary_distance(surface: SpinorSurface, curve: BoundaryCurve) -> float:
+    """Largest distance of the boundary from the nearest points of Γ, and of what of Γ it passes over from it."""
+    r = surface.position(surface.domain.boundary.point(np.arange(_MEASURED) / _MEASURED))
+    slide = np.unwrap(curve.nearest(r), period=1.0)
+    return Misfit.of(torch.from_numpy(r), torch.from_numpy(slide), CurveTensors.of(curve, torch.device("cpu"))).max

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from markdown_it import MarkdownIt
 
-from spinor_geom.experiments.experiment import Experiment, Outcome, experiment, keeping
-from spinor_geom.files import atomic_path, finite, write_json
-from spinor_geom.render.page import document, picture
+from spinor_geom.experiments.experiment import Experiment, experiment
+from spinor_geom.files import atomic_path, finite, write_json, write_text
+from spinor_geom.render.page import cell, document, markdown, picture
+from spinor_geom.training import RMSprop
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
 TITLE = "The paper's experiments, measured anew"
@@ -41,7 +40,7 @@ class Done:
     """
 
     name: str
-    experiment: Experiment[Any]
+    experiment: Experiment
     rows: Sequence[Mapping[str, Any]]
     holds: bool
     verdict: str
@@ -62,7 +61,7 @@ def reproduce(
     paper's trainings keep their states in the folder while they run.
 
     In the folder lie `report.md`, the same as `report.html`, which holds its pictures, and, for each experiment, a
-    folder with `data.json`, `data.npz`, and its pictures as PNG and PDF. Files are replaced whole or not at all.
+    folder with `data.json` and its pictures as PNG and PDF. Files are replaced whole or not at all.
 
     Args:
         names: of `experiments.NAMES`.
@@ -77,22 +76,26 @@ def reproduce(
     done: list[Done] = []
     for name, one in chosen.items():
         done.append(_run(name, one, Path(folder) / name, quick))
-        _write_text(Path(folder) / REPORT, report(done, quick=quick))
-        _write_text(Path(folder) / PAGE, page(done, Path(folder), quick=quick))
+        write_text(Path(folder) / REPORT, report(done, quick=quick))
+        write_text(Path(folder) / PAGE, page(done, Path(folder), quick=quick))
         if on_done is not None:
             on_done(done[-1])
     return tuple(done)
 
 
-def _run(name: str, one: Experiment[Any], folder: Path, quick: bool) -> Done:
+def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
     """Measures and writes, unless it was done: the description, which is written last, tells that."""
-    asked = {"name": name, "quick": quick, "settings": finite(asdict(one.settings(quick=quick)))}
+    asked = {"name": name, "quick": quick, "settings": one.description(quick=quick)}
     path, states = folder / DESCRIPTION, folder / "states"
     found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     if any(found.get(key) != value for key, value in asked.items()):
         begin = time.perf_counter()
         states.mkdir(parents=True, exist_ok=True)
-        outcome = one.measure(keeping(one.settings(quick=quick), states))
+        keeping = {
+            key: replace(value, checkpoint=states) if isinstance(value, RMSprop) else value
+            for key, value in one.settings(quick=quick).items()
+        }
+        outcome = one.measure(**keeping)
         found = {
             **asked,
             "rows": finite(list(outcome.rows)),
@@ -101,12 +104,15 @@ def _run(name: str, one: Experiment[Any], folder: Path, quick: bool) -> Done:
             "pictures": list(outcome.pictures),
             "seconds": time.perf_counter() - begin,
         }
-        _write_data(outcome, folder)
+        for picture_name, figure in outcome.pictures.items():
+            for suffix in (".png", ".pdf"):
+                with atomic_path(folder / f"{picture_name}{suffix}") as temporary:
+                    figure.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")
         write_json(path, found)
     # also those of a run that was stopped between the description and here
     shutil.rmtree(states, ignore_errors=True)
-    told = {key: found[key] for key in ("rows", "holds", "verdict", "pictures", "seconds")}
-    return Done(name=name, experiment=one, **told)
+    measured = {key: value for key, value in found.items() if key not in asked}
+    return Done(name=name, experiment=one, **measured)
 
 
 def report(done: Sequence[Done], *, quick: bool, shown: Callable[[str], str] | None = None) -> str:
@@ -142,47 +148,15 @@ def _link(address: str) -> str:
 
 def _section(done: Done, quick: bool, shown: Callable[[str], str]) -> str:
     one = done.experiment
+    columns = list(dict.fromkeys(name for row in done.rows for name in row))
     shortened = [f"{name} {short} instead of {long}" for name, (long, short) in one.shortened().items()]
     parts = [
         f"## {done.name}: {one.title}",
         f"**The paper.** {one.paper}",
         f"**Here.** {one.here} {done.seconds:.0f} s.",
         *([f"**Shortened.** {'; '.join(shortened)}."] if quick and shortened else []),
-        _table(done.rows),
+        markdown(columns, [[cell(row.get(name)) for name in columns] for row in done.rows]),
         *(shown(f"{done.name}/{name}.png") for name in done.pictures),
         f"**{'Seen' if done.holds else 'Not seen'}.** {done.verdict}",
     ]
     return "\n\n".join(parts)
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    lines = [
-        [_cell(name) for name in columns],
-        ["---"] * len(columns),
-        *([_cell(row.get(name)) for name in columns] for row in rows),
-    ]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _cell(value: Any) -> str:
-    if value is None or isinstance(value, bool):
-        return {None: "", True: "yes", False: "no"}[value]
-    return f"{value:.4g}" if isinstance(value, float) else str(value).replace("|", "\\|")
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def _write_data(outcome: Outcome, folder: Path) -> None:
-    buffer = io.BytesIO()
-    arrays: dict[str, Any] = dict(outcome.arrays)
-    np.savez_compressed(buffer, **arrays)
-    with atomic_path(folder / "data.npz") as temporary:
-        temporary.write_bytes(buffer.getvalue())
-    for name, figure in outcome.pictures.items():
-        for suffix in (".png", ".pdf"):
-            with atomic_path(folder / f"{name}{suffix}") as temporary:
-                figure.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")

@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.domain.delaunay import plane_coordinates
-from spinor_geom.fill.discrete_patch import graph_laplacian
-from spinor_geom.mesh.operators import cotangent_laplacian, vertex_normals
+from spinor_geom.mesh.operators import cotangent_laplacian, graph_laplacian, vertex_normals
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -49,19 +48,16 @@ def patch_attributes(
     """
     size = patch.boundary_size
     names = [name for name in attributes if name != NORMAL]
+    columns = {name: _finite(np.asarray(attributes[name])[rim], patch.vertices[:size]) for name in names}
+    smooth = [name for name in names if name not in labels]
     values: dict[str, Float[np.ndarray, "n _"]] = {}
-    if names and len(patch.vertices) > size:
-        columns = {name: _finite(np.asarray(attributes[name])[rim], patch.vertices[:size]) for name in names}
-        smooth = [name for name in names if name not in labels]
-        if smooth:
-            joined = np.hstack([columns[name] for name in smooth])
-            inner = harmonic_extension(_laplacian(patch, is_planned=is_planned), joined)[size:]
-            ends = np.cumsum([columns[name].shape[1] for name in smooth])[:-1]
-            values = dict(zip(smooth, np.split(inner, ends, axis=1), strict=True))
-        nearest = cKDTree(patch.vertices[:size]).query(patch.vertices[size:])[1]
-        values |= {name: columns[name][nearest] for name in names if name in labels}
-    else:
-        values = {name: np.empty((0, np.asarray(attributes[name]).shape[1])) for name in names}
+    if smooth:
+        joined = np.hstack([columns[name] for name in smooth])
+        inner = harmonic_extension(_laplacian(patch, is_planned=is_planned), joined)[size:]
+        ends = np.cumsum([columns[name].shape[1] for name in smooth])[:-1]
+        values = dict(zip(smooth, np.split(inner, ends, axis=1), strict=True))
+    nearest = cKDTree(patch.vertices[:size]).query(patch.vertices[size:])[1]
+    values |= {name: columns[name][nearest] for name in names if name in labels}
     if NORMAL in attributes:
         normals = (
             vertex_normals(patch.vertices, np.asarray(patch.faces))[size:]
@@ -79,7 +75,7 @@ def _laplacian(patch: Patch, *, is_planned: bool) -> csc_array:
     triangles in Ω are never degenerate. Those of a discrete patch may be.
     """
     if not is_planned:
-        return graph_laplacian(np.asarray(patch.faces), len(patch.vertices))
+        return graph_laplacian(np.asarray(patch.faces))
     return cotangent_laplacian(plane_coordinates(patch.points), np.asarray(patch.faces))
 
 

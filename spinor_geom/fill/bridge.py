@@ -13,7 +13,7 @@ from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
 from spinor_geom.fill.one_loop import FillOptions, fill_loop, refuse_what_is_no_hole
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.stitch import LoopPatch, RimEdges
+from spinor_geom.fill.stitch import LoopPatch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import face_components
@@ -53,20 +53,22 @@ def planned_joins(
     islands: Islands,
     bridge: Sequence[int] | None = None,
 ) -> Joins:
-    """The bridge that was asked for, or the islands in the holes that are to be filled.
-
-    Args:
-        mesh: the mesh.
-        loops: all loops of the mesh.
-        wanted: the places of those that are to be filled.
-        islands: whether loose pieces are joined to the holes they lie in.
-        bridge: the places of the loops of a bridge.
+    """The bridge that was asked for, by the places of its loops, or the islands in the holes that are to be filled.
 
     Raises:
         OptionError: a bridge of a single loop, or from a loop to itself, was asked for.
     """
     if bridge is not None:
-        first, *others = sorted(_require_several(bridge))
+        if len(bridge) < 2:
+            raise OptionError(
+                f"a bridge joins two loops or more, got {len(bridge)}; name another, or fill it by itself"
+            )
+        twice = [place for place in bridge if list(bridge).count(place) > 1]
+        if twice:
+            raise OptionError(
+                f"a bridge joins different loops, got loop {twice[0]} twice; fill it by itself, or name another"
+            )
+        first, *others = sorted(bridge)
         return Joins(others={first: tuple(others)})
     joins = Joins()
     for hole, pieces in find_islands(mesh, loops).items():
@@ -75,56 +77,31 @@ def planned_joins(
         open_pieces = [piece for piece in pieces if piece in wanted]
         if islands == "ignore" or not open_pieces:
             names = ", ".join(map(str, pieces))
-            joins.notes[hole] = (
-                f"a loose piece lies in the hole (loop {names}); it was ignored: islands='join' joins it"
-            )
+            note = f"a loose piece lies in the hole (loop {names}); it was ignored: islands='join' joins it"
         else:
             joins.others[hole] = tuple(open_pieces)
-            one = len(open_pieces) == 1
-            names = f"loop {open_pieces[0]}" if one else f"loops {', '.join(map(str, open_pieces))}"
-            joins.notes[hole] = (
-                f"the loose piece{'' if one else 's'} in the hole ({names}) {'was' if one else 'were'} joined to it"
-            )
+            names, (s, were) = ", ".join(map(str, open_pieces)), ("", "was") if len(open_pieces) == 1 else ("s", "were")
+            note = f"the loose piece{s} in the hole (loop{s} {names}) {were} joined to it"
+        joins.notes[hole] = note
     return joins
 
 
 def fill_between(
-    mesh: TriangleMesh,
-    places: tuple[int, ...],
-    loops: Sequence[BoundaryLoop],
-    taken: RimEdges,
-    surroundings: Surroundings,
-    options: FillOptions,
+    surroundings: Surroundings, places: tuple[int, ...], loops: Sequence[BoundaryLoop], options: FillOptions
 ) -> tuple[tuple[LoopOutcome, ...], LoopPatch | None]:
-    """The patch between several loops, with the outcomes of all, or the reason why there is none.
-
-    Args:
-        mesh: the mesh.
-        places: of the loops.
-        loops: all loops of the mesh.
-        taken: edges that the patch must not have.
-        surroundings: what the patch may cross.
-        options: of the call.
-    """
+    """The patch between several of a mesh's loops, with the outcomes of all, or the reason why there is none."""
     first, *others = places
 
     def answer() -> PlateauSolution | SpinorGeomError:
         try:
             for place in places:
-                refuse_what_is_no_hole(loops[place], taken)
+                refuse_what_is_no_hole(loops[place], surroundings.taken)
             return surface_between(places, [loops[place] for place in places], options)
         except SpinorGeomError as error:
             return error
 
     here, patch = fill_loop(
-        mesh,
-        first,
-        loops[first],
-        answer,
-        taken,
-        surroundings,
-        options,
-        others={place: loops[place] for place in others},
+        surroundings, first, loops[first], answer, options, others={place: loops[place] for place in others}
     )
     there = [
         LoopOutcome(
@@ -159,22 +136,6 @@ def surface_between(places: Sequence[int], loops: Sequence[BoundaryLoop], option
     if answer.annulus is not None and answer.annulus.reversed:
         raise TwistedRimsError(loops=places)
     return answer
-
-
-def _require_several(places: Sequence[int]) -> Sequence[int]:
-    """The places of a bridge.
-
-    Raises:
-        OptionError: there is one alone, or one twice.
-    """
-    if len(places) < 2:
-        raise OptionError(f"a bridge joins two loops or more, got {len(places)}; name another, or fill it by itself")
-    twice = [place for place in places if list(places).count(place) > 1]
-    if twice:
-        raise OptionError(
-            f"a bridge joins different loops, got loop {twice[0]} twice; fill it by itself, or name another"
-        )
-    return places
 
 
 def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:

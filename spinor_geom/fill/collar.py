@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
 
 from spinor_geom.mesh.bending import Bending, crossing_angles, face_normals, unclosed_vertices
-from spinor_geom.mesh.operators import internal_angles
+from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
@@ -29,16 +30,13 @@ class FacesAround:
 
     def __init__(self, mesh: TriangleMesh) -> None:
         """Sorts the corners of all faces once."""
-        self.mesh = mesh
-        corners = mesh.faces.ravel()
-        self._order = np.argsort(corners, kind="stable")
-        self._starts = np.searchsorted(corners[self._order], np.arange(len(mesh.vertices) + 1))
+        self.mesh, corners = mesh, mesh.faces.ravel()
+        entries = (np.ones(len(corners), dtype=bool), (corners, np.arange(len(corners)) // 3))
+        self._faces = csr_array(entries, shape=(len(mesh.vertices), len(mesh.faces)))
 
     def at(self, vertices: Int[np.ndarray, " k"]) -> Int[np.ndarray, " f"]:
         """The faces that touch any of some vertices, ascending."""
-        first, count = self._starts[vertices], self._starts[vertices + 1] - self._starts[vertices]
-        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        return np.unique(self._order[np.repeat(first, count) + within] // 3)
+        return np.unique(self._faces[vertices].indices)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,18 +88,16 @@ class Collar:
     @property
     def angles(self) -> Float[np.ndarray, " m"]:
         """The angle that the mesh's faces have together at each boundary vertex, in radians."""
-        angles = internal_angles(self.vertices, self.faces)
-        total = np.bincount(self.faces.ravel(), angles.ravel(), minlength=len(self.vertices))
-        return np.asarray(total[: self.boundary_size])
+        return vertex_angles(self.vertices, self.faces)[: self.boundary_size]
 
 
 def collar_of(around: FacesAround, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
-    """The collar of a patch.
+    """The collar of a patch that has no edge which the mesh has too, other than the rim's.
 
     Args:
         around: the mesh's faces at its vertices.
         rim: mesh vertices of the patch's boundary vertices.
-        patch: the patch; it has no edge that the mesh has too, other than the rim's.
+        patch: the patch.
     """
     mesh, m = around.mesh, len(rim)
     rings = [around.at(rim)]

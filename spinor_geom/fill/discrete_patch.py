@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Complex, Int
-from scipy.sparse import coo_array, csc_array
+from jaxtyping import Int
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.area_descent import harmonic_extension
@@ -13,7 +12,7 @@ from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.errors import SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import face_areas
+from spinor_geom.mesh.operators import face_areas, graph_laplacian
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import require_few_points
 
@@ -47,12 +46,7 @@ def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tupl
 
 
 def strip_patch(first: BoundaryLoop, second: BoundaryLoop, target: float) -> Patch:
-    """Straight lines between two loops: a start for a surface that is not minimal.
-
-    Args:
-        first: a loop.
-        second: the other.
-        target: edge length, in mesh units.
+    """Straight lines between two loops, with edges of a target length: a start for a surface that is not minimal.
 
     Raises:
         DomainError: the loops lie so that no annulus can be meshed with their points.
@@ -67,28 +61,15 @@ def strip_patch(first: BoundaryLoop, second: BoundaryLoop, target: float) -> Pat
     )
 
 
-def graph_laplacian(faces: Int[np.ndarray, "f 3"], vertices: int) -> csc_array:
-    """The Laplacian of a mesh's edges, all of weight 1: factorable whatever shape the faces have."""
-    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
-    degree = np.bincount(rows, minlength=vertices).astype(np.float64)
-    diagonal = np.arange(vertices)
-    weights = np.concatenate([degree, np.full(len(rows), -1.0)])
-    places = (np.concatenate([diagonal, rows]), np.concatenate([diagonal, columns]))
-    return csc_array(coo_array((weights, places), shape=(vertices, vertices)))
-
-
 def over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> Patch:
-    """A discrete disk as a patch over the unit disk; the first `rim` vertices are its boundary, in order."""
-    return Patch(vertices=vertices, faces=faces, boundary_size=rim, points=_embedded(vertices, faces, rim))
+    """A discrete disk as a patch over the unit disk; the first `rim` vertices are its boundary, in order.
 
-
-def _embedded(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> Complex[np.ndarray, " n"]:
-    """Every vertex in the unit disk, the rim on its circle by arc length, each other in the middle of its neighbours.
+    The rim lies on the circle by arc length, each other vertex in the middle of its neighbours.
 
     Source: Tutte, "How to draw a graph", Proc. London Math. Soc. 13 (1963).
     """
     lengths = np.linalg.norm(np.roll(vertices[:rim], -1, axis=0) - vertices[:rim], axis=1)
     angle = 2 * np.pi * np.concatenate([[0.0], np.cumsum(lengths)[:-1]]) / lengths.sum()
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.asarray(harmonic_extension(graph_laplacian(faces, len(vertices)), circle) @ np.array([1.0, 1.0j]))
+    points = harmonic_extension(graph_laplacian(faces), circle) @ np.array([1.0, 1.0j])
+    return Patch(vertices=vertices, faces=faces, boundary_size=rim, points=points)

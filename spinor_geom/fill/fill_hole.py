@@ -5,19 +5,20 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
-from spinor_geom.errors import ImperfectFillWarning, OptionError
-from spinor_geom.fill.border import LongBorders
+from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError
+from spinor_geom.fill.border import refuse_long_border
 from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open, with_corners_of
 from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
-from spinor_geom.fill.one_loop import FillOptions, refusal, require_positive
+from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole, require_positive, unfilled
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.stitch import RimEdges, joined, stitch
+from spinor_geom.fill.stitch import joined, stitch
+from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
@@ -25,8 +26,27 @@ from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.threads import one_thread
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 MeshT = TypeVar("MeshT")
 _MOST_TOLD = 5  # shortcomings in one warning
+
+
+class _Rest(TypedDict, total=False):
+    """The options of `fill_hole` on which its type does not depend."""
+
+    bridge: Sequence[int] | None
+    islands: Islands
+    continuity: Continuity
+    keep_largest: bool
+    max_perimeter: float | None
+    target_edge_length: float | Literal["auto"]
+    model: Model
+    tolerance: float
+    time_limit: float
+    on_loop: Callable[[LoopOutcome, int], None] | None
+    on_stage: Callable[[int, str], None] | None
 
 
 @overload
@@ -34,72 +54,24 @@ def fill_hole(
     mesh: str | os.PathLike[str],
     loop: LoopChoice = "all",
     *,
-    bridge: Sequence[int] | None = None,
-    islands: Islands = "ignore",
-    continuity: Continuity = "C0",
-    keep_largest: bool = False,
-    max_perimeter: float | None = None,
-    target_edge_length: float | Literal["auto"] = "auto",
-    model: Model = "auto",
-    tolerance: float = 1e-3,
-    time_limit: float = 20.0,
     return_report: Literal[False] = False,
-    on_loop: Callable[[LoopOutcome, int], None] | None = None,
-    on_stage: Callable[[int, str], None] | None = None,
+    **options: Unpack[_Rest],
 ) -> MeshFile: ...
 @overload
 def fill_hole(
     mesh: str | os.PathLike[str],
     loop: LoopChoice = "all",
     *,
-    bridge: Sequence[int] | None = None,
-    islands: Islands = "ignore",
-    continuity: Continuity = "C0",
-    keep_largest: bool = False,
-    max_perimeter: float | None = None,
-    target_edge_length: float | Literal["auto"] = "auto",
-    model: Model = "auto",
-    tolerance: float = 1e-3,
-    time_limit: float = 20.0,
     return_report: Literal[True],
-    on_loop: Callable[[LoopOutcome, int], None] | None = None,
-    on_stage: Callable[[int, str], None] | None = None,
+    **options: Unpack[_Rest],
 ) -> tuple[MeshFile, FillResult]: ...
 @overload
 def fill_hole(
-    mesh: MeshT,
-    loop: LoopChoice = "all",
-    *,
-    bridge: Sequence[int] | None = None,
-    islands: Islands = "ignore",
-    continuity: Continuity = "C0",
-    keep_largest: bool = False,
-    max_perimeter: float | None = None,
-    target_edge_length: float | Literal["auto"] = "auto",
-    model: Model = "auto",
-    tolerance: float = 1e-3,
-    time_limit: float = 20.0,
-    return_report: Literal[False] = False,
-    on_loop: Callable[[LoopOutcome, int], None] | None = None,
-    on_stage: Callable[[int, str], None] | None = None,
+    mesh: MeshT, loop: LoopChoice = "all", *, return_report: Literal[False] = False, **options: Unpack[_Rest]
 ) -> MeshT: ...
 @overload
 def fill_hole(
-    mesh: MeshT,
-    loop: LoopChoice = "all",
-    *,
-    bridge: Sequence[int] | None = None,
-    islands: Islands = "ignore",
-    continuity: Continuity = "C0",
-    keep_largest: bool = False,
-    max_perimeter: float | None = None,
-    target_edge_length: float | Literal["auto"] = "auto",
-    model: Model = "auto",
-    tolerance: float = 1e-3,
-    time_limit: float = 20.0,
-    return_report: Literal[True],
-    on_loop: Callable[[LoopOutcome, int], None] | None = None,
-    on_stage: Callable[[int, str], None] | None = None,
+    mesh: MeshT, loop: LoopChoice = "all", *, return_report: Literal[True], **options: Unpack[_Rest]
 ) -> tuple[MeshT, FillResult]: ...
 def fill_hole(
     mesh: Any,
@@ -200,23 +172,16 @@ def fill_hole(
     joins = planned_joins(triangles, loops, wanted, islands, bridge)
     clock.lap("loops")
     with one_thread():
-        taken = RimEdges(triangles, loops)
+        surroundings = Surroundings(triangles, loops)
+        left_open = {place: unfilled(place, loops[place], reason) for place, reason in reasons.items()}
         alone = [place for place in wanted if place not in joins.alone]
-        refused = {place: error for place in alone if (error := refusal(loops[place], taken)) is not None}
-        if not options.fills_borders:
-            borders = LongBorders(triangles, taken)
-            rims = [place for place in alone if place not in refused]
-            refused |= {place: error for place in rims if (error := borders.error(loops[place])) is not None}
+        for place in alone:
+            error = _refusal(loops[place], surroundings, options)
+            if error is not None:
+                left_open[place] = unfilled(place, loops[place], error)
+        surfaces = minimal_surfaces([loops[place] for place in alone if place not in left_open], options)
         outcomes, patches = fill_loops(
-            triangles,
-            loops,
-            minimal_surfaces([loops[place] for place in alone if place not in refused], options),
-            taken,
-            options,
-            on_loop,
-            reasons=reasons,
-            refusals=refused,
-            joins=joins,
+            surroundings, loops, surfaces, options, on_loop, left_open=left_open, joins=joins
         )
     clock.lap("fill")
     extension = stitch(triangles, patches)
@@ -236,6 +201,17 @@ def fill_hole(
         return filled, result
     _warn_of(result.shortcomings)
     return filled
+
+
+def _refusal(loop: BoundaryLoop, surroundings: Surroundings, options: FillOptions) -> SpinorGeomError | None:
+    """Why nothing is tried for a loop, or None."""
+    try:
+        refuse_what_is_no_hole(loop, surroundings.taken)
+        if not options.fills_borders:
+            refuse_long_border(surroundings, loop)
+    except SpinorGeomError as error:
+        return error
+    return None
 
 
 def _warn_of(shortcomings: Sequence[str]) -> None:

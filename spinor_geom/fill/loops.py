@@ -14,7 +14,7 @@ from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
-from spinor_geom.plateau.plane_route import is_plane
+from spinor_geom.plateau.plane_route import lie_in_plane
 
 LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 
@@ -65,15 +65,7 @@ def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:
 
 def with_corners_of(given: BoundaryLoop, own: BoundaryLoop) -> BoundaryLoop:
     """A mesh's own loop from the start and with the corners that a caller gave it."""
-    return BoundaryLoop(
-        points=given.points,
-        vertex_ids=given.vertex_ids,
-        corners=given.corners,
-        slit_fraction=own.slit_fraction,
-        seam_edges=own.seam_edges,
-        obstacle=own.obstacle,
-        remarks=own.remarks,
-    )
+    return replace(own, points=given.points, vertex_ids=given.vertex_ids, corners=given.corners)
 
 
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
@@ -86,17 +78,17 @@ def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
         tolerance: RMS distance from Γ, in mean edges.
     """
     seen = np.array_equal(loop.corners, detect_corners(loop.points))
-    if not loop.corners.any() or not seen or is_plane(loop, allowed=tolerance * loop.mean_edge_length / loop.diagonal):
+    if (
+        not loop.corners.any()
+        or not seen
+        or lie_in_plane([loop], allowed=tolerance * loop.mean_edge_length / loop.diagonal)
+    ):
         return loop
     return replace(loop, corners=np.zeros(len(loop), dtype=bool))
 
 
 def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int]:
-    """The places of the loops that a choice names, ascending.
-
-    Args:
-        choice: "all", a place, several places, or one of the mesh's loops.
-        loops: all loops of the mesh.
+    """The places of the loops of a mesh that a choice names, ascending.
 
     Raises:
         LoopIndexError: a place does not exist.
@@ -123,14 +115,7 @@ def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int
 def reasons_to_leave_open(
     loops: Sequence[BoundaryLoop], places: Sequence[int], *, keep_largest: bool, max_perimeter: float | None
 ) -> dict[int, str]:
-    """For the place of every loop that the caller wants left open why.
-
-    Args:
-        loops: all loops of the mesh, longest perimeter first.
-        places: those that were chosen.
-        keep_largest: leaves the longest loop open.
-        max_perimeter: leaves longer loops open, in mesh units.
-    """
+    """For the place of every loop that the caller wants left open why; of all loops some places were chosen."""
     reasons: dict[int, str] = {}
     chosen = set(places)
     for place, loop in enumerate(loops):

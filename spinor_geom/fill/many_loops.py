@@ -6,46 +6,41 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from spinor_geom.errors import SheetBorderError, SpinorGeomError
+from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.bridge import Joins, fill_between
 from spinor_geom.fill.loops import free_rim
-from spinor_geom.fill.one_loop import FillOptions, fill_loop, unfilled
+from spinor_geom.fill.one_loop import FillOptions, fill_loop
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.stitch import LoopPatch, RimEdges
+from spinor_geom.fill.stitch import LoopPatch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau_batch
 
 
 def fill_loops(
-    mesh: TriangleMesh,
+    surroundings: Surroundings,
     loops: Sequence[BoundaryLoop],
     surfaces: Iterator[PlateauSolution | SpinorGeomError],
-    taken: RimEdges,
     options: FillOptions,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
     *,
-    reasons: Mapping[int, str] | None = None,
-    refusals: Mapping[int, SpinorGeomError] | None = None,
+    left_open: Mapping[int, LoopOutcome] | None = None,
     joins: Joins | None = None,
 ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
     """One outcome for every loop, and the patches of those that are filled.
 
     Args:
-        mesh: the mesh.
+        surroundings: the mesh; takes the patches.
         loops: all of its loops.
         surfaces: for each loop that is to be filled by itself, in order, its surface, or why it has none.
-        taken: edges that no patch may have; takes those of the patches.
         options: of the call.
         on_loop: is called after each loop that was asked for, with its outcome and their number.
-        reasons: of the loops that the caller wants left open, by their places.
-        refusals: of the loops that were asked for and are no holes, by their places.
+        left_open: outcomes of the loops that nothing is tried for, by their places.
         joins: what is joined to what; by default nothing.
     """
-    reasons, refusals, joins = reasons or {}, refusals or {}, joins or Joins()
-    surroundings = Surroundings(mesh)
+    left_open, joins = left_open or {}, joins or Joins()
+    asked = len(loops) - sum(not _was_asked(outcome) for outcome in left_open.values())
     outcomes: dict[int, LoopOutcome] = {}
     patches: list[LoopPatch] = []
     for place, loop in enumerate(loops):
@@ -53,16 +48,12 @@ def fill_loops(
             continue
         patch: LoopPatch | None = None
         done: tuple[LoopOutcome, ...]
-        if place in reasons:
-            outcomes[place] = unfilled(place, loop, reasons[place], requested=False)
-            continue
-        if place in refusals:
-            error = refusals[place]
-            done = (unfilled(place, loop, str(error), is_border=isinstance(error, SheetBorderError)),)
+        if place in left_open:
+            done = (left_open[place],)
         elif place in joins.others:
-            done, patch = fill_between(mesh, (place, *joins.others[place]), loops, taken, surroundings, options)
+            done, patch = fill_between(surroundings, (place, *joins.others[place]), loops, options)
         else:
-            outcome, patch = fill_loop(mesh, place, loop, partial(next, surfaces), taken, surroundings, options)
+            outcome, patch = fill_loop(surroundings, place, loop, partial(next, surfaces), options)
             done = (outcome,)
         if place in joins.notes and done[0].filled:
             done = (replace(done[0], remarks=(*done[0].remarks, joins.notes[place])), *done[1:])
@@ -70,9 +61,13 @@ def fill_loops(
             patches.append(patch)
         for outcome in done:
             outcomes[outcome.index] = outcome
-            if on_loop is not None:
-                on_loop(outcome, len(loops) - len(reasons))
+            if on_loop is not None and _was_asked(outcome):
+                on_loop(outcome, asked)
     return [outcomes[place] for place in range(len(loops))], patches
+
+
+def _was_asked(outcome: LoopOutcome) -> bool:
+    return outcome.requested or outcome.is_border
 
 
 def minimal_surfaces(

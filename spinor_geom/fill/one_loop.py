@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import (
@@ -26,19 +25,17 @@ from spinor_geom.errors import (
     ZeroWidthSlitError,
 )
 from spinor_geom.fill.attributes import patch_attributes
-from spinor_geom.fill.border import MOST_FOLDED_BACK
+from spinor_geom.fill.border import refuse_border
 from spinor_geom.fill.clock import Clock
-from spinor_geom.fill.continuation import Start
 from spinor_geom.fill.continuity import CONTINUITY, Continuity
 from spinor_geom.fill.discrete_patch import discrete_patch, strip_patch
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.smooth_patch import Finished, continued
-from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim, patch_chords
+from spinor_geom.fill.smooth_patch import MadePatch, continued
+from spinor_geom.fill.stitch import LoopPatch, RimEdges
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.meshing.embed import Patch, mesh_patch
+from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.options import Model, require_model
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -89,13 +86,7 @@ class FillOptions:
 
 
 def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
-    """Checks an option.
-
-    Args:
-        name: of the option.
-        value: what was given.
-        finite: whether infinity is refused.
-        instead: what else it may be, for the message.
+    """Checks an option; `instead` says what else it may be.
 
     Raises:
         OptionError: the value is not a positive number.
@@ -106,28 +97,23 @@ def require_positive(name: str, value: Any, *, finite: bool = True, instead: str
 
 
 def fill_loop(
-    mesh: TriangleMesh,
+    surroundings: Surroundings,
     place: int,
     loop: BoundaryLoop,
     answer: Callable[[], PlateauSolution | SpinorGeomError],
-    taken: RimEdges,
-    surroundings: Surroundings,
     options: FillOptions,
     *,
     others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
 ) -> tuple[LoopOutcome, LoopPatch | None]:
     """The patch of one loop, or from it to others, or the reason why it has none.
 
-    Where one loop has no exact surface, or none that follows it, its patch is discrete. A patch joins what is taken and
-    the surroundings.
+    Where one loop has no exact surface, or none that follows it, its patch is discrete. A patch joins the surroundings.
 
     Args:
-        mesh: the mesh.
-        place: the loop's.
-        loop: the loop.
+        surroundings: the mesh.
+        place: of the loop.
+        loop: at that place.
         answer: gives the loop's minimal surface, or the reason why it has none.
-        taken: edges that the patch must not have.
-        surroundings: what the patch may cross.
         options: of the call.
         others: the other loops of a bridge, by their places.
 
@@ -138,70 +124,57 @@ def fill_loop(
     options.on_stage(place, "exact surface")
     found = answer()
     clock.lap("solve")
-    solution = found if isinstance(found, PlateauSolution) else None
     try:
         options.on_stage(place, "mesh")
-        made = _patch_over(place, loop, found, options, tuple(others.values()))
-        rim = np.concatenate([one.vertex_ids for one in made.rims])
-        patch, split = fit_to_rim(rim, made.patch, taken, made.middles)
+        made = _patch_over(place, loop, found, options, tuple(others.values())).joinable(surroundings)
         clock.lap("mesh")
         options.on_stage(place, "crossings")
-        crossings = surroundings.crossings(patch)
+        made = replace(made, crossings=surroundings.crossings(made.patch))
         clock.lap("crossings")
+        if not options.fills_borders and len(made.crossings.mesh):
+            refuse_border(surroundings, made.rim, made.patch)
+        if options.continuity == "C1":
+            options.on_stage(place, "continuation")
+            with time_limit(options.time_limit):
+                made = continued(made, target_length(made.rims, options), surroundings)
+            clock.lap("continuation")
     except TooManyPointsError:
         raise
     except SpinorGeomError as error:
         clock.lap("failed")
-        return unfilled(place, loop, str(error), solution=solution, joined_to=joined_to, timings=clock.laps()), None
-    if not options.fills_borders and len(crossings.mesh):
-        folded = taken.share_folded_back(mesh, rim, patch)
-        if folded > MOST_FOLDED_BACK:
-            border = SheetBorderError(folded=folded, crossed=len(crossings.mesh))
-            return (
-                unfilled(place, loop, str(border), solution=solution, is_border=True, timings=clock.laps()),
-                None,
-            )
-    last = Finished(patch=patch, edges_split=split, crossings=crossings)
-    if options.continuity == "C1":
-        options.on_stage(place, "continuation")
-        with time_limit(options.time_limit):
-            target = target_length(made.rims, options)
-            last = continued(last, rim, target, taken, surroundings, started_from=made.kind)
-        clock.lap("continuation")
-        if made.kind == "strip" and last.continuation is None:
-            reason = "; ".join([made.reason, *last.remarks])
-            return unfilled(place, loop, reason, joined_to=joined_to, timings=clock.laps()), None
+        solution = found if isinstance(found, PlateauSolution) else None
+        return unfilled(place, loop, error, solution=solution, joined_to=joined_to, timings=clock.laps()), None
+    patch, is_smooth = made.patch, made.continuation is not None
     attributes = patch_attributes(
-        mesh.vertex_attributes,
-        rim,
-        last.patch,
-        None if made.solution is None or last.continuation is not None else made.solution.surface,
+        surroundings.mesh.vertex_attributes,
+        made.rim,
+        patch,
+        None if made.solution is None or is_smooth else made.solution.surface,
         is_planned=made.solution is not None,
-        labels=mesh.labels,
+        labels=surroundings.mesh.labels,
     )
     clock.lap("attributes")
-    surroundings.join(last.patch)
-    taken.take(rim[patch_chords(last.patch)])
+    surroundings.join(patch, made.rim)
     outcome = LoopOutcome(
         index=place,
         loop=loop,
         requested=True,
         filled=True,
-        reason=made.reason if last.continuation is None else last.continuation.reason,
+        reason=made.reason,
         solution=made.solution,
-        patch=last.patch,
-        continuation=last.continuation,
+        patch=patch,
+        continuation=made.continuation,
         joined_to=joined_to,
-        vertices_added=len(last.patch.vertices) - last.patch.boundary_size,
-        faces_added=len(last.patch.faces),
-        edges_split=last.edges_split,
-        self_intersections=len(last.crossings.own),
-        mesh_intersections=len(last.crossings.mesh),
-        patch_intersections=len(last.crossings.patches),
-        remarks=(*loop.remarks, *last.remarks, *last.crossings.notes),
+        vertices_added=len(patch.vertices) - patch.boundary_size,
+        faces_added=len(patch.faces),
+        edges_split=made.edges_split,
+        self_intersections=len(made.crossings.own),
+        mesh_intersections=len(made.crossings.mesh),
+        patch_intersections=len(made.crossings.patches),
+        remarks=(*loop.remarks, *made.remarks, *made.crossings.notes),
         timings=clock.laps(),
     )
-    return outcome, LoopPatch(place=place, rim=rim, patch=last.patch, attributes=attributes)
+    return outcome, LoopPatch(place=place, rim=made.rim, patch=patch, attributes=attributes)
 
 
 def target_length(loops: Sequence[BoundaryLoop], options: FillOptions) -> float:
@@ -214,50 +187,26 @@ def target_length(loops: Sequence[BoundaryLoop], options: FillOptions) -> float:
 def unfilled(
     place: int,
     loop: BoundaryLoop,
-    reason: str,
+    why: str | SpinorGeomError,
     *,
-    requested: bool = True,
-    is_border: bool = False,
     solution: PlateauSolution | None = None,
     joined_to: int | None = None,
     timings: Mapping[str, float] | None = None,
 ) -> LoopOutcome:
-    """The outcome of a loop that is left open."""
+    """The outcome of a loop that is left open: an error says why, or in words the caller's wish."""
+    is_refused, is_border = isinstance(why, SpinorGeomError), isinstance(why, SheetBorderError)
     return LoopOutcome(
         index=place,
         loop=loop,
-        requested=requested and not is_border,
+        requested=is_refused and not is_border,
         filled=False,
-        reason=reason,
+        reason=str(why),
         is_border=is_border,
         solution=solution,
         joined_to=joined_to,
-        remarks=loop.remarks if requested else (),
+        remarks=loop.remarks if is_refused else (),
         timings=timings or {},
     )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Made:
-    """A patch, its loops, the surface that it is a mesh of, and why it is not what was asked for."""
-
-    patch: Patch
-    rims: Sequence[BoundaryLoop]
-    solution: PlateauSolution | None
-    reason: str
-
-    @property
-    def kind(self) -> Start:
-        """What the patch is."""
-        if self.solution is not None:
-            return "minimal"
-        return "strip" if self.patch.hole_sizes else "discrete"
-
-    def middles(self, patch: Patch, chords: Int[np.ndarray, "c 2"]) -> Float[np.ndarray, "c 3"]:
-        """Positions halfway along chords: on the surface, halfway in Ω, where there is one."""
-        if self.solution is None:
-            return np.asarray(patch.vertices[chords].mean(axis=1))
-        return np.asarray(self.solution.surface.position(patch.points[chords].mean(axis=1)), dtype=np.float64)
 
 
 def _patch_over(
@@ -266,7 +215,7 @@ def _patch_over(
     found: PlateauSolution | SpinorGeomError,
     options: FillOptions,
     others: tuple[BoundaryLoop, ...],
-) -> _Made:
+) -> MadePatch:
     """The mesh of an exact surface; without one a discrete patch, or between two loops a strip to be continued."""
     try:
         if isinstance(found, SpinorGeomError):
@@ -277,17 +226,19 @@ def _patch_over(
     except SpinorGeomError as error:
         if others and (options.continuity == "C0" or len(others) > 1 or not isinstance(error, SurfaceError)):
             raise
-        reason = error
+        reason = str(error)
     rims = (loop, *others)
     target = target_length(rims, options)
     if others:
-        return _Made(patch=strip_patch(loop, others[0], target), rims=rims, solution=None, reason=str(reason))
-    options.on_stage(place, "discrete surface")
-    patch, what = discrete_patch(loop, target, seconds=options.time_limit)
-    return _Made(patch=patch, rims=rims, solution=None, reason=f"{what}, because: {reason}")
+        patch = strip_patch(loop, others[0], target)
+    else:
+        options.on_stage(place, "discrete surface")
+        patch, what = discrete_patch(loop, target, seconds=options.time_limit)
+        reason = f"{what}, because: {reason}"
+    return MadePatch(patch=patch, rims=rims, solution=None, reason=reason)
 
 
-def _exact_patch(loop: BoundaryLoop, solution: PlateauSolution, options: FillOptions) -> _Made:
+def _exact_patch(loop: BoundaryLoop, solution: PlateauSolution, options: FillOptions) -> MadePatch:
     if not solution.boundary_residual.rms_per_edge <= MAX_RESIDUAL_PER_EDGE:
         raise SurfaceError(f"no surface was found that follows the loop; the best: {solution.reason}")
     refuse_empty(loop, 2 * solution.area / loop.perimeter)
@@ -295,16 +246,7 @@ def _exact_patch(loop: BoundaryLoop, solution: PlateauSolution, options: FillOpt
     if not np.isfinite(patch.vertices).all():
         raise SurfaceError("the surface that was found is not finite everywhere")
     rims = [match.loop for match in solution.rims]
-    return _Made(patch=patch, rims=rims, solution=solution, reason="" if solution.converged else solution.reason)
-
-
-def refusal(loop: BoundaryLoop, taken: RimEdges) -> SpinorGeomError | None:
-    """Why a loop bounds no hole, or None; see `refuse_what_is_no_hole`."""
-    try:
-        refuse_what_is_no_hole(loop, taken)
-    except SpinorGeomError as error:
-        return error
-    return None
+    return MadePatch(patch=patch, rims=rims, solution=solution, reason="" if solution.converged else solution.reason)
 
 
 def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
@@ -339,11 +281,7 @@ def first_slit_edge(loop: BoundaryLoop) -> list[int]:
 
 
 def refuse_empty(loop: BoundaryLoop, width: float) -> None:
-    """Checks that a loop is wider than nothing.
-
-    Args:
-        loop: the loop.
-        width: of its hole, in mesh units.
+    """Checks that a loop's hole is wider than nothing, its width being in mesh units.
 
     Raises:
         NoAreaError: the width is below 1e-6 of the loop's mean edge.

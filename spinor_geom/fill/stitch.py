@@ -99,10 +99,7 @@ class RimEdges:
     def share_folded_back(self, mesh: TriangleMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> float:
         """The share of a rim's length along which a patch and the face beside it are less than 45° apart.
 
-        Args:
-            mesh: the mesh.
-            rim: mesh vertices of the patch's boundary vertices, each edge of them one of the mesh's.
-            patch: the patch.
+        Each edge between `rim`, the mesh vertices of the patch's boundary vertices, is one of the mesh's.
         """
         sides = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         apexes = np.roll(patch.faces, -2, axis=1).reshape(-1)
@@ -123,17 +120,8 @@ class RimEdges:
         return float(lengths[folded].sum() / lengths.sum())
 
 
-def split_chords(
-    patch: Patch,
-    chords: Int[np.ndarray, "c 2"],
-    middles: Middles,
-) -> Patch:
-    """Puts a new vertex in the middle (in Ω) of each chord and divides the chord's two triangles there.
-
-    Args:
-        patch: the patch.
-        chords: (c, 2) pairs of its rim vertices, each joined by an inner edge.
-        middles: gives the positions halfway along chords of a patch.
+def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], middles: Middles) -> Patch:
+    """Puts a new vertex in the middle (in Ω) of each chord, an inner edge, and divides its two triangles there.
 
     Returns:
         A patch with c more vertices, at its end, and 2c more faces, none of which has one of the chords as an edge.
@@ -154,23 +142,8 @@ def split_chords(
     )
 
 
-def fit_to_rim(
-    rim: Int[np.ndarray, " m"],
-    patch: Patch,
-    taken: RimEdges,
-    middles: Middles,
-) -> tuple[Patch, int]:
-    """Makes a patch joinable: chords on taken edges are split.
-
-    Args:
-        rim: mesh vertices of the patch's boundary vertices.
-        patch: the patch.
-        taken: the edges of the mesh and of the patches joined so far.
-        middles: gives the positions halfway along chords of a patch.
-
-    Returns:
-        The patch, and how many chords were split.
-    """
+def fit_to_rim(rim: Int[np.ndarray, " m"], patch: Patch, taken: RimEdges, middles: Middles) -> tuple[Patch, int]:
+    """A patch whose chords on taken edges are split, and how many were; `rim` are the mesh's vertices around it."""
     chords = patch_chords(patch)
     clash = taken.are_taken(rim[chords])
     if not clash.any():
@@ -182,13 +155,6 @@ def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:
     """The new vertices and faces that join patches to a mesh.
 
     Rim vertices are the mesh's own; inner vertices are appended patch by patch, and so are the faces.
-
-    Args:
-        mesh: the mesh with holes, V vertices.
-        patches: in the order in which they are appended.
-
-    Returns:
-        The extension; its faces index [V old vertices | new vertices].
     """
     vertices, faces, face_loops = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     count = len(mesh.vertices)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.fill.collar import FacesAround
+from spinor_geom.fill.stitch import RimEdges, patch_chords
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections
+from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 
@@ -37,13 +41,20 @@ class Crossings:
         return len(self.own) + len(self.mesh) + len(self.patches)
 
 
-class Surroundings:
-    """The faces of a mesh and of the patches joined to it so far, numbered as in the filled mesh."""
+NOTHING = Crossings(own=NO_PAIRS, mesh=NO_PAIRS, patches=NO_PAIRS, notes=())
 
-    def __init__(self, mesh: TriangleMesh) -> None:
-        """Starts with the mesh alone."""
-        self._whole = mesh
-        self._mesh = _Piece(mesh.vertices, mesh.faces, start=0)
+
+class Surroundings:
+    """A mesh and the patches joined to it so far: their faces, numbered as in the filled mesh, and their rim edges.
+
+    Attributes:
+        mesh: the mesh.
+        taken: edges that no further patch may have.
+    """
+
+    def __init__(self, mesh: TriangleMesh, loops: Iterable[BoundaryLoop] = ()) -> None:
+        """Starts with the mesh alone; `loops` are those that may be filled."""
+        self.mesh, self.taken = mesh, RimEdges(mesh, loops)
         self._patches: list[_Piece] = []
         # their boxes, with room for as many again: rows are low and high corners
         self._boxes = np.empty((16, 6))
@@ -52,7 +63,16 @@ class Surroundings:
     @cached_property
     def faces_around(self) -> FacesAround:
         """The mesh's faces at its vertices."""
-        return FacesAround(self._whole)
+        return FacesAround(self.mesh)
+
+    @cached_property
+    def angles(self) -> Float[np.ndarray, " n"]:
+        """Sum of the angles of the mesh's faces at each vertex, in radians."""
+        return vertex_angles(self.mesh.vertices, self.mesh.faces)
+
+    @cached_property
+    def _mesh_piece(self) -> _Piece:
+        return _Piece(self.mesh.vertices, self.mesh.faces, start=0)
 
     def crossings(self, patch: Patch) -> Crossings:
         """What a patch would cross of itself and of all that is there."""
@@ -60,7 +80,7 @@ class Surroundings:
         own = NO_PAIRS
         if patch.hole_sizes or not is_graph(new.vertices, new.faces, patch.boundary_size):
             own = self_intersections(new.vertices, new.faces) + new.start
-        mesh = new.crossings(self._mesh)
+        mesh = new.crossings(self._mesh_piece)
         boxes = self._boxes[: len(self._patches)].T
         near = _meeting(boxes[:3], boxes[3:], new)
         patches = np.concatenate([NO_PAIRS, *(new.crossings(self._patches[k]) for k in near)])
@@ -68,8 +88,9 @@ class Surroundings:
         notes = tuple(_sentence(what, pairs, new) for what, pairs in found if len(pairs))
         return Crossings(own=own, mesh=mesh, patches=patches, notes=notes)
 
-    def join(self, patch: Patch) -> None:
-        """Adds a patch."""
+    def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> None:
+        """Adds a patch whose boundary vertices are those of the mesh in `rim`."""
+        self.taken.take(rim[patch_chords(patch)])
         new = _Piece(patch.vertices, np.asarray(patch.faces), start=self._count)
         if len(self._patches) == len(self._boxes):
             self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])

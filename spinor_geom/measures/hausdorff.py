@@ -80,9 +80,10 @@ def hausdorff_distance(
     """
     if len(faces_a) == 0 or len(faces_b) == 0:
         raise OptionError("a Hausdorff distance needs two meshes with at least one face each")
+    a, b = mesh_samples(vertices_a, faces_a, samples), mesh_samples(vertices_b, faces_b, samples)
     return HausdorffDistance(
-        forward=_one_sided(vertices_a, faces_a, vertices_b, faces_b, samples),
-        backward=_one_sided(vertices_b, faces_b, vertices_a, faces_a, samples),
+        forward=a.summary(distances_to_mesh(a.points, vertices_b, faces_b)),
+        backward=b.summary(distances_to_mesh(b.points, vertices_a, faces_a)),
     )
 
 
@@ -139,14 +140,3 @@ def distances_to_mesh(
     )
     # round-off may leave a tiny negative square where the meshes touch
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
-
-
-def _one_sided(
-    vertices: Float[np.ndarray, "na 3"],
-    faces: Int[np.ndarray, "fa 3"],
-    other_vertices: Float[np.ndarray, "nb 3"],
-    other_faces: Int[np.ndarray, "fb 3"],
-    samples: int,
-) -> OneSidedDistance:
-    here = mesh_samples(vertices, faces, samples)
-    return here.summary(distances_to_mesh(here.points, other_vertices, other_faces))

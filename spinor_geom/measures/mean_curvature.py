@@ -61,7 +61,9 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
     2-manifolds.
     """
     vertices = np.asarray(vertices, dtype=np.float64)
-    inner = inner_vertices(faces, len(vertices))
+    used = referenced_vertices(faces, vertices=len(vertices))
+    used[boundary_edges(faces)] = False
+    inner = np.flatnonzero(used)
     gradient = (cotangent_laplacian(vertices, faces) @ vertices)[inner]
     area = mass_matrix(vertices, faces, "voronoi").diagonal()[inner]
     normal = vertex_normals(vertices, faces)[inner]
@@ -76,10 +78,3 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
         return np.asarray(np.divide(magnitude, 2 * area, out=still, where=area > 0))
 
     return DiscreteMeanCurvature(vertices=inner, values=by_area(bend), tangential=by_area(across), areas=area)
-
-
-def inner_vertices(faces: Int[np.ndarray, "f 3"], count: int) -> Int[np.ndarray, " k"]:
-    """Vertices that some face uses and no boundary edge (an edge with one face) touches, ascending."""
-    inner = referenced_vertices(faces, vertices=count)
-    inner[boundary_edges(faces)] = False
-    return np.flatnonzero(inner)

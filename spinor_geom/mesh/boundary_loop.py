@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -81,14 +81,15 @@ class BoundaryLoop:
         count = len(coordinates)
         if count < 3:
             raise LoopTooShortError(points=count)
-        object.__setattr__(self, "points", coordinates)
-        object.__setattr__(self, "vertex_ids", frozen(vertex_ids, "integers", count, name="vertex_ids"))
-        object.__setattr__(self, "corners", frozen(corners, "truth values", count, name="corners"))
-        object.__setattr__(self, "slit_fraction", slit_fraction)
-        seams = frozen([] if seam_edges is None else seam_edges, "integers", None, 2, name="seam_edges")
-        object.__setattr__(self, "seam_edges", seams)
-        object.__setattr__(self, "obstacle", obstacle)
-        object.__setattr__(self, "remarks", remarks)
+        self.__dict__.update(
+            points=coordinates,
+            vertex_ids=frozen(vertex_ids, "integers", count, name="vertex_ids"),
+            corners=frozen(corners, "truth values", count, name="corners"),
+            slit_fraction=slit_fraction,
+            seam_edges=frozen([] if seam_edges is None else seam_edges, "integers", None, 2, name="seam_edges"),
+            obstacle=obstacle,
+            remarks=remarks,
+        )
 
     @classmethod
     def from_points(cls, points: ArrayLike, *, corners: Literal["auto"] | ArrayLike = "auto") -> BoundaryLoop:
@@ -126,14 +127,12 @@ class BoundaryLoop:
     def reversed(self) -> BoundaryLoop:
         """The same loop run the other way, from the same first point."""
         back = np.concatenate([[0], np.arange(len(self) - 1, 0, -1)])
-        return BoundaryLoop(
+        return replace(
+            self,
             points=self.points[back],
             vertex_ids=self.vertex_ids[back],
             corners=self.corners[back],
-            slit_fraction=self.slit_fraction,
             seam_edges=self.seam_edges[:, ::-1],
-            obstacle=self.obstacle,
-            remarks=self.remarks,
         )
 
     @cached_property
@@ -177,16 +176,14 @@ class BoundaryLoop:
 
         The normal is on the side of `area_vector`; a loop on a line has any plane through that line.
         """
-        spread = self._principal_spread
-        normal = spread.axes[2]
-        if normal @ self.area_vector < 0:
-            normal = -normal
-        return Plane(centroid=self.centroid, normal=normal, rms_distance=spread.deviations[2])
+        axes, deviations = self._principal_spread
+        normal = -axes[2] if axes[2] @ self.area_vector < 0 else axes[2]
+        return Plane(centroid=self.centroid, normal=normal, rms_distance=float(deviations[2]))
 
     @cached_property
     def elongation(self) -> float:
         """Longest side over second longest side of the points' box along their principal axes, ≥ 1; ∞ on a line."""
-        sides = np.sort(np.ptp((self.points - self.centroid) @ self._principal_spread.axes.T, axis=0))
+        sides = np.sort(np.ptp((self.points - self.centroid) @ self._principal_spread[0].T, axis=0))
         return float(sides[2] / sides[1]) if sides[1] > 0 else float("inf")
 
     @cached_property
@@ -198,18 +195,11 @@ class BoundaryLoop:
         return weights
 
     @cached_property
-    def _principal_spread(self) -> _PrincipalSpread:
+    def _principal_spread(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
+        """Principal axes as rows, widest first, and the root mean squared deviation along each."""
         centred = (self.points - self.centroid) * np.sqrt(self._point_weights)[:, None]
         _, deviations, axes = np.linalg.svd(centred, full_matrices=False)
-        return _PrincipalSpread(axes=axes, deviations=tuple(float(deviation) for deviation in deviations))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _PrincipalSpread:
-    """Principal axes as rows, widest first, and the root mean squared deviation along each."""
-
-    axes: Float[np.ndarray, "3 3"]
-    deviations: tuple[float, ...]
+        return axes, deviations
 
 
 def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:

@@ -13,30 +13,21 @@ from spinor_geom.mesh.sheets import Sheets
 
 
 class FaceDefects:
-    """The defects of a mesh, to be asked for loop by loop; clean loops cost nothing."""
+    """The defects of a mesh, to be asked for loop by loop and its half-edges; clean loops cost nothing."""
 
     def __init__(self, faces: Int[np.ndarray, "f 3"], sheets: Sheets) -> None:
         """Looks at the faces of a mesh and the sheets in which they hang together."""
         self._faces, self._sheets = faces, sheets
 
     def obstacle(self, half_edges: Int[np.ndarray, " m"]) -> MeshError | None:
-        """Why a loop along half-edges can have no patch: an edge of it has several faces already.
-
-        Args:
-            half_edges: along which the loop runs.
-        """
+        """Why a loop along half-edges can have no patch: an edge of it has several faces already."""
         if self._at_crowded_edge is None:
             return None
         crowded = self._sheets.half_edges.counts[self._edge_of[half_edges]] > 2
         return self._crowded_edge(int(half_edges[np.argmax(crowded)])) if crowded.any() else None
 
     def remarks(self, vertices: Int[np.ndarray, " m"], half_edges: Int[np.ndarray, " m"]) -> tuple[str, ...]:
-        """What is to be said of the faces that touch a loop, a sentence each.
-
-        Args:
-            vertices: of the loop.
-            half_edges: along which it runs, the first from its first vertex to its second or back.
-        """
+        """What is to be said of the faces that touch a loop, a sentence each; it starts along its first half-edge."""
         flipped = half_edges[self._sheets.half_edges.origin[half_edges] == vertices]
         return (*self._flipped(flipped, len(half_edges)), *self._others(vertices, half_edges))
 

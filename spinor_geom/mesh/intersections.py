@@ -8,6 +8,7 @@ has no inside and crosses nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -112,17 +113,11 @@ def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
     """
     if _is_star(points):
         return np.zeros((0, 2), dtype=np.int64)
-    ends = np.roll(points, -1, axis=0)
-    tolerance = MEETING_PER_DIAGONAL * np.linalg.norm(np.ptp(points, axis=0))
-    tolerance += 4 * np.finfo(np.float64).eps * np.abs(points).max()
-    first, second = edges_with_near_boxes(points, ends, float(tolerance))
-    step = second - first
-    apart = (step > 1) & (step < len(points) - 1)
-    first, second = first[apart], second[apart]
-    meet = _segment_distances(points[first], ends[first], points[second], ends[second]) <= tolerance
-    folded = _folds(points, float(tolerance))
-    neighbours = np.stack([(folded - 1) % len(points), folded], axis=1)
-    return _sorted(np.concatenate([np.stack([first[meet], second[meet]], axis=1), np.sort(neighbours, axis=1)]))
+    m = len(points)
+    pairs, tolerance = _meeting_edges(points, np.roll(points, -1, axis=0), lambda i, j: (j - i > 1) & (j - i < m - 1))
+    folded = _folds(points, tolerance)
+    neighbours = np.stack([(folded - 1) % m, folded], axis=1)
+    return _sorted(np.concatenate([pairs, np.sort(neighbours, axis=1)]))
 
 
 def crossings_between(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "k 2"]:
@@ -137,13 +132,20 @@ def crossings_between(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray
     """
     starts = np.concatenate([points, others])
     ends = np.concatenate([np.roll(points, -1, axis=0), np.roll(others, -1, axis=0)])
-    tolerance = MEETING_PER_DIAGONAL * np.linalg.norm(np.ptp(starts, axis=0))
-    tolerance += 4 * np.finfo(np.float64).eps * np.abs(starts).max()
-    first, second = edges_with_near_boxes(starts, ends, float(tolerance))
-    between = (first < len(points)) & (second >= len(points))
-    first, second = first[between], second[between]
-    meet = _segment_distances(starts[first], ends[first], starts[second], ends[second]) <= tolerance
-    return _sorted(np.stack([first[meet], second[meet] - len(points)], axis=1))
+    pairs, _ = _meeting_edges(starts, ends, lambda i, j: (i < len(points)) & (j >= len(points)))
+    return _sorted(pairs - [0, len(points)])
+
+
+def _meeting_edges(
+    starts: Float[np.ndarray, "m 3"], ends: Float[np.ndarray, "m 3"], wanted: Callable[..., Bool[np.ndarray, " k"]]
+) -> tuple[Int[np.ndarray, "k 2"], float]:
+    """Those of the wanted pairs i < j of edges whose distance is zero to round-off, and what that is in mesh units."""
+    tolerance = MEETING_PER_DIAGONAL * float(np.linalg.norm(np.ptp(starts, axis=0)))
+    tolerance += 4 * float(np.finfo(np.float64).eps * np.abs(starts).max())
+    i, j = edges_with_near_boxes(starts, ends, tolerance)
+    pairs = np.stack([i, j], axis=1)[wanted(i, j)]
+    i, j = pairs.T
+    return pairs[_segment_distances(starts[i], ends[i], starts[j], ends[j]) <= tolerance], tolerance
 
 
 def require_simple(loop: BoundaryLoop) -> None:
@@ -174,25 +176,21 @@ def _cross(u: Float[np.ndarray, "k 3"], v: Float[np.ndarray, "k 3"]) -> Float[np
 def _neighbours_not_separated(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces with common vertices, but for those that a plane separates up to what they have in common.
+    """Pairs of faces with common vertices, but for those of which one has the rest of the other on one side of it.
 
-    Tried are each face's own plane and those across it through its sides; few pairs are left for exact predicates.
+    Few are left for exact predicates.
     """
     pairs, others = _neighbours(faces, vertices=len(vertices))
     triangles = vertices[faces]
     sides = np.roll(triangles, -1, axis=1) - triangles
     normals = _cross(sides[:, 0], sides[:, 1])
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    # through the sides of a thin face there is no plane of which the rest of the face is safely on one side
-    upright = np.where(((normals**2).sum(axis=1) > SEPARATION * longest**4)[:, None], normals, 0.0)
-    planes = [(0, normals, 3), (0, -normals, 3), *((k, _cross(sides[:, k], upright), 4) for k in range(3))]
-    for start, direction, power in planes:
-        for one, other in ((0, 1), (1, 0)):
-            face, beside = pairs[:, one], pairs[:, other]
-            heights = np.einsum("pi,pki->pk", direction[face], triangles[beside] - triangles[face, start][:, None])
-            limit = SEPARATION * np.maximum(longest[face], longest[beside])[:, None] ** power
-            left = ((heights > limit).sum(axis=1) < others) | (heights < -limit).any(axis=1)
-            pairs, others = pairs[left], others[left]
+    for one, other in ((0, 1), (1, 0)):
+        face, beside = pairs[:, one], pairs[:, other]
+        heights = np.einsum("pi,pki->pk", normals[face], triangles[beside] - triangles[face, :1])
+        limit = SEPARATION * np.maximum(longest[face], longest[beside])[:, None] ** 3
+        left = ((heights > limit).sum(axis=1) < others) & ((heights < -limit).sum(axis=1) < others)
+        pairs, others = pairs[left], others[left]
     return pairs
 
 

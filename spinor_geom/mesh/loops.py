@@ -40,8 +40,7 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
         return []
     rings = _split_at_repeated_vertices(_follow_boundary(sheets))
     points = mesh.vertices[rings.vertices]
-    overlaps = _find_overlaps(rings, points)
-    on_other = overlaps.on_other_ring
+    on_own, on_other = _find_overlaps(rings, points)
     if on_other.mean() > SOUP_FRACTION and np.logical_or.reduceat(on_other, rings.starts[:-1]).all():
         first = int(np.argmax(on_other))
         raise DuplicateVertexError(
@@ -49,7 +48,7 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
             count=int(on_other.sum()),
         )
     defects = FaceDefects(mesh.faces, sheets)
-    loops = [_boundary_loop(rings, points, overlaps, ring, defects) for ring in range(rings.count)]
+    loops = [_boundary_loop(rings, points, on_own, on_other, ring, defects) for ring in range(rings.count)]
     return sorted(loops, key=lambda loop: (-loop.perimeter, int(loop.vertex_ids[0])))
 
 
@@ -79,14 +78,6 @@ class _Rings:
         successor = np.arange(1, len(self.vertices) + 1)
         successor[self.starts[1:] - 1] = self.starts[:-1]
         return successor
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Overlaps:
-    """For each ring entry, whether the edge from it to its successor lies on another boundary edge."""
-
-    on_same_ring_reversed: Bool[np.ndarray, " n"]
-    on_other_ring: Bool[np.ndarray, " n"]
 
 
 def _follow_boundary(sheets: Sheets) -> _Rings:
@@ -183,8 +174,10 @@ def _simple_rings(vertices: Int[np.ndarray, " n"], entries: Int[np.ndarray, " k"
     return [np.roll(part, -int(np.argmin(vertices[part]))) for part in parts]
 
 
-def _find_overlaps(rings: _Rings, points: Float[np.ndarray, "n 3"]) -> _Overlaps:
-    """Which ring edges have the same two end positions as another ring edge."""
+def _find_overlaps(
+    rings: _Rings, points: Float[np.ndarray, "n 3"]
+) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Whether each ring edge lies on another of the same ring, run the other way, and whether on one of another."""
     place = coincident_vertices(points)
     start, end = place, place[rings.successor]
     forward = start < end
@@ -200,7 +193,7 @@ def _find_overlaps(rings: _Rings, points: Float[np.ndarray, "n 3"]) -> _Overlaps
     reversed_[shared] = on_ring > on_ring_same_way
     other = np.zeros(len(points), dtype=bool)
     other[shared] = on_edge[shared] > on_ring
-    return _Overlaps(on_same_ring_reversed=reversed_, on_other_ring=other)
+    return reversed_, other
 
 
 def _group_sizes(keys: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
@@ -210,19 +203,23 @@ def _group_sizes(keys: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 
 def _boundary_loop(
-    rings: _Rings, points: Float[np.ndarray, "n 3"], overlaps: _Overlaps, ring: int, defects: FaceDefects
+    rings: _Rings,
+    points: Float[np.ndarray, "n 3"],
+    on_own: Bool[np.ndarray, " n"],
+    on_other: Bool[np.ndarray, " n"],
+    ring: int,
+    defects: FaceDefects,
 ) -> BoundaryLoop:
     part = slice(rings.starts[ring], rings.starts[ring + 1])
     vertices, own = rings.vertices[part], points[part]
     lengths = np.linalg.norm(np.roll(own, -1, axis=0) - own, axis=1)
     perimeter = float(lengths.sum())
-    seam = overlaps.on_other_ring[part]
     return BoundaryLoop(
         points=own,
         vertex_ids=vertices,
         corners=detect_corners(own),
-        slit_fraction=float(lengths[overlaps.on_same_ring_reversed[part]].sum()) / perimeter if perimeter else 0.0,
-        seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[seam],
+        slit_fraction=float(lengths[on_own[part]].sum()) / perimeter if perimeter else 0.0,
+        seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[on_other[part]],
         obstacle=defects.obstacle(rings.half_edges[part]),
         remarks=defects.remarks(vertices, rings.half_edges[part]),
     )

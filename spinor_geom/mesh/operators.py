@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from spinor_geom.errors import SingularMatrixError
@@ -73,6 +73,14 @@ def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*
     return np.asarray(2 * np.arctan2(np.sqrt(top), np.sqrt(bottom)))
 
 
+def graph_laplacian(faces: Int[np.ndarray, "f 3"]) -> csc_array:
+    """The Laplacian of a mesh's edges, all of weight 1: factorable whatever shape the faces have."""
+    import igl
+
+    adjacent = csc_array(igl.adjacency_matrix(np.ascontiguousarray(faces, dtype=np.int64)), dtype=np.float64)
+    return csc_array(diags_array(adjacent.sum(axis=0)) - adjacent)
+
+
 def factor_symmetric(matrix: csc_array) -> SuperLU:
     """Sparse LU of a symmetric matrix without row exchanges: U's diagonal has the signs of the eigenvalues.
 
@@ -88,26 +96,18 @@ def factor_symmetric(matrix: csc_array) -> SuperLU:
 
 
 def mass_matrix(
-    vertices: Float[np.ndarray, "v d"],
-    faces: Int[np.ndarray, "f 3"],
-    kind: Literal["voronoi", "barycentric", "full"] = "voronoi",
+    vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"], kind: Literal["voronoi", "barycentric"]
 ) -> csc_array:
-    """The mass matrix M, (V, V), in squared mesh units; all its entries sum to the area.
+    """The diagonal mass matrix, (V, V): the area that belongs to each vertex, in squared mesh units.
 
-    "voronoi" and "barycentric" are diagonal: the area that belongs to each vertex, mixed Voronoi cells or a third of
-    each face; "full" is that of piecewise linear functions, uᵀMu = ∫u².
+    By mixed Voronoi cells, or a third of each face.
 
     Source: Meyer, Desbrun, Schröder & Barr (2003), Discrete differential-geometry operators for triangulated
     2-manifolds, for the mixed Voronoi cells.
     """
     import igl
 
-    kinds = {
-        "voronoi": igl.MASSMATRIX_TYPE_VORONOI,
-        "barycentric": igl.MASSMATRIX_TYPE_BARYCENTRIC,
-        "full": igl.MASSMATRIX_TYPE_FULL,
-    }
-    return csc_array(igl.massmatrix(*igl_arrays(vertices, faces), kinds[kind]))
+    return csc_array(igl.massmatrix(*igl_arrays(vertices, faces), getattr(igl, f"MASSMATRIX_TYPE_{kind.upper()}")))
 
 
 def face_areas(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
@@ -135,3 +135,8 @@ def internal_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "
     import igl
 
     return np.asarray(igl.internal_angles(*igl_arrays(vertices, faces)), dtype=np.float64)
+
+
+def vertex_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " v"]:
+    """Sum of the angles of the faces at each vertex, (V,), in radians."""
+    return np.bincount(faces.ravel(), internal_angles(vertices, faces).ravel(), minlength=len(vertices))

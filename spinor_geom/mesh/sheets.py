@@ -57,11 +57,7 @@ class Sheets:
         )
 
     def next_ends(self, half_edge: Int[np.ndarray, " n"], at_target: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Turns around an end of each given half-edge at which a sheet ends, to the next such half-edge there.
-
-        Args:
-            half_edge: half-edges without a twin.
-            at_target: around which end of each.
+        """Turns around an end of each given half-edge without a twin, to the next such half-edge there.
 
         Returns:
             2h for a half-edge h that was reached at its origin, 2h + 1 for one reached at its target.
@@ -85,13 +81,9 @@ def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
 
 
 def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces with the same three vertices, in whatever order; of several the first with or before each other.
+    """Pairs of faces with the same three different vertices, in whatever order: smaller number first, sorted.
 
-    Args:
-        half_edges: of faces with three different vertices.
-
-    Returns:
-        Smaller number first, sorted.
+    Of several the first is with each other, or each with the next.
     """
     # two faces are the same exactly if they share an edge and the vertex opposite to it
     a, b = half_edges.pairs.T

@@ -14,8 +14,8 @@ from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 _ONCE = 0.1
 # A flattening so many times as large as the surface tells nothing of distances inside.
 _MOST_STRETCHED = 1.2
-# Points that are taken back to the disk at once, to bound the memory.
-_AT_ONCE = 4096
+# Points that are taken back to the disk at once: their sums stay in the cache.
+_AT_ONCE = 256
 
 
 def is_unit_disk(domain: PlaneDomain) -> bool:

@@ -24,7 +24,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.corners import CornerPairs
-from spinor_geom.plateau.found import FoundBetween
+from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.network_route import (
     Budget,
@@ -130,7 +130,7 @@ class AnnulusNetworkSolver:
         """
         return nodes_on_cylinder(*self._discrete)
 
-    def found(self) -> FoundBetween:
+    def found(self) -> Found:
         """The minimal annulus that a discrete one leads to.
 
         Raises:
@@ -147,19 +147,21 @@ class AnnulusNetworkSolver:
             surface, astray = fitted_surface(fitted)
             closed = replace(fitted.fit, readout=fitted.stage.network.readout.detach())
             residual = independent_residual(fitted.stage, closed, points=points)
-        first, second = fitted.stage.matchings(closed)
-        return FoundBetween(
+        return Found(
             surface=surface,
-            order=start.order,
-            back=tuple(self.reverse and number == 1 for number in start.order),
-            matchings=(first, second),
+            curves=tuple(self.curves[number] for number in start.order),
+            matchings=tuple(fitted.stage.matchings(closed)),
             misfit=residual.misfit.and_astray(astray),
             area=surface.area(),
-            modulus=None,
-            antiperiodic=(start.is_antiperiodic,),
-            period=float(np.linalg.norm(surface.periods().real)),
             route="annular network",
             limit=limit_of(fitted, self.budget, self._turning),
+            between=Between(
+                order=start.order,
+                back=tuple(self.reverse and number == 1 for number in start.order),
+                modulus=None,
+                antiperiodic=(start.is_antiperiodic,),
+                period=float(np.linalg.norm(surface.periods().real)),
+            ),
         )
 
     @property

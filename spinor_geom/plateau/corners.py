@@ -18,13 +18,6 @@ from jaxtyping import Complex, Float
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain
 
-# A node stays this far in s from the corners of its side: Γ' there is that of its own side.
-_INSIDE = 1e-13
-# One move of Ω is at most this share of its diameter.
-_LARGEST_MOVE = 0.1
-# Relative ridge of the Gram matrix of the functions that fields are made of: they are nearly dependent.
-_RIDGE = 1e-10
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CornerPairs:
@@ -39,7 +32,8 @@ class CornerPairs:
             return np.broadcast_to([-np.inf, np.inf], (len(t), 2))
         ends = np.concatenate([self.s[-1:] - 1, self.s, self.s[:1] + 1])
         side = np.searchsorted(self.t, t, side="right")
-        return np.stack([ends[side] + _INSIDE, ends[side + 1] - _INSIDE], axis=1)
+        # not quite the corner: Γ′ there is that of the next side
+        return np.stack([ends[side] + 1e-13, ends[side + 1] - 1e-13], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,13 +86,13 @@ class ModulusFields:
         return cls(nodes=np.conj((g - middle) / size), vertices=np.conj((start[at_vertex] - middle) / size))
 
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
-        """Ω with its boundary's vertices moved.
+        """Ω with its boundary's vertices moved, at most by a tenth of its diameter.
 
         Raises:
             DomainError: the moved polygon is not simple.
         """
         move = self.vertices @ amounts
-        move *= min(1.0, _LARGEST_MOVE * domain.diameter / np.abs(move).max(initial=1e-300))
+        move *= min(1.0, 0.1 * domain.diameter / np.abs(move).max(initial=1e-300))
         return PlaneDomain.from_boundary(domain.boundary.vertices + move, domain.boundary.corners, domain.log_scale)
 
 
@@ -110,7 +104,7 @@ def _nearest_to_real(f: Complex[np.ndarray, "nodes n"], panels: Panels, count: i
     real = np.concatenate([along.real, -along.imag], axis=1)
     unreal = imaginary.T @ imaginary
     whole = unreal + real.T @ real
-    whole[np.diag_indices_from(whole)] *= 1 + _RIDGE
+    whole[np.diag_indices_from(whole)] *= 1 + 1e-10  # the functions are nearly dependent
     _, best = scipy.linalg.eigh(unreal, whole, subset_by_index=[0, count - 1])
     n = f.shape[1]
     return np.asarray(best[:n] + 1j * best[n:])

@@ -14,8 +14,8 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
+from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.first_fill import unfolded_loop
-from spinor_geom.discrete.minimal_surface import Disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError
@@ -31,7 +31,7 @@ from spinor_geom.plateau.lift import surface_of
 from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.roughness import is_rough
-from spinor_geom.plateau.solution import Iteration, RouteName
+from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import Steps
 
 # A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
@@ -248,18 +248,17 @@ class HarmonicSolver:
             surface = surface_of(lift, fit.form.boundary)
         n = len(disk.slide)
         return Found(
-            curve=self.curve,
+            curves=(self.curve,),
             surface=surface,
-            matching=np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),
+            matchings=(np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),),
             misfit=lift.misfit,
             area=lift.area,
             route=route,
-            history=tuple(self.steps.history),
             limit=fit.limit,
         )
 
     def _take(self, gradient: float) -> None:
-        self.steps.take(Iteration(index=len(self.steps.history) + 1, method="Douglas-Newton", residual=gradient))
+        self.steps.take("Douglas-Newton", gradient)
 
     @staticmethod
     def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[Fit]:

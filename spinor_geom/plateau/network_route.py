@@ -15,7 +15,8 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.discrete.minimal_surface import Disk, finer_disk
+from spinor_geom.discrete.area_descent import Disk
+from spinor_geom.discrete.minimal_surface import finer_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
@@ -117,13 +118,12 @@ class NetworkSolver:
             surface, astray = fitted_surface(fitted)
             area = surface.area()
         return Found(
-            curve=self.curve,
+            curves=(self.curve,),
             surface=surface,
-            matching=fitted.stage.matchings(fitted.fit)[0],
+            matchings=(fitted.stage.matchings(fitted.fit)[0],),
             misfit=fitted.residual.misfit.and_astray(astray),
             area=area,
             route="network",
-            history=fitted.history,
             limit=limit_of(fitted, self.budget, self._turning),
         )
 

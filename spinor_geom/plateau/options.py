@@ -80,6 +80,19 @@ class Options:
         # an unknown optimizer is refused at once
         _ = self.trainer
 
+    def require_rims(self, count: int) -> None:
+        """Checks that the model has surfaces over so many loops.
+
+        Raises:
+            OptionError: it has not.
+        """
+        if count == 1 and self.laurent is not None:
+            raise OptionError("Laurent series span two loops; use model='auto' or 'series' for one")
+        if count > 1 and self.trainer is not None:
+            raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
+        if count > 2 and not self.is_free and not self.is_series:
+            raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
+
     @property
     def cauchy(self) -> Cauchy:
         """Of the Cauchy network."""

@@ -1,4 +1,4 @@
-"""The plan for one loop: the routes to a minimal disk that are tried, in their order, and how they are run."""
+"""The plan for loops: the routes to a minimal surface that are tried, in their order, and how they are run."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from typing import Protocol
 import numpy as np
 
 from spinor_geom.deadline import is_out_of_time, require_time
-from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.discrete.area_descent import Disk
+from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
-from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.found import Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain, suits_unit_disk
 from spinor_geom.plateau.omega import NodeDensity
-from spinor_geom.plateau.plane_route import is_plane, plane_disk
+from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
+from spinor_geom.plateau.rims import obstacle
 from spinor_geom.plateau.roughness import ROUGH_TURN, roughness, roundest
-from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
 from spinor_geom.plateau.solutions import Beside, find_disks, leave_unstable
 from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.trained_route import Trainer
@@ -41,48 +43,74 @@ _LEFT = ("disk", "unfolded", "network")
 
 
 class Route(Protocol):
-    """A way from a loop to a minimal disk."""
+    """A way from loops to a minimal surface of one piece."""
 
-    def disk(self, task: Task) -> Found:
-        """The disk at unit size.
+    def surface(self, task: Task) -> Found:
+        """The surface at unit size.
 
         Raises:
             DomainError, FirstFillError, SingularMatrixError, SurfaceError: this way leads to none.
+            NoneBetweenError: there is none.
         """
         ...
 
 
 @dataclass(frozen=True)
 class InPlane:
-    """The region inside a plane loop."""
+    """The region inside a plane loop, or between plane loops."""
 
-    def disk(self, task: Task) -> Found:
-        """The region, which is the only minimal disk."""
-        return plane_disk(task.unit, task.curve, task.options.device, task.clock)
+    def surface(self, task: Task) -> Found:
+        """The region, which is the only minimal surface."""
+        return plane_region(task.units, task.curves, task.options.device, task.clock)
+
+
+@dataclass(frozen=True)
+class NoneBetween:
+    """Nowhere: no surface of one piece spans several loops.
+
+    Attributes:
+        reason: how it is known.
+    """
+
+    reason: str
+
+    def surface(self, task: Task) -> Found:
+        """Says so."""
+        raise NoneBetweenError(self.reason)
 
 
 @dataclass(frozen=True)
 class ThroughPoints:
-    """Through the points of a rough loop, with Γ between them left to the surface."""
+    """Through the points of rough loops, with Γ between them left to the surface."""
 
-    def disk(self, task: Task) -> Found:
-        """The disk next to a discrete one."""
+    def surface(self, task: Task) -> Found:
+        """The disk next to a discrete one, or the surface next to that over averages of several loops."""
+        if not task.is_disk:
+            return task.rims.through_points()
         solver = VertexSolver(
             loop=task.unit,
             allowed=task.allowed,
-            max_steps=task.steps.limit,
+            steps=task.steps,
             device=task.options.device,
             clock=task.clock,
-            on_iteration=task.steps.take,
         )
-        return solver.found(tuple(task.steps.history))
+        return solver.found()
+
+
+@dataclass(frozen=True)
+class OnCircles:
+    """Douglas's slides of several loops, and the moduli of a disk with round holes."""
+
+    def surface(self, task: Task) -> Found:
+        """The surface, with p and q as Laurent series."""
+        return task.rims.on_circles()
 
 
 @dataclass(frozen=True)
 class OnUnitDisk:
     """Douglas's slide on the unit disk."""
 
-    def disk(self, task: Task) -> Found:
+    def surface(self, task: Task) -> Found:
         """The disk, with p and q as power series."""
         return task.harmonic.on_disk()
 
@@ -91,7 +119,7 @@ class OnUnitDisk:
 class OnUnfolding:
     """Douglas's slide on the unfolded least-area triangulation of the loop."""
 
-    def disk(self, task: Task) -> Found:
+    def surface(self, task: Task) -> Found:
         """The disk, with p and q by Cauchy's formula."""
         return task.harmonic.unfolded()
 
@@ -102,19 +130,21 @@ class OnFlattening:
 
     start: Disk
 
-    def disk(self, task: Task) -> Found:
+    def surface(self, task: Task) -> Found:
         """The disk to which the area falls from there."""
         return task.harmonic.flattened(_at_unit_size(self.start, task), task.network.rim)
 
 
 @dataclass(frozen=True)
 class ByNetwork:
-    """Gauss-Newton for a Cauchy network, from a discrete disk in the loop's coordinates, or from a first fill."""
+    """Gauss-Newton for a Cauchy network, from a discrete surface in the loops' coordinates, or from a first fill."""
 
     start: Disk | None = None
 
-    def disk(self, task: Task) -> Found:
-        """The disk nearest to the start, saddles of the area included."""
+    def surface(self, task: Task) -> Found:
+        """The disk or annulus nearest to the start, saddles of the area included."""
+        if not task.is_disk:
+            return task.rims.on_network()
         if self.start is not None:
             start = _at_unit_size(self.start, task)
         else:
@@ -130,22 +160,23 @@ class ByTraining:
     optimizer: Trainer
     warm_start: bool
 
-    def disk(self, task: Task) -> Found:
+    def surface(self, task: Task) -> Found:
         """The disk as near to Γ as the training brings it."""
         start: PlateauSolution | None = None
         if self.warm_start and self.optimizer.takes_start:
             first = replace(task, options=replace(task.options, model="auto", optimizer=None))
             start = minimal_disk(first, plan(first))
         with task.clock.stage("training"):
-            found = self.optimizer.disk(
-                task.curve, start=start, device=task.options.device, on_iteration=task.steps.on_iteration
-            )
-        task.steps.history[:] = found.history
-        return found
+            return self.optimizer.disk(task.curve, start=start, device=task.options.device, steps=task.steps)
 
 
 def plan(task: Task) -> tuple[Route, ...]:
-    """The routes to a disk over a loop, the likeliest first, as its shape, its corners and the options ask for."""
+    """The routes to a surface, the likeliest first, as the loops' shapes, their corners and the options ask for."""
+    in_plane = (InPlane(),) if lie_in_plane(task.units, allowed=task.allowed) else ()
+    return _plan_for_disk(task, in_plane) if task.is_disk else _plan_between(task, in_plane)
+
+
+def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
     loop, curve, options = task.unit, task.curve, task.options
     if options.trainer is not None:
         return (ByTraining(options.trainer, options.warm_start),)
@@ -153,7 +184,6 @@ def plan(task: Task) -> tuple[Route, ...]:
         return (OnUnitDisk(),)
     if not options.is_free:
         return (ByNetwork(),)
-    in_plane = (InPlane(),) if is_plane(loop, allowed=task.allowed) else ()
     if loop.corners.any():
         # kinks of Γ are singularities of p and q
         return (*in_plane, ByNetwork())
@@ -161,6 +191,23 @@ def plan(task: Task) -> tuple[Route, ...]:
         return (*in_plane, ThroughPoints())
     on_disk = (OnUnitDisk(),) if suits_unit_disk(loop, curve) else ()
     return (*in_plane, *on_disk, OnUnfolding(), ByNetwork())
+
+
+def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
+    rims, options = task.rims, task.options
+    with task.clock.stage("moduli"):
+        reason = obstacle(task.units, task.curves)
+    if reason is not None:
+        return (NoneBetween(reason),)
+    if options.is_series:
+        return (*in_plane, OnCircles())
+    if not options.is_free:
+        return (*in_plane, ByNetwork())
+    through = (ThroughPoints(),) if options.between == "free" and rims.is_rough else ()
+    if len(task.loops) > 2:
+        return (*in_plane, *through, OnCircles())
+    on_domain = (ByNetwork(), OnCircles()) if rims.crowds else (OnCircles(), ByNetwork())
+    return (*in_plane, *through, *on_domain)
 
 
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
@@ -175,12 +222,13 @@ def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     return NodeDensity(curve, points_of_domain(loop)).is_narrow
 
 
-def nearest_disk(routes: Sequence[Route], task: Task) -> Found:
-    """The disk of the first route on which the tolerance is met; of all the one nearest to Γ where it is on none.
+def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
+    """The surface of the first route on which the tolerance is met; of all the one nearest to Γ where it is on none.
 
     Raises:
-        OutOfTimeError: the time is over, and no disk was found.
-        DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route leads to a disk; that of the last one.
+        OutOfTimeError: the time is over, and no surface was found.
+        DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route leads to one; that of the last one.
+        NoneBetweenError: a route says that there is none.
     """
     best: Found | None = None
     error: SpinorGeomError | None = None
@@ -188,7 +236,7 @@ def nearest_disk(routes: Sequence[Route], task: Task) -> Found:
         if is_out_of_time() and not isinstance(route, InPlane):  # which needs no time
             break
         try:
-            found = route.disk(task)
+            found = route.surface(task)
         except (DomainError, FirstFillError, SingularMatrixError, SurfaceError) as failure:
             error = failure
             continue
@@ -198,19 +246,19 @@ def nearest_disk(routes: Sequence[Route], task: Task) -> Found:
             break
     if best is None:
         require_time()
-        raise error or FirstFillError("no route to a minimal disk was tried")
-    return replace(best, history=tuple(task.steps.history))
+        raise error or FirstFillError("no route to a minimal surface was tried")
+    return best
 
 
 def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     """The disk that the routes lead to, or one of less area where that is unstable and may be left.
 
     Args:
-        task: the loop.
+        task: of one loop.
         routes: its plan.
 
     Raises:
-        OutOfTimeError, DomainError, FirstFillError, SingularMatrixError, SurfaceError: as `nearest_disk`.
+        OutOfTimeError, DomainError, FirstFillError, SingularMatrixError, SurfaceError: as `nearest_surface`.
     """
     if routes == (ByNetwork(),) and task.loop.corners.all():
         return _on_sides(task)
@@ -231,18 +279,75 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     return replace(solution, history=tuple(task.steps.history), solve_timings=dict(task.clock.seconds))
 
 
-def all_disks(task: Task) -> tuple[PlateauSolution, ...]:
-    """All disks that are found, saddles of the area included; see `find_disks`."""
-    if plan(task)[0] == InPlane():
+def surface_between(task: Task) -> PlateauSolution | NoConnectedSurface:
+    """The surface of one piece between several loops, or that there is none.
+
+    Raises:
+        OutOfTimeError, DomainError, SingularMatrixError, SurfaceError: as `nearest_surface`.
+    """
+    try:
+        solution = _solution(plan(task), task)
+        if task.options.leaves_unstable and solution.route == "annular network":
+            solution = leave_unstable(solution, lambda _: _solution((OnCircles(),), task), "over a round annulus")
+    except NoneBetweenError as verdict:
+        kind, left = (
+            ("annulus", "two disks")
+            if len(task.loops) == 2
+            else ("surface of one piece", "surfaces of fewer rims each")
+        )
+        return NoConnectedSurface(
+            loops=task.loops,
+            rim_disks=_rim_disks(task),
+            reason=f"no {kind}: {verdict}; what is left are {left}",
+            history=tuple(task.steps.history),
+            solve_timings=dict(task.clock.seconds),
+        )
+    return solution
+
+
+def all_surfaces(task: Task) -> tuple[PlateauSolution, ...]:
+    """All surfaces that are found by area, saddles of the area included; see `find_disks` and `RimsSolver`."""
+    routes = plan(task)
+    if routes[0] == InPlane():
         try:
             return (_solution((InPlane(),), task),)
         except DomainError:  # the loop is plane, but Γ crosses itself
             pass
-    return find_disks(task.rim, lambda disk: _solution((ByNetwork(disk),), task.anew()))
+    if task.is_disk:
+        return find_disks(task.rim, lambda disk: _solution((ByNetwork(disk),), task.anew()))
+    if isinstance(routes[0], NoneBetween):
+        return ()
+    solutions = [_told(task.rims.fitted(placed), task) for placed in task.rims.all_critical()]
+    return tuple(sorted(solutions, key=lambda solution: solution.area))
 
 
 def _solution(routes: tuple[Route, ...], task: Task) -> PlateauSolution:
-    return task.solution(nearest_disk(routes, task))
+    return _told(nearest_surface(routes, task), task)
+
+
+def _told(found: Found, task: Task) -> PlateauSolution:
+    return task.solution(found, None if task.is_disk else _rim_disks(task))
+
+
+def _rim_disks(task: Task) -> RimDisks:
+    """What a surface between loops is set against: disks over each and surfaces over some, of whatever model suits."""
+    options = task.options if task.options.laurent is None else replace(task.options, model="auto")
+
+    def disks() -> tuple[PlateauSolution, ...] | None:
+        try:
+            parts = [Task.over(*rim, options) for rim in zip(task.loops, task.curves, strict=True)]
+            return tuple(minimal_disk(part, plan(part)) for part in parts)
+        except SpinorGeomError:
+            return None
+
+    def area_over(numbers: tuple[int, ...]) -> float | None:
+        try:
+            answer = surface_between(task.of_some(numbers, options))
+        except SpinorGeomError:
+            return None
+        return answer.area if isinstance(answer, PlateauSolution) else None
+
+    return RimDisks(solve=disks, joined=area_over)
 
 
 def _routes_down(task: Task, disk: Disk) -> tuple[Route, ...]:
@@ -261,7 +366,7 @@ def _lower_on_disk(task: Task, solution: PlateauSolution) -> PlateauSolution | N
 def _on_sides(task: Task) -> PlateauSolution:
     """The disk over a polygon given by its corners alone: sides without points are followed by nothing."""
     loop, steps = task.loop, task.steps
-    finer = replace(Task.of(subdivided(loop, _PARTS_OF_A_SIDE), task.options), steps=steps)
+    finer = replace(Task.of([subdivided(loop, _PARTS_OF_A_SIDE)], task.options), steps=steps)
     solution = minimal_disk(finer, plan(finer))
     residual = replace(
         solution.boundary_residual,
@@ -281,4 +386,4 @@ def subdivided(loop: BoundaryLoop, parts: int) -> BoundaryLoop:
 
 
 def _at_unit_size(disk: Disk, task: Task) -> Disk:
-    return replace(disk, vertices=(disk.vertices - task.loop.centroid) / task.loop.diagonal)
+    return replace(disk, vertices=(disk.vertices - task.centre) / task.scale)

@@ -17,7 +17,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.intersections import crossings_between, loop_crossings
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.found import Found, FoundBetween
+from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
@@ -29,106 +29,87 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 _PLANE, _PLANE_IN_FLOAT32 = 1e-12, 2.0**-24
 # Points on each piece of Γ for the residual, between its vertices.
 _PER_PIECE = 4
-_LIMIT = "it is at rounding error"
 
 
-def plane_disk(loop: BoundaryLoop, curve: BoundaryCurve, device: torch.device, clock: Clock) -> Found:
-    """The region that a plane loop bounds, with itself as Ω and constant p and q; it is the only minimal disk over it.
+def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
+    """Whether loops lie in one plane, but for rounding errors.
 
     Args:
-        loop: at unit size, in a plane: see `is_plane`.
-        curve: Γ.
+        loops: of any common size.
+        allowed: RMS distance from Γ, in their common diagonal: loops that were rounded to float32 lie in a plane if it
+            is not less than that.
+    """
+    points = np.concatenate([loop.points for loop in loops])
+    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return _distance_from(loops[0], points) <= max(_PLANE, min(_PLANE_IN_FLOAT32, allowed)) * diagonal
+
+
+def plane_region(
+    loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve], device: torch.device, clock: Clock
+) -> Found:
+    """The region inside one of some loops of one plane and outside the others, itself as Ω and constant p and q.
+
+    It is the only minimal surface over them, and lies on the left of the first loop.
+
+    Args:
+        loops: at unit size, in one plane: see `lie_in_plane`.
+        curves: Γ through each.
         device: of the surface.
         clock: of the stages.
 
     Raises:
-        DomainError: Γ crosses itself between the points.
+        DomainError: a curve crosses itself or another one between the points, or they bound no such region.
 
     Source: the convex hull property of minimal surfaces (Osserman, "A Survey of Minimal Surfaces" (1986), section 7).
     """
     with clock.stage("surface"):
-        if len(loop_crossings(_between(curve, _PER_PIECE))):
-            raise DomainError("the curve through a plane loop crosses itself between the points", vertices=len(loop))
-        frame = _PlaneFrame.across(loop.plane.normal, loop.plane.centroid)
-        boundary = frame.boundary(curve)
-        surface = frame.surface(PlaneDomain.inside(boundary))
+        frame = _frame_of(curves, loops[0])
+        outer = None if frame is None else _outermost(curves, frame)
+        if frame is None or outer is None:
+            raise DomainError(
+                "the curves through plane loops cross between the points, or none has all others inside",
+                vertices=sum(map(len, loops)),
+            )
+        turning = [bool(loop.area_vector @ frame.normal > 0) for loop in loops]
+        # the first loop has the surface on its left from one side
+        if turning[0] != (outer == 0):
+            frame = _PlaneFrame.across(-frame.normal, frame.origin)
+            turning = [not left for left in turning]
+        order = (outer, *(number for number in range(len(curves)) if number != outer))
+        back = tuple(turning[number] != (number == outer) for number in order)
+        rims = tuple(curves[k].reversed() if way else curves[k] for k, way in zip(order, back, strict=True))
+        boundaries = [frame.boundary(curve) for curve in rims]
+        surface = frame.surface(PlaneDomain.inside(boundaries[0], holes=tuple(boundaries[1:])))
+        pairs = zip(boundaries, rims, strict=True)
+        between = None
+        if len(curves) > 1:
+            between = Between(
+                order=order,
+                back=back,
+                modulus=None,
+                antiperiodic=(False,) * (len(rims) - 1),
+                period=float(np.linalg.norm(surface.periods().real, axis=1).max()),
+            )
         return Found(
-            curve=curve,
             surface=surface.to(device),
-            matching=_identity(curve),
-            misfit=_misfit(surface, boundary, curve),
+            curves=rims,
+            matchings=tuple(np.repeat(curve.breaks[:-1, None], 2, axis=1) for curve in rims),
+            misfit=Misfit.together([_misfit(surface, boundary, curve) for boundary, curve in pairs]),
             area=float(surface.area()),
             route="plane",
-            history=(),
-            limit=_LIMIT,
+            limit="it is at rounding error",
+            between=between,
         )
 
 
-def is_plane(loop: BoundaryLoop, *, allowed: float) -> bool:
-    """Whether a loop lies in a plane, but for rounding errors.
-
-    Args:
-        loop: of any size.
-        allowed: RMS distance from Γ, in diagonals: loops that were rounded to float32 lie in a plane if it is not less
-            than that.
-    """
-    return bool(loop.plane.rms_distance <= _round_off(allowed) * loop.diagonal)
-
-
-def plane_between(
-    curves: Sequence[tuple[BoundaryCurve, BoundaryCurve]], device: torch.device, *, allowed: float
-) -> FoundBetween | None:
-    """The region inside one of several loops of one plane and outside the others, itself as Ω and constant p and q.
-
-    It lies on the left of the first loop.
-
-    Args:
-        curves: at unit size, each as it was given and reversed.
-        device: of the surface.
-        allowed: RMS distance from them, as for `is_plane`.
-
-    Returns:
-        The surface; None where the loops do not lie in one plane to round-off, or bound no such region.
-
-    Source: as `plane_disk`; Ω is the only minimal surface over its boundary.
-    """
-    given = [curve for curve, _ in curves]
-    frame = _common_plane(given, _round_off(allowed))
-    outer = None if frame is None else _outermost(given, frame)
-    if frame is None or outer is None:
-        return None
-    turning = [_turns_left(curve, frame) for curve in given]
-    # the first loop has the surface on its left from one side
-    if turning[0] != (outer == 0):
-        frame = _PlaneFrame.across(-frame.normal, frame.origin)
-        turning = [not left for left in turning]
-    order = (outer, *(number for number in range(len(given)) if number != outer))
-    back = tuple(turning[number] != (number == outer) for number in order)
-    rims = [curves[number][way] for number, way in zip(order, back, strict=True)]
-    boundaries = [frame.boundary(curve) for curve in rims]
-    surface = frame.surface(PlaneDomain.inside(boundaries[0], holes=tuple(boundaries[1:])))
-    pairs = zip(boundaries, rims, strict=True)
-    return FoundBetween(
-        surface=surface.to(device),
-        order=order,
-        back=back,
-        matchings=tuple(map(_identity, rims)),
-        misfit=Misfit.together([_misfit(surface, boundary, curve) for boundary, curve in pairs]),
-        area=float(surface.area()),
-        modulus=None,
-        antiperiodic=(False,) * (len(rims) - 1),
-        period=float(np.linalg.norm(surface.periods().real, axis=1).max()),
-        route="plane",
-        limit=_LIMIT,
-    )
-
-
-def beside_in_plane(curves: Sequence[BoundaryCurve]) -> bool:
-    """Whether curves at unit size lie in one plane, and are not one with the others inside it, beside each other.
+def lie_beside(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> bool:
+    """Whether loops lie in one plane, and are not one with the others inside it, beside each other.
 
     Then no minimal surface of one piece spans them: it would lie in that plane.
     """
-    frame = _common_plane(curves, _PLANE_IN_FLOAT32)
+    if not lie_in_plane(loops, allowed=_PLANE_IN_FLOAT32):
+        return False
+    frame = _frame_of(curves, loops[0])
     return frame is not None and _outermost(curves, frame) is None
 
 
@@ -140,29 +121,19 @@ def _outermost(curves: Sequence[BoundaryCurve], frame: _PlaneFrame) -> int | Non
     return outer if is_region else None
 
 
-def _turns_left(curve: BoundaryCurve, frame: _PlaneFrame) -> bool:
-    loop = BoundaryLoop.from_points(curve.coefficients[-1], corners=())
-    return bool(loop.area_vector @ frame.normal > 0)
+def _distance_from(loop: BoundaryLoop, points: Float[np.ndarray, "n 3"]) -> float:
+    """RMS distance of points from the plane of a loop."""
+    return float(np.sqrt(np.mean(((points - loop.plane.centroid) @ loop.plane.normal) ** 2)))
 
 
-def _round_off(allowed: float) -> float:
-    """Distance of a loop from its plane, in diagonals, that is rounding error."""
-    return max(_PLANE, min(_PLANE_IN_FLOAT32, allowed))
-
-
-def _common_plane(curves: Sequence[BoundaryCurve], round_off: float) -> _PlaneFrame | None:
-    """Coordinates in the plane of curves; None where there is none, or they cross between their points."""
-    loop = BoundaryLoop.from_points(curves[0].coefficients[-1], corners=())
-    normal = loop.plane.normal
-    offset = np.concatenate([curve.coefficients[-1] for curve in curves]) - loop.centroid
-    if np.sqrt(np.mean((offset @ normal) ** 2)) > round_off:
-        return None
+def _frame_of(curves: Sequence[BoundaryCurve], loop: BoundaryLoop) -> _PlaneFrame | None:
+    """Coordinates in the plane of a loop; None where curves in it cross between their points."""
     fine = [_between(curve, _PER_PIECE) for curve in curves]
     if any(len(loop_crossings(points)) for points in fine):
         return None
     if any(len(crossings_between(*pair)) for pair in combinations(fine, 2)):
         return None
-    return _PlaneFrame.across(normal, loop.centroid)
+    return _PlaneFrame.across(loop.plane.normal, loop.plane.centroid)
 
 
 def _is_inside(inner: BoundaryCurve, outer: BoundaryCurve, frame: _PlaneFrame) -> bool:
@@ -218,10 +189,6 @@ def _misfit(surface: SpinorSurface, boundary: SplineBoundary, curve: BoundaryCur
     away, slide, weights = (torch.as_tensor(part.ravel()) for part in (distance, t, arcs))
     tensors = CurveTensors.of(curve, torch.device("cpu"))
     return Misfit.from_distances(away, slide, weights, tensors, length=float(arcs.sum()))
-
-
-def _identity(curve: BoundaryCurve) -> Float[np.ndarray, "m 2"]:
-    return np.repeat(curve.breaks[:-1, None], 2, axis=1)
 
 
 def _winding(polygon: Complex[np.ndarray, " m"], z: complex) -> int:

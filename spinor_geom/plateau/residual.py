@@ -15,9 +15,6 @@ from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import PlateauProblem, TensorCurve
 
-# Gauss-Newton steps of a projection, and the last one's length from which on more of them change nothing.
-_PROJECTION_STEPS, _STILL = 5, 1e-10
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residual:
@@ -68,10 +65,10 @@ def projected(
     r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: TensorCurve, *, limit: float
 ) -> Float[Tensor, " n"]:
     """Parameters of the points of Γ nearest to given points, by Gauss-Newton steps of at most `limit` from a start."""
-    for _ in range(_PROJECTION_STEPS):
+    for _ in range(5):
         point, tangent = curve.point_and_derivative(slide)
         move = ((r - point) * tangent).sum(1) / tangent.square().sum(1)
         slide = slide + move.clamp(-limit, limit)
-        if float(move.abs().max()) < _STILL:
+        if float(move.abs().max()) < 1e-10:  # of the next step nothing is left in float64
             break
     return slide

@@ -1,9 +1,9 @@
-"""Loops on their way to a minimal surface between them: directions, start, moduli, and the verdict against disks."""
+"""Several loops on their way to a minimal surface between them: directions, start, moduli, and when there is none."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -15,46 +15,29 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
-from spinor_geom.errors import (
-    DomainError,
-    OptionError,
-    SingularMatrixError,
-    SpinorGeomError,
-    SurfaceError,
-)
+from spinor_geom.errors import DomainError, SingularMatrixError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import RimsProblem
-from spinor_geom.plateau.evidence import Evidence
-from spinor_geom.plateau.found import FoundBetween
+from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.lift_rims import Lift, lifted, lifted_surface
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.network_route import Budget
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.plan import minimal_disk, plan
-from spinor_geom.plateau.plane_route import beside_in_plane, plane_between
+from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rim_curves import at_unit_size, grown, is_rough, require_apart, sampled
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between, start_over
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.rims_through_points import surface_through
-from spinor_geom.plateau.solution import (
-    Annulus,
-    BoundaryResidual,
-    Iteration,
-    NoConnectedSurface,
-    PlateauSolution,
-    RimDisks,
-    RimMatch,
-)
-from spinor_geom.plateau.task import Task
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.plateau.roughness import is_rough
+from spinor_geom.plateau.solution import RimMatch
+from spinor_geom.plateau.steps import Steps
 
 # Nodes on each rim where an annulus is sought, most for which matrices are factored, most of all, and most an edge.
 _COARSE_NODES, _DENSE_NODES, _MOST_NODES, _MOST_PER_EDGE = 64, 256, 1 << 15, 200
@@ -84,8 +67,11 @@ _POOR = 1e-6
 # Why there is no annulus.
 _RUNS_AWAY = "the energy of surfaces between the rims falls with the modulus, however large that is"
 _FALLS_APART = "the energy of surfaces between the rims falls until they fall apart, whatever was tried"
-_PARTED = "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
+PARTED = "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
 _BESIDE = "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
+# The smooth curve that leads to a rough one: its width, in points and at least as a share of the loop; and how many
+# curves there are between.
+_SMOOTHING, _NARROWEST_AVERAGE, _DEFORMATIONS = 3.0, 0.03, 4
 # Quadrature nodes on each piece of a path in Ω.
 _PATH_ORDER = 16
 # Nodes on the cylinder beyond which a domain is made for the rims; where the largest gap is fewer times the least, and
@@ -93,201 +79,123 @@ _PATH_ORDER = 16
 _CROWDED, _EVEN, _FEW_NODES = 1200.0, 4.0, 128.0
 
 
+def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
+    """Why there cannot be a surface of one piece between several loops at unit size, where that is certain."""
+    if lie_beside(loops, curves):
+        return _BESIDE
+    return PARTED if len(curves) == 2 and parted_by_cone(*curves) else None
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RimsTask:
-    """Two loops or more at a common unit size.
+class RimsSolver:
+    """Several loops on their routes.
 
     Attributes:
-        loops: as they were given.
-        curves: through these at unit size, and reversed.
-        centre: of the loops.
-        scale: their common diagonal.
+        loops: at unit size.
+        curves: Γ through each.
         options: of the call.
-        on_iteration: is called at each step.
+        allowed: RMS distance from Γ to reach.
+        budget: of the network's fits.
+        steps: of all routes.
         clock: of the stages.
-        history: the steps so far.
     """
 
     loops: tuple[BoundaryLoop, ...]
-    curves: tuple[tuple[BoundaryCurve, BoundaryCurve], ...]
-    centre: Float[np.ndarray, "3"]
-    scale: float
+    curves: tuple[BoundaryCurve, ...]
     options: Options
-    on_iteration: Callable[[Iteration], None] | None
+    allowed: float
+    budget: Budget
+    steps: Steps
     clock: Clock
-    history: list[Iteration]
 
-    @classmethod
-    def of(
-        cls,
-        given: Sequence[BoundaryLoop | ClosedCurve],
-        options: Options,
-        on_iteration: Callable[[Iteration], None] | None = None,
-    ) -> RimsTask:
-        """The task of loops or curves in formulas.
+    def on_circles(self) -> Found:
+        """Douglas's surface of least area over a circular domain, or the one nearest to a modulus that was asked for.
 
         Raises:
-            OptionError: a model that has no surfaces over several rims.
-            SelfCrossingLoopError: a loop crosses or touches itself.
-            LoopsMeetError: two loops cross or touch each other.
-            RepeatedPointError: two neighbouring points of a loop are equal.
-            CurveError: formulas are not those of a smooth closed curve.
+            NoneBetweenError: the energy falls until surfaces between the rims fall apart.
+            SurfaceError: the nodes crowd, or all harmonic surfaces are branched.
         """
-        if options.trainer is not None:
-            raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
-        if len(given) > 2 and not options.is_free and not options.is_series:
-            raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
-        samples = [sampled(one) for one in given]
-        loops = tuple(loop for loop, _ in samples)
-        require_apart(loops)
-        scale = float(np.linalg.norm(np.ptp(np.concatenate([loop.points for loop in loops]), axis=0)))
-        lengths = np.array([loop.perimeter for loop in loops])
-        centre = lengths @ np.stack([loop.centroid for loop in loops]) / lengths.sum()
-        curves = [at_unit_size(loop, formula, centre, scale) for loop, formula in samples]
-        return cls(
-            loops=loops,
-            curves=tuple((curve, curve.reversed()) for curve in curves),
-            centre=centre,
-            scale=scale,
-            options=options,
-            on_iteration=on_iteration,
-            clock=Clock(),
-            history=[],
-        )
-
-    def solved(self) -> PlateauSolution | NoConnectedSurface:
-        """The surface of least area that was found, or that there is none."""
-        plane = self._in_plane()
-        if plane is not None:
-            return plane
-        obstacle = self._obstacle()
-        if obstacle is not None:
-            return self._none(obstacle)
         laurent = self.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
-            found = self._stable() if self.options.leaves_unstable else self._all_critical()
-            moduli = [math.log(mean_modulus(placed.surface.domain)) for placed in found]
-            near = min(zip(moduli, found, strict=True), key=lambda pair: abs(pair[0] - log), default=None)
-            return self._none() if near is None else self._solution(near[1])
-        passed = self._through_points() if self.options.is_free and self.options.between == "free" else None
-        if passed is not None and passed.converged:
-            return passed
-        if self.options.is_series or len(self.loops) > 2:
-            return self._on_circles()
-        fitted: PlateauSolution | None = None
-        if not self.options.is_free or self._crowds:
-            fitted = self._on_network()
-            if fitted is not None and (not self.options.is_free or self._is_kept(fitted)):
-                return fitted
-        if not self.options.is_free:
-            raise SurfaceError("no minimal annulus was found: none was made of triangles and flattened")
-        try:
-            answer = self._on_circles()
-        except SurfaceError:
-            fitted = fitted or self._on_network()
-            if fitted is None:
-                raise
-            return fitted
-        if isinstance(answer, NoConnectedSurface) or answer.converged:
-            return answer
-        fitted = fitted or self._on_network()
-        if fitted is None:
-            return answer
-        return min(answer, fitted, key=lambda one: (not self._is_kept(one), one.boundary_residual.rms))
+            found = self._stable() if self.options.leaves_unstable else self.all_critical()
+            moduli = [abs(math.log(mean_modulus(placed.surface.domain)) - log) for placed in found]
+            best = min(zip(moduli, found, strict=True), key=lambda pair: pair[0], default=(0.0, None))[1]
+        else:
+            best = self._descended()
+            if best is None and len(self.loops) == 2:
+                best = min(self._stable(), key=lambda placed: placed.surface.energy, default=None)
+        if best is None:
+            raise NoneBetweenError(_RUNS_AWAY if len(self.loops) == 2 else _FALLS_APART)
+        return self.fitted(best)
 
-    def _is_kept(self, annulus: PlateauSolution) -> bool:
-        """Whether an annulus near enough to the rims is not to be left for a stable one."""
-        leaves = self.options.leaves_unstable
-        return annulus.converged and not (leaves and annulus.stability.verdict == "unstable")
+    def through_points(self) -> Found:
+        """The surface through the points of rough rims.
 
-    def _on_circles(self) -> PlateauSolution | NoConnectedSurface:
-        """Douglas's surface of least area over a circular domain, or that there is none."""
-        best = self._descended()
-        if best is None and len(self.loops) == 2:
-            best = min(self._stable(), key=lambda placed: placed.surface.energy, default=None)
-        if best is not None:
-            return self._solution(best)
-        return self._none()
-
-    def _through_points(self) -> PlateauSolution | None:
-        """The surface through the points of rough rims; none over smooth ones, or where their teeth cross in Ω."""
-        placed = self._descended() if self._is_rough else None
+        Raises:
+            DomainError: the rims' teeth cross in Ω.
+            SurfaceError: no surface was found between averages of the rims, or all are branched.
+        """
+        placed = self._descended()
         if placed is None:
-            return None
+            raise SurfaceError("no minimal surface was found between averages of the rims")
         problem = self._problem(placed)
         with self.clock.stage("lift"):
-            smooth = lifted(placed.surface, problem.curves, allowed=self._allowed)
+            smooth = lifted(placed.surface, problem.curves, allowed=self.allowed)
             circles = lifted_surface(smooth, order=_PATH_ORDER).domain.boundaries
         points, starts = [], []
         for rim, back, slide, circle in zip(placed.rims, placed.back, smooth.rims, circles, strict=True):
-            loop = self.loops[rim.number].reversed() if back else self.loops[rim.number]
-            average = self._way[0][rim.number]
-            match = RimMatch(
-                loop=loop,
-                curve=average.reversed() if back else average,
-                boundary=circle,
-                matching=_matching(slide.slide),
-            )
-            points.append((loop.points - self.centre) / self.scale)
+            loop, average = self.loops[rim.number], self._way[0][rim.number]
+            if back:
+                loop, average = loop.reversed(), average.reversed()
+            match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide.slide))
+            points.append(loop.points)
             starts.append(torch.as_tensor(match.points_in_domain(), device=self.options.device))
-        try:
-            with self.clock.stage("fit"):
-                passed = surface_through(smooth, starts, points, allowed=self._allowed, on_step=self._heard_newton)
-        except DomainError:
-            return None
-        found = FoundBetween(
+        with self.clock.stage("fit"):
+            passed = surface_through(smooth, starts, points, allowed=self.allowed, on_step=self._newton_step)
+        return Found(
             surface=passed.surface,
-            order=tuple(rim.number for rim in placed.rims),
-            back=placed.back,
+            curves=passed.curves,
             matchings=tuple(
                 np.column_stack([boundary.parameters[:-1], curve.breaks[:-1]])
                 for boundary, curve in zip(passed.surface.domain.boundaries, passed.curves, strict=True)
             ),
-            curves=passed.curves,
             misfit=passed.misfit,
             area=passed.surface.area(),
-            modulus=mean_modulus(placed.surface.domain),
-            antiperiodic=smooth.model.antiperiodic,
-            period=passed.period,
             route="vertices",
             limit="no minimal surface near that over averages of the rims passes through their points more nearly",
+            between=_between(placed, smooth.model.antiperiodic, passed.period),
         )
-        return self._told(found)
 
-    def _heard_newton(self, distance: float) -> bool:
-        self._heard_of(Iteration(index=0, method="Newton", residual=distance))
-        return len(self.history) < self.options.max_iterations
+    def _newton_step(self, distance: float) -> bool:
+        self.steps.take("Newton", distance)
+        return self.steps.left > 0
 
-    def _on_network(self) -> PlateauSolution | None:
-        """The annulus of a Cauchy network on a domain made for two rims; none where no domain was found."""
-        try:
-            return self._told(self._network.found())
-        except (DomainError, SingularMatrixError):
-            return None
+    def on_network(self) -> Found:
+        """The annulus of a Cauchy network on a domain made for two rims.
+
+        Raises:
+            DomainError: no simple domain was found.
+            SingularMatrixError: the discrete annulus or the fit is degenerate.
+        """
+        return self._network.found()
 
     @cached_property
     def _network(self) -> AnnulusNetworkSolver:
-        first, second = (replace(loop, points=(loop.points - self.centre) / self.scale) for loop in self.loops)
-        (one, _), (other, back) = self.curves
+        first, second = self.loops
         return AnnulusNetworkSolver.between(
             (first, second, second.reversed()),
-            (one, other, back),
+            (self.curves[0], self.curves[1], self._reversed[1]),
             options=self.options.cauchy,
-            budget=Budget(
-                allowed=self._allowed,
-                tolerance=self.options.tolerance,
-                max_iterations=self.options.max_iterations,
-                on_iteration=self._heard_of,
-            ),
+            budget=self.budget,
             device=self.options.device,
             clock=self.clock,
         )
 
     @cached_property
-    def _crowds(self) -> bool:
+    def crowds(self) -> bool:
         """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
-        first, second = self._vertices
+        first, second = (curve.coefficients[-1] for curve in self.curves)
         gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
         if gaps.max() < _EVEN * gaps.min() and self._wanted_nodes < _FEW_NODES:
             return False
@@ -295,33 +203,6 @@ class RimsTask:
             return self._network.nodes_on_cylinder > _CROWDED
         except (DomainError, SingularMatrixError):
             return False
-
-    @property
-    def _vertices(self) -> list[Float[np.ndarray, "_ 3"]]:
-        return [curve.coefficients[-1] for curve, _ in self.curves]
-
-    def every(self) -> tuple[PlateauSolution, ...]:
-        """All surfaces that were found, unstable ones too, by area."""
-        plane = self._in_plane()
-        if plane is not None:
-            return (plane,)
-        if self._obstacle() is not None:
-            return ()
-        solutions = [self._solution(placed) for placed in self._all_critical()]
-        return tuple(sorted(solutions, key=lambda solution: solution.area))
-
-    def _in_plane(self) -> PlateauSolution | None:
-        with self.clock.stage("surface"):
-            plane = plane_between(self.curves, self.options.device, allowed=self._allowed)
-        return None if plane is None else self._told(plane)
-
-    def _obstacle(self) -> str | None:
-        """Why there cannot be a surface, where that is certain."""
-        given = [curve for curve, _ in self.curves]
-        with self.clock.stage("moduli"):
-            if beside_in_plane(given):
-                return _BESIDE
-            return _PARTED if len(given) == 2 and parted_by_cone(*given) else None
 
     def _descended(self) -> Placement | None:
         """The surface that the energy falls to from the better start, or from several of nearly the same energy.
@@ -358,9 +239,9 @@ class RimsTask:
     @cached_property
     def _wanted_nodes(self) -> float:
         """Nodes on each of two rims that resolve the gap: its width against their length is about the modulus."""
-        first, second = self._vertices
+        first, second = (curve.coefficients[-1] for curve in self.curves)
         gap = float(np.mean(cKDTree(first).query(second)[0]))
-        length = sum(loop.perimeter for loop in self.loops) / 2 / self.scale
+        length = sum(loop.perimeter for loop in self.loops) / 2
         return _NODES_PER_GAP * length / max(gap, float(np.finfo(np.float64).tiny))
 
     @cached_property
@@ -384,26 +265,33 @@ class RimsTask:
 
         Newton's method finds its way through many sharp bends only if they grow on it.
         """
-        given = tuple(curve for curve, _ in self.curves)
-        if not self._is_rough:
-            return (given,)
-        ways = [grown(curve, len(loop)) for curve, loop in zip(given, self.loops, strict=True)]
+        if not self.is_rough:
+            return (self.curves,)
+        ways = [_grown(curve, len(loop)) for curve, loop in zip(self.curves, self.loops, strict=True)]
         return tuple(zip(*ways, strict=True))
 
     @cached_property
-    def _is_rough(self) -> bool:
-        return any(is_rough(curve, loop) for (curve, _), loop in zip(self.curves, self.loops, strict=True))
+    def is_rough(self) -> bool:
+        """Whether one of the loops is."""
+        return any(is_rough(loop, curve) for curve, loop in zip(self.curves, self.loops, strict=True))
+
+    @cached_property
+    def _reversed(self) -> tuple[BoundaryCurve, ...]:
+        return tuple(curve.reversed() for curve in self.curves)
 
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
         """All rims on each step of their way, in both directions."""
         device = self.options.device
-        last = [ways[1] for ways in self.curves]
         return tuple(
             tuple(
                 Rim(number=k, ways=(CurveTensors.of(curve, device), CurveTensors.of(back, device)))
                 for k, (curve, back) in enumerate(
-                    zip(curves, last if curves is self._way[-1] else [c.reversed() for c in curves], strict=True)
+                    zip(
+                        curves,
+                        self._reversed if curves is self._way[-1] else [c.reversed() for c in curves],
+                        strict=True,
+                    )
                 )
             )
             for curves in self._way
@@ -412,19 +300,10 @@ class RimsTask:
     def _problem(self, placed: Placement, step: int = 0) -> RimsProblem:
         rims = self._rims[step]
         curves = tuple(rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True))
-        negligible = _NEGLIGIBLE_POWER if self._is_rough else ROUND_OFF
-        return RimsProblem(curves=curves, negligible=negligible, on_step=self._heard)
+        negligible = _NEGLIGIBLE_POWER if self.is_rough else ROUND_OFF
+        return RimsProblem(curves=curves, negligible=negligible, on_step=partial(self.steps.take, "Douglas-Newton"))
 
-    def _heard(self, gradient: float) -> None:
-        self._heard_of(Iteration(index=0, method="Douglas-Newton", residual=gradient))
-
-    def _heard_of(self, one: Iteration) -> None:
-        step = replace(one, index=len(self.history) + 1)
-        self.history.append(step)
-        if self.on_iteration is not None:
-            self.on_iteration(step)
-
-    def _all_critical(self) -> list[Placement]:
+    def all_critical(self) -> list[Placement]:
         """Critical points: over two rims all with the second loop in the direction whose start has less energy.
 
         Over more the one of least energy and those on its path.
@@ -444,46 +323,14 @@ class RimsTask:
             return [replace(start, surface=surface) for surface in search.all_critical()]
 
     def _stable(self) -> list[Placement]:
-        return [placed for placed in self._all_critical() if self._problem(placed).index(placed.surface) == 0]
+        return [placed for placed in self.all_critical() if self._problem(placed).index(placed.surface) == 0]
 
-    def _none(self, reason: str | None = None) -> NoConnectedSurface:
-        two = len(self.loops) == 2
-        kind, left = ("annulus", "two disks") if two else ("surface of one piece", "surfaces of fewer rims each")
-        if reason is None:
-            reason = _RUNS_AWAY if two else _FALLS_APART
-        return NoConnectedSurface(
-            loops=self.loops,
-            rim_disks=self._disks,
-            reason=f"no {kind}: {reason}; what is left are {left}",
-            history=tuple(self.history),
-            solve_timings=dict(self.clock.seconds),
-        )
+    def fitted(self, placed: Placement) -> Found:
+        """The surface with as many nodes as the tolerance asks for, or as help.
 
-    @cached_property
-    def _disks(self) -> RimDisks:
-        options = self.options if self.options.laurent is None else replace(self.options, model="auto")
-        curves = tuple(curve for curve, _ in self.curves)
-        return RimDisks(solve=partial(_disks_over, self.loops, curves, options), joined=self._area_over)
-
-    def _area_over(self, numbers: tuple[int, ...]) -> float | None:
-        """The area of the surface over some of the loops; None where none was found."""
-        some = replace(
-            self,
-            loops=tuple(self.loops[k] for k in numbers),
-            curves=tuple(self.curves[k] for k in numbers),
-            options=self.options if self.options.laurent is None else replace(self.options, model="auto"),
-            on_iteration=None,
-            clock=Clock(),
-            history=[],
-        )
-        try:
-            answer = some.solved()
-        except SpinorGeomError:
-            return None
-        return answer.area if isinstance(answer, PlateauSolution) else None
-
-    def _solution(self, placed: Placement) -> PlateauSolution:
-        """The surface with as many nodes as the tolerance asks for, or as help."""
+        Raises:
+            SurfaceError: all harmonic surfaces are branched.
+        """
         problem = self._problem(placed, -1)
         best: tuple[Lift, HarmonicSurface] | None = None
         error, limit, vain = SurfaceError("no minimal surface was found"), "more nodes on the rims do not help", 0
@@ -506,26 +353,17 @@ class RimsTask:
             limit = f"{self._most_nodes} nodes on each rim are the most that are tried"
         if best is None:
             raise error
-        return self._told(self._found(*best, placed=placed, limit=limit))
+        return self._found(*best, placed=placed, limit=limit)
 
     def _goal(self, surface: HarmonicSurface) -> float:
         """Distance at which no more nodes are taken."""
         if self.options.is_series:
             return 0.0
-        return self._allowed * (_WELL_BELOW if surface.slides.shape[1] < _CHEAP_NODES else 1.0)
-
-    @property
-    def _allowed(self) -> float:
-        """RMS distance from the rims that is asked for, at unit size."""
-        return self.options.tolerance * self._mean_edge / self.scale
-
-    @property
-    def _mean_edge(self) -> float:
-        return sum(loop.perimeter for loop in self.loops) / sum(map(len, self.loops))
+        return self.allowed * (_WELL_BELOW if surface.slides.shape[1] < _CHEAP_NODES else 1.0)
 
     @property
     def _most_nodes(self) -> int:
-        if not self._is_rough:
+        if not self.is_rough:
             return _MOST_SMOOTH
         return min(_MOST_NODES, max(_DENSE_NODES, _MOST_PER_EDGE * max(map(len, self.loops))))
 
@@ -533,7 +371,7 @@ class RimsTask:
         """The surface over the loops' own curves, and with more and more nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
         stable = self._problem(placed).index(surface) == 0
-        if self._is_rough:
+        if self.is_rough:
             n = _even(_PER_EDGE * max(map(len, self.loops)))
             with self.clock.stage("slides"):
                 for step in range(1, len(self._way)):
@@ -546,7 +384,7 @@ class RimsTask:
                 return
             with self.clock.stage("slides"):
                 if stable and (n > _DENSE_NODES or n * len(self.loops) > _DENSE_IN_ALL):
-                    surface = self._settled(problem, surface, n, near=not self._is_rough)
+                    surface = self._settled(problem, surface, n, near=not self.is_rough)
                     continue
                 finer: HarmonicSurface | None = problem.refined(surface, n)
                 if stable and finer is not None and finer.gradient > _POOR:
@@ -560,83 +398,50 @@ class RimsTask:
         return problem.settled(
             surface,
             n,
-            tolerance=_FINE_ROUGH * self.options.tolerance if self._is_rough else _FOUND,
-            max_steps=max(0, min(_MOST_STEPS, self.options.max_iterations - len(self.history))),
+            tolerance=_FINE_ROUGH * self.options.tolerance if self.is_rough else _FOUND,
+            max_steps=min(_MOST_STEPS, self.steps.left),
             near=near,
-            negligible=_NEGLIGIBLE * 2 * math.pi * edges * self._allowed**2 if self._is_rough else 0.0,
+            negligible=_NEGLIGIBLE * 2 * math.pi * edges * self.allowed**2 if self.is_rough else 0.0,
         )
 
-    def _found(self, lift: Lift, harmonic: HarmonicSurface, *, placed: Placement, limit: str) -> FoundBetween:
+    def _found(self, lift: Lift, harmonic: HarmonicSurface, *, placed: Placement, limit: str) -> Found:
         with self.clock.stage("surface"):
             surface = lifted_surface(lift, order=_PATH_ORDER)
-        return FoundBetween(
+        return Found(
             surface=surface,
-            order=tuple(rim.number for rim in placed.rims),
-            back=placed.back,
+            curves=tuple(
+                (self._reversed if back else self.curves)[rim.number]
+                for rim, back in zip(placed.rims, placed.back, strict=True)
+            ),
             matchings=tuple(_matching(rim.slide) for rim in lift.rims),
             misfit=lift.misfit,
             area=lift.area,
-            modulus=mean_modulus(harmonic.domain),
-            antiperiodic=lift.model.antiperiodic,
-            period=lift.period,
             route="annulus" if len(lift.rims) == 2 else "circles",
             limit=limit,
+            between=_between(replace(placed, surface=harmonic), lift.model.antiperiodic, lift.period),
         )
 
-    def _told(self, found: FoundBetween) -> PlateauSolution:
-        """A surface in the loops' coordinates."""
-        scale, clock = self.scale, self.clock
-        with clock.stage("surface"):
-            surface = found.surface.transform(scale=scale, translation=self.centre)
-        residual = BoundaryResidual.of(found.misfit.enlarged(scale), mean_edge=self._mean_edge, diagonal=scale)
-        tolerance = self.options.tolerance
-        converged, reason = residual.verdict(tolerance, steps=len(self.history), limit=found.limit)
-        backward = dict(zip(found.order, found.back, strict=True))
-        return PlateauSolution(
-            surface=surface,
-            rims=self._matches(found, surface),
-            domain=surface.domain,
-            boundary_residual=residual,
-            area=found.area * scale**2,
-            route=found.route,
-            history=tuple(self.history),
-            solve_timings=dict(clock.seconds),
-            tolerance=tolerance,
-            converged=converged,
-            reason=reason,
-            evidence=Evidence(surface=surface),
-            annulus=Annulus(
-                modulus=found.modulus,
-                antiperiodic=found.antiperiodic,
-                period=found.period * scale,
-                backward=tuple(backward[number] for number in range(len(self.loops))),
-                order=found.order,
-                rim_disks=self._disks,
-            ),
-        )
 
-    def _matches(self, found: FoundBetween, surface: SpinorSurface) -> tuple[RimMatch, ...]:
-        matches: list[RimMatch] = []
-        curves = found.curves
-        for number, back, boundary, matching in zip(
-            found.order, found.back, surface.domain.boundaries, found.matchings, strict=True
-        ):
-            loop = self.loops[number].reversed() if back else self.loops[number]
-            curve = self.curves[number][back] if curves is None else curves[len(matches)]
-            curve = curve.placed(loop.points, self.scale)
-            matches.append(RimMatch(loop=loop, curve=curve, boundary=boundary, matching=matching))
-        return tuple(matches)
+def _between(placed: Placement, antiperiodic: tuple[bool, ...], period: float) -> Between:
+    return Between(
+        order=tuple(rim.number for rim in placed.rims),
+        back=placed.back,
+        modulus=mean_modulus(placed.surface.domain),
+        antiperiodic=antiperiodic,
+        period=period,
+    )
 
 
-def _disks_over(
-    loops: tuple[BoundaryLoop, ...], curves: tuple[BoundaryCurve, ...], options: Options
-) -> tuple[PlateauSolution, ...] | None:
-    """The minimal disks over loops that are known to be simple; None where one was not found."""
-    try:
-        tasks = [Task.over(*rim, options) for rim in zip(loops, curves, strict=True)]
-        return tuple(minimal_disk(task, plan(task)) for task in tasks)
-    except SpinorGeomError:
-        return None
+def _grown(curve: BoundaryCurve, points: int) -> list[BoundaryCurve]:
+    """Curves from a smooth average to a rough one.
+
+    Averaged once, curves shrink; twice the average less the average's average keeps what is much longer than its width.
+    """
+    width = max(_SMOOTHING / points, _NARROWEST_AVERAGE)
+    once = curve.smoothed(width)
+    average = once.towards(once.smoothed(width), -1.0)
+    shares = np.arange(1, _DEFORMATIONS + 1) / _DEFORMATIONS
+    return [average, *(average.towards(curve, share) for share in shares)]
 
 
 def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:

@@ -37,6 +37,9 @@ RouteName = Literal[
 ]
 
 
+Method = Literal["Newton", "Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Iteration:
     """One step of a solver.
@@ -52,7 +55,7 @@ class Iteration:
     """
 
     index: int
-    method: Literal["Newton", "Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
+    method: Method
     residual: float
 
 

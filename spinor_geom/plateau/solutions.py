@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import LinearNDInterpolator
 
-from spinor_geom.discrete.area_descent import descend_area, harmonic_extension
-from spinor_geom.discrete.minimal_surface import Disk, first_disk
+from spinor_geom.discrete.area_descent import Disk, descend_area, harmonic_extension
+from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
 from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
@@ -317,8 +317,7 @@ class _Search:
 
     def _descended(self, vertices: Float[np.ndarray, "n 3"], steps: int = 100) -> Disk:
         mesh = self.rim.round_mesh
-        descent = descend_area(vertices, mesh.faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=steps)
-        return Disk(vertices=descent.vertices, faces=mesh.faces, areas=descent.areas, converged=descent.converged)
+        return descend_area(vertices, mesh.faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=steps)
 
     def open_pairs(self) -> Iterator[tuple[_Entry, _Entry]]:
         """Pairs of stable disks, nearest in area to the least first, while the list is not complete."""

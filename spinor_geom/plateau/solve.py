@@ -17,8 +17,7 @@ from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Cauchy
 from spinor_geom.plateau.options import Model, Options
-from spinor_geom.plateau.plan import OnUnitDisk, Route, all_disks, minimal_disk, plan
-from spinor_geom.plateau.rims import RimsTask
+from spinor_geom.plateau.plan import OnUnitDisk, Route, all_surfaces, minimal_disk, plan, surface_between
 from spinor_geom.plateau.solution import Iteration, NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.threads import one_thread
@@ -168,10 +167,10 @@ def solve_plateau(
         _require_model_for_all(model, rims=1 if isinstance(loop, (BoundaryLoop, ClosedCurve)) else 2)
     with one_thread():
         if not isinstance(loop, (BoundaryLoop, ClosedCurve)):
-            several = RimsTask.of(_several_of(loop), options, on_iteration)
-            return several.every() if all_solutions else several.solved()
-        task = Task.of(loop, options, on_iteration)
-        return all_disks(task) if all_solutions else minimal_disk(task, plan(task))
+            task = Task.of(_several_of(loop), options, on_iteration)
+            return all_surfaces(task) if all_solutions else surface_between(task)
+        task = Task.of([loop], options, on_iteration)
+        return all_surfaces(task) if all_solutions else minimal_disk(task, plan(task))
 
 
 def _require_model_for_all(model: Model, *, rims: int) -> None:
@@ -258,7 +257,7 @@ def _side_by_side(
 
 def _planned(loop: BoundaryLoop, options: Options) -> Planned | SpinorGeomError:
     try:
-        task = Task.of(loop, options)
+        task = Task.of([loop], options)
         return task, plan(task)
     except SpinorGeomError as error:
         return error

@@ -11,22 +11,14 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
 
-from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.delaunay import edge_codes, plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Points on ∂Ω for the total curvature, at least, and how often they are doubled while 2π lies within the error.
-_FEWEST_SAMPLES, _DOUBLINGS = 400, 3
 # Total curvature, as a share of 2π, from which on the eigenvalues decide: meshes tell it to about a percent.
 _SURE = 0.98
-# Where refinement changes the total curvature by a larger share, the eigenvalues do not yet converge at their order.
-_RESOLVED = 0.05
-# Inner vertices of the coarsest mesh, and vertices after which no finer one is tried.
-_FEWEST_INNER_VERTICES, _MANY_VERTICES = 6, 5000
-# A triangle that following ∂Ω would shrink below this share of its area keeps its straight side.
-_THIN = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,17 +58,19 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     mesh = _Mesh.of(surface.domain)
     while True:
         mesh, coarse = mesh.refined(surface.domain), mesh
-        if len(coarse.inner) < _FEWEST_INNER_VERTICES:
+        if len(coarse.inner) < 6:  # too few to extrapolate from
             continue
         stability = _on_meshes(coarse, mesh, surface.spinors(mesh.points))
-        if stability.index is not None or len(mesh.points) > _MANY_VERTICES:
+        # finer meshes than of some thousand vertices take seconds
+        if stability.index is not None or len(mesh.points) > 5000:
             return stability
 
 
 def _on_meshes(coarse: _Mesh, fine: _Mesh, spinors: Complex[np.ndarray, "n 2"]) -> Stability:
     """The verdict of two meshes for given (p, q) at the vertices of the finer one."""
     curvatures = [float(gauss_image_areas(spinors, mesh.faces).sum()) for mesh in (coarse, fine)]
-    resolved = abs(curvatures[1] - curvatures[0]) <= _RESOLVED * curvatures[1]
+    # where refinement changes it by more than a twentieth, the eigenvalues do not yet converge at their order
+    resolved = abs(curvatures[1] - curvatures[0]) <= curvatures[1] / 20
     if resolved and max(curvatures) < _SURE * 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvatures[1])
     count = 2
@@ -119,8 +113,7 @@ def lowest_modes(
     """
     spinors = surface.spinors(mesh.points)
     inner = np.arange(mesh.boundary_size, len(mesh.points))
-    mass = _mass(gauss_image_areas(spinors, mesh.faces), mesh.faces, len(mesh.points))
-    values, functions = _smallest_eigenpairs(_stiffness(mesh.points, mesh.faces), mass, inner, count)
+    values, functions = _smallest_eigenpairs(mesh.points, mesh.faces, spinors, inner, count)
     u = np.zeros((len(mesh.points), len(values)))
     u[inner] = functions / np.abs(functions).max(axis=0)
     return values, u
@@ -159,9 +152,10 @@ def _boundary_curvature(surface: SpinorSurface) -> tuple[float, float]:
     """
     rims = [(boundary, panel_breaks(boundary)) for boundary in surface.domain.boundaries]
     fewest = min(len(breaks) for _, breaks in rims) - 1
-    first = max(0, int(np.ceil(np.log2(_FEWEST_SAMPLES / fewest))))
+    # 400 points at least, which are doubled up to three times while 2π lies within the error
+    first = max(0, int(np.ceil(np.log2(400 / fewest))))
     coarse = None
-    for level in range(first, first + 1 + _DOUBLINGS):
+    for level in range(first, first + 4):
         share = np.arange(2**level) / 2**level
         spinors = [
             surface.spinors(boundary.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()))
@@ -200,35 +194,31 @@ class _Mesh:
     def refined(self, domain: PlaneDomain) -> _Mesh:
         """Every triangle in four; new boundary points on ∂Ω, or on the sides where ∂Ω would turn a triangle over."""
         n = len(self.points)
-        edges, sides = _edges(self.faces, n)
+        codes, sides = np.unique(edge_codes(self.faces, n), return_inverse=True)
+        edges = np.stack([codes // n, codes % n], axis=1)
         middle = self.points[edges].mean(axis=1)
         parameter = np.full(len(edges), np.nan)
-        uses = np.bincount(sides.ravel(), minlength=len(edges))
+        uses = np.bincount(sides)
         rim = np.flatnonzero(uses == 1)
         a, b = self.parameter[edges[rim]].T
         gap = np.mod(b - a + 0.5, 1.0) - 0.5  # the short way around
         start = 2 * (a // 2)  # of the parameters of the edge's boundary
         parameter[rim] = start + np.mod(a - start + gap / 2, 1.0)
-        ab, bc, ca = (sides + n).T
+        ab, bc, ca = (sides + n).reshape(-1, 3).T
         i, j, k = self.faces.T
         faces = np.concatenate([np.stack(t, axis=1) for t in ((i, ab, ca), (j, bc, ab), (k, ca, bc), (ab, bc, ca))])
         straight = np.concatenate([self.points, middle])
         curved = straight.copy()
         curved[n + rim] = domain.point(parameter[rim])
-        thin = _areas(curved, faces) <= _THIN * _areas(straight, faces)
+        # a triangle that following ∂Ω would shrink to a tenth keeps its straight side
+        thin = _areas(curved, faces) <= _areas(straight, faces) / 10
         kept = np.unique(faces[thin])
         curved[kept] = straight[kept]
         return _Mesh(curved, faces, np.concatenate([self.parameter, parameter]))
 
     def smallest_eigenvalues(self, spinors: Complex[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, " k"]:
         """The smallest μ for given (p, q) at the vertices."""
-        mass = _mass(gauss_image_areas(spinors, self.faces), self.faces, len(self.points))
-        return _smallest_eigenpairs(_stiffness(self.points, self.faces), mass, self.inner, count)[0]
-
-
-def _stiffness(points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
-    """∫ ∇u·∇v of linear elements."""
-    return cotangent_laplacian(plane_coordinates(points), faces)
+        return _smallest_eigenpairs(self.points, self.faces, spinors, self.inner, count)[0]
 
 
 def _mass(areas: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], n: int) -> csc_array:
@@ -243,18 +233,17 @@ def _areas(points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"]) -> 
     return np.asarray(0.5 * np.imag(np.conj(b - a) * (c - a)))
 
 
-def _edges(faces: Int[np.ndarray, "f 3"], n: int) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "f 3"]]:
-    """Every edge once, and for each face its edges ab, bc, ca."""
-    other = np.roll(faces, -1, axis=1)
-    codes, index = np.unique(np.minimum(faces, other) * n + np.maximum(faces, other), return_inverse=True)
-    return np.stack([codes // n, codes % n], axis=1), index.reshape(faces.shape)
-
-
 def _smallest_eigenpairs(
-    stiffness: csc_array, mass: csc_array, inner: Int[np.ndarray, " i"], count: int
+    points: Complex[np.ndarray, " n"],
+    faces: Int[np.ndarray, "f 3"],
+    spinors: Complex[np.ndarray, "k 2"],
+    inner: Int[np.ndarray, " i"],
+    count: int,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "i k"]]:
-    """The smallest μ of S u = μ M u for u = 0 outside the inner vertices, ascending, and the values of u there."""
-    s, m = csc_array(stiffness[inner][:, inner]), csc_array(mass[inner][:, inner])
+    """The smallest μ of −Δu = μ|dn|²u for u = 0 outside the inner vertices, ascending, and the values of u there."""
+    stiffness = cotangent_laplacian(plane_coordinates(points), faces)
+    mass = _mass(gauss_image_areas(spinors, faces), faces, len(points))
+    s, m = (csc_array(whole[inner][:, inner]) for whole in (stiffness, mass))
     count = min(count, len(inner))
     # as M u = (1/μ) S u: S is always definite, M need not be
     if len(inner) <= 2 * count:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.plateau.solution import Iteration
+from spinor_geom.plateau.solution import Iteration, Method
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,8 +23,9 @@ class Steps:
     on_iteration: Callable[[Iteration], None] | None = None
     history: list[Iteration] = field(default_factory=list)
 
-    def take(self, step: Iteration) -> None:
-        """Takes down a step and tells it."""
+    def take(self, method: Method, residual: float) -> None:
+        """Takes down the next step and tells it; see `Iteration`."""
+        step = Iteration(index=len(self.history) + 1, method=method, residual=residual)
         self.history.append(step)
         if self.on_iteration is not None:
             self.on_iteration(step)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal, Protocol, TypeAlias
 
 import torch
@@ -10,7 +9,8 @@ import torch
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.solution import Iteration, PlateauSolution
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.steps import Steps
 
 
 class Trainer(Protocol):
@@ -27,7 +27,7 @@ class Trainer(Protocol):
         *,
         start: PlateauSolution | None,
         device: torch.device,
-        on_iteration: Callable[[Iteration], None] | None,
+        steps: Steps,
     ) -> Found:
         """A minimal disk whose p and q are networks.
 
@@ -35,7 +35,7 @@ class Trainer(Protocol):
             curve: Γ, at unit size.
             start: a solution over the curve at any size and place; none starts from random parameters on the unit disk.
             device: where it runs.
-            on_iteration: is called after each step.
+            steps: get those of the training.
         """
         ...
 

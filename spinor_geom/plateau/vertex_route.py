@@ -10,7 +10,6 @@ are matched with the rim's points; nothing slides, nothing crowds, and two to si
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 
@@ -33,8 +32,8 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.gauss_newton import gram
-from spinor_geom.plateau.solution import Iteration
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
+from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
     EdgeIntegrals,
     PointEquations,
@@ -74,24 +73,19 @@ class VertexSolver:
     Attributes:
         loop: the loop at unit size.
         allowed: RMS distance of its points from the surface to reach.
-        max_steps: limit on Newton steps.
+        steps: of Newton's method.
         device: where the linear algebra runs.
         clock: of the stages.
-        on_iteration: is called after each step.
     """
 
     loop: BoundaryLoop
     allowed: float
-    max_steps: int
+    steps: Steps
     device: torch.device
     clock: Clock
-    on_iteration: Callable[[Iteration], None] | None = None
 
-    def found(self, history: tuple[Iteration, ...] = ()) -> Found:
+    def found(self) -> Found:
         """The surface through the points, as nearly as they can be met.
-
-        Args:
-            history: steps of tries before.
 
         Raises:
             FirstFillError: no discrete disk over the loop was found.
@@ -108,12 +102,12 @@ class VertexSolver:
             domain = _domain(disk.faces, images, flat)
             spinors = lifted_spinors(disk.vertices, disk.faces, images, len(points), self.device)
         wanted = torch.tensor(points, device=self.device)
-        steps, raw = list(history), None
+        raw = None
         for nodes in _NODES:
             with self.clock.stage("features"):
                 basis = _Basis.on(flat.boundary, nodes, self.device)
             with self.clock.stage("fit"):
-                raw = self._fitted(basis, basis.nearest(spinors), raw, wanted, steps)
+                raw = self._fitted(basis, basis.nearest(spinors), raw, wanted)
             with self.clock.stage("surface"):
                 network = basis.network(raw)
                 rim = RimPrimitive.along(domain.boundary, partial(_phi_of, network), _NODES_TOLD)
@@ -122,7 +116,7 @@ class VertexSolver:
             if rms(torch.from_numpy(error)) <= self.allowed or is_out_of_time():
                 break
         with self.clock.stage("surface"):
-            return self._found(network, rim, error, domain, tuple(steps))
+            return self._found(network, rim, error, domain)
 
     def _fitted(
         self,
@@ -130,7 +124,6 @@ class VertexSolver:
         start: Complex[Tensor, "k 2"],
         raw: Complex[Tensor, "k 2"] | None,
         points: Float[Tensor, "n 3"],
-        steps: list[Iteration],
     ) -> Complex[Tensor, "k 2"]:
         """Newton's method for the read-outs nearest to a start, in the norm of the basis, that meet the points.
 
@@ -139,7 +132,6 @@ class VertexSolver:
             start: orthonormal read-outs.
             raw: read-outs of the features themselves to set out from; none for the start.
             points: to be met.
-            steps: gets those that are done.
         """
         readout = start if raw is None else basis.norm.mH @ raw
         here = _Passing(basis=basis, points=points, rim=basis.rim(readout))
@@ -151,12 +143,10 @@ class VertexSolver:
             )
 
         def told(distance: float) -> bool:
-            steps.append(Iteration(index=len(steps) + 1, method="Newton", residual=distance))
-            if self.on_iteration is not None:
-                self.on_iteration(steps[-1])
-            return len(steps) < self.max_steps
+            self.steps.take("Newton", distance)
+            return self.steps.left > 0
 
-        if len(steps) < self.max_steps:
+        if self.steps.left:
             enough = _BELOW_ALLOWED * self.allowed
             readout = nearest_through(here, readout, start=start, enough=enough, on_step=told)
         return basis.raw(readout)
@@ -167,7 +157,6 @@ class VertexSolver:
         rim: RimPrimitive,
         error: Float[np.ndarray, "n 3"],
         domain: PlaneDomain,
-        history: tuple[Iteration, ...],
     ) -> Found:
         points = self.loop.points
         velocity = rim.velocity.real.reshape(len(points), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
@@ -182,12 +171,11 @@ class VertexSolver:
         surface = SpinorSurface(network, domain, points[0] + error[0] + at_root.real).to(self.device)
         return Found(
             surface=surface,
-            curve=curve,
-            matching=np.column_stack([domain.boundary.parameters[:-1], curve.breaks[:-1]]),
+            curves=(curve,),
+            matchings=(np.column_stack([domain.boundary.parameters[:-1], curve.breaks[:-1]]),),
             misfit=misfit_at_points(curve, error),
             area=rim.area,
             route="vertices",
-            history=history,
             limit="no minimal surface near the discrete one passes through the loop's points more nearly",
         )
 

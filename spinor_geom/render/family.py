@@ -1,9 +1,8 @@
-"""The associate family of a surface as meshes: two arrays of positions, and the cosine and sine of one angle."""
+"""The associate family of a surface as layers: two arrays of positions, and the cosine and sine of one angle."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,8 +12,11 @@ from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, sampled
 from spinor_geom.errors import PeriodError
 from spinor_geom.meshing.surface_mesh import mesh_surface
+from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR
+from spinor_geom.render.layers import Faces, Lines
 from spinor_geom.surface import SpinorSurface, formulas
 
+GAUSS = "Gauss curvature"
 VERTICES = 4000
 # lines of the grid across the longer side of Ω, and points on each
 GRID_LINES, _LINE_POINTS = 16, 240
@@ -22,56 +24,16 @@ GRID_LINES, _LINE_POINTS = 16, 240
 _LARGEST_PERIOD = 1e-6
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AssociateFamily:
-    """All surfaces with φ turned into e^{iθ}φ, on the same triangles; they are isometric and have the same normals.
-
-    Attributes:
-        vertices: those of the surface itself, θ = 0.
-        conjugate: those of the conjugate surface, θ = π/2, moved so that both have one mean.
-        faces: triangles, the same for all.
-        lines: edges of the images of a square grid in Ω; their ends follow the triangles' vertices.
-        boundary_size: the vertices of the rim come first, in order.
-        gauss_curvature: at the vertices, in 1/length², the same for all.
-    """
-
-    vertices: Float[np.ndarray, "n 3"]
-    conjugate: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
-    lines: Int[np.ndarray, "l 2"]
-    boundary_size: int
-    gauss_curvature: Float[np.ndarray, " n"]
-
-    def at(self, angle: float) -> Float[np.ndarray, "n 3"]:
-        """The vertices of the member with a given θ, in radians: cos θ of the surface and sin θ of its conjugate."""
-        if angle == 0:
-            return self.vertices
-        return np.asarray(self.centre + np.cos(angle) * self._arm + np.sin(angle) * (self.conjugate - self.centre))
-
-    @cached_property
-    def centre(self) -> Float[np.ndarray, "3"]:
-        """The mean of the vertices, which is that of all members."""
-        return np.asarray(self.vertices.mean(axis=0))
-
-    @cached_property
-    def _arm(self) -> Float[np.ndarray, "n 3"]:
-        return np.asarray(self.vertices - self.centre)
-
-    @cached_property
-    def radius(self) -> float:
-        """The largest distance of a vertex of any member from the centre."""
-        return float(np.linalg.norm(np.concatenate([self.at(a) for a in _TURN]) - self.centre, axis=1).max())
-
-
-_TURN = np.linspace(0, np.pi, 60, endpoint=False)
-
-
-def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> AssociateFamily:
-    """The associate family on about so many vertices.
+def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> tuple[Faces, Lines, Lines]:
+    """All surfaces with φ turned into e^{iθ}φ: they are isometric and have the same normals and Gauss curvature.
 
     Args:
         surface: over a domain around which ∮ φ dz = 0, as around every one without poles of p and q.
         vertices: of the mesh.
+
+    Returns:
+        The surface with its Gauss curvature as a field, the image of a square grid in Ω, and the boundary, all on the
+        same vertices, those of the boundary first. Their conjugates have the same mean as they.
 
     Raises:
         PeriodError: the conjugate surface does not close around ∂Ω or a hole, so that it has no mesh on this domain.
@@ -84,13 +46,13 @@ def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> Ass
     points = np.concatenate([mesh.points, ends])
     own = np.concatenate([mesh.vertices, np.asarray(surface.position(ends)).reshape(-1, 3)])
     conjugate = np.asarray(surface.associate(np.pi / 2).position(points))
-    return AssociateFamily(
-        vertices=own,
-        conjugate=conjugate - conjugate.mean(axis=0) + own.mean(axis=0),
-        faces=mesh.faces,
-        lines=lines + len(mesh.points),
-        boundary_size=mesh.boundary_size,
-        gauss_curvature=np.asarray(surface.gauss_curvature(points)),
+    places: dict[str, Any] = {"vertices": own, "conjugate": conjugate - conjugate.mean(axis=0) + own.mean(axis=0)}
+    fields = {GAUSS: np.asarray(surface.gauss_curvature(points))}
+    rim = np.arange(mesh.boundary_size)
+    return (
+        Faces(**places, faces=mesh.faces, colour=FRONT_COLOUR, inside=BACK_COLOUR, fields=fields),
+        Lines(**places, edges=lines + len(mesh.points), colour=GRID_COLOUR, width=0.75),
+        Lines(**places, edges=np.stack([rim, np.roll(rim, -1)], axis=1), width=2.5),
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import os
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,8 @@ import numpy as np
 from spinor_geom.errors import OptionError
 from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
-from spinor_geom.render.family import AssociateFamily, associate_family
-from spinor_geom.render.layers import Faces, Scale
+from spinor_geom.render.family import GAUSS, associate_family
+from spinor_geom.render.layers import Scale
 from spinor_geom.render.page import document
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.viewer import STYLE, Scene, Views
@@ -26,7 +25,6 @@ _PER_SECOND = 25
 # MPEG-4 wants multiples of 16
 _SIZE = (640, 640)
 _COLOURS, _PAPER = 256, 240
-_VERTICES = 4000
 
 
 def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int = FRAMES) -> None:
@@ -51,13 +49,12 @@ def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int =
     suffix = checked_suffix(target)
     if frames < 1:
         raise OptionError(f"an animation needs at least one frame, got {frames}")
-    family = associate_family(surface, vertices=_VERTICES)
     with atomic_path(target) as temporary:
         if suffix == ".html":
-            temporary.write_text(family_page(family, title=f"associate family of {target.stem}"), encoding="utf-8")
+            temporary.write_text(family_page(surface, title=f"associate family of {target.stem}"), encoding="utf-8")
             return
         angles = (2 * np.pi * np.arange(frames) / frames).tolist()
-        with Portrait.of(family).frames(angles, size=_SIZE) as pictures:
+        with Portrait.of(surface).frames(angles, size=_SIZE) as pictures:
             (_write_gif if suffix == ".gif" else _write_mp4)(pictures, temporary)
 
 
@@ -78,18 +75,16 @@ def checked_suffix(path: Path) -> str:
     return suffix
 
 
-def family_page(family: AssociateFamily, *, title: str) -> str:
+def family_page(surface: SpinorSurface, *, title: str) -> str:
     """A page that needs nothing from elsewhere: the surface to turn, and a slider for θ.
 
     Colours tell the Gauss curvature, which is the same for the whole family.
     """
-    name = "Gauss curvature"
-    surface, *lines = Portrait.of(family).layers
-    assert isinstance(surface, Faces)
+    layers = associate_family(surface)
     view = Scene(
         title="Drag to turn, wheel to zoom, double click to set it spinning; the slider turns θ.",
-        layers=(replace(surface, fields={name: family.gauss_curvature}), *lines),
-        scales={name: Scale.of(family.gauss_curvature)},
+        layers=layers,
+        scales={GAUSS: Scale.of(layers[0].fields[GAUSS])},
         spins=True,
         shape="wide",
     )

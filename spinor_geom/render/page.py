@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import html
+import math
 from collections.abc import Container, Sequence
+from typing import Any
 
 _LONG = 60  # letters, from which on the text of a cell is broken into lines
 
@@ -56,6 +58,21 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Cont
         f"<tr{' class=missed' if k in marked else ''}>{''.join(map(_cell, row))}</tr>" for k, row in enumerate(rows)
     )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+
+
+def cell(value: Any) -> str:
+    """The text of a figure in a table: four digits of numbers, nothing for what there is not."""
+    if value is None or isinstance(value, bool):
+        return {None: "", True: "yes", False: "no"}[value]
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.4g}"
+    return str(value)
+
+
+def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The same table in markdown, one text per column."""
+    lines = [[text.replace("|", "\\|") for text in line] for line in (columns, ["---"] * len(columns), *rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def picture(data: bytes, alt: str) -> str:

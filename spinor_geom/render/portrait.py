@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,15 +15,17 @@ from numpy.typing import ArrayLike
 
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.topology import boundary_edges
-from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR
-from spinor_geom.render.family import AssociateFamily, associate_family
-from spinor_geom.render.layers import Camera, Faces, Layer, Lines, View, turned
+from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR
+from spinor_geom.render.family import VERTICES, associate_family
+from spinor_geom.render.layers import Faces, Layer, Lines, View, turned
 from spinor_geom.render.png import drawn
+from spinor_geom.render.scene import upright, whole_mesh
 from spinor_geom.surface import SpinorSurface
 
 # from the surface to the eye: in front of it and above, the third axis upwards
 EYE = (1.0, -2.0, 1.3)
 SIZE = (900, 720)
+_ALONG = 0.999
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,23 +39,19 @@ class Portrait:
     layers: tuple[Layer, ...]
 
     @classmethod
-    def of(cls, surface: SpinorSurface | AssociateFamily) -> Portrait:
+    def of(cls, surface: SpinorSurface, *, vertices: int = VERTICES) -> Portrait:
         """A surface and its family, with its boundary and the image of a square grid in Ω.
+
+        Args:
+            surface: what to draw.
+            vertices: of its mesh.
 
         Raises:
             PeriodError: see `associate_family`.
             SurfaceError: the surface is not finite on its domain.
         """
-        family = associate_family(surface) if isinstance(surface, SpinorSurface) else surface
-        rim = np.arange(family.boundary_size)
-        places: dict[str, Any] = {"vertices": family.vertices, "conjugate": family.conjugate}
-        return cls(
-            layers=(
-                Faces(**places, faces=family.faces, colour=FRONT_COLOUR, inside=BACK_COLOUR),
-                Lines(**places, edges=family.lines, colour=GRID_COLOUR, width=0.75),
-                Lines(**places, edges=np.stack([rim, np.roll(rim, -1)], axis=1), width=2.5),
-            )
-        )
+        faces, *lines = associate_family(surface, vertices=vertices)
+        return cls(layers=(replace(faces, fields={}), *lines))
 
     def moved(self, matrix: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Portrait:
         """The picture of x ↦ matrix·x + shift, without the family."""
@@ -100,11 +97,11 @@ class Portrait:
             MissingPackageError: pyvista is not installed.
             RenderError: the drawing failed.
         """
-        frame = _frame(np.asarray(eye, dtype=np.float64))
-        seen = np.concatenate([turned(layer, angle) for layer in self.layers for angle in angles]) @ frame.T
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        radius = max(high[1] - low[1], (high[0] - low[0]) * size[1] / size[0]) / 2
-        camera = Camera(focus=(low + high) / 2 @ frame, direction=frame[2], up=frame[1], radius=float(radius))
+        direction = np.asarray(eye, dtype=np.float64) / np.linalg.norm(eye)
+        # the second axis is upwards for a view along the third
+        axis = np.eye(3)[2 if abs(direction[2]) < _ALONG else 1]
+        seen = np.concatenate([turned(layer, angle) for layer in self.layers for angle in angles])
+        camera = whole_mesh(seen, direction, upright(direction, axis), aspect=size[0] / size[1])
         with drawn([View(layers=self.layers, camera=camera)], size=size, angles=angles) as pictures:
             yield pictures
 
@@ -116,12 +113,3 @@ def plain_portrait(
     fields = {} if values is None else {"": values}
     surface = Faces(vertices=vertices, faces=faces, colour=FRONT_COLOUR, inside=BACK_COLOUR, fields=fields)
     return Portrait(layers=(surface, Lines(vertices=vertices, edges=boundary_edges(faces), width=2.5)))
-
-
-def _frame(eye: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Rows: to the right, up, and to the eye; the third axis is upwards, or the second for a view along the third."""
-    direction = eye / np.linalg.norm(eye)
-    upright = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.999 else np.array([0.0, 1.0, 0.0])
-    right = np.cross(upright, direction)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(direction, right), direction])

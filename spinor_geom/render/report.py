@@ -26,6 +26,7 @@ from spinor_geom.render.loop_views import (
     GRID,
     MEAN,
     NORMALS,
+    WIREFRAME,
     LoopViews,
     loop_views,
     patch_faces,
@@ -38,7 +39,7 @@ from spinor_geom.render.viewer import STYLE, Scene, Views
 
 # of how many filled loops, the longest first, Ω and its functions are shown
 MOST_LOOPS = 8
-_PANEL, _WIREFRAME = "fill", "wireframe"
+_PANEL = "fill"
 _COLOURS = {
     "": "one colour",
     MEAN: "mean curvature |H| of the mesh",
@@ -146,9 +147,9 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
     used = result.original.vertices[referenced_vertices(result.original.faces, vertices=len(result.original.vertices))]
     patches = {outcome.index: outcome.patch for outcome in result.loops if outcome.patch is not None}
     shown = {one.outcome.index: one for one in details}
-    layers, left_out = surroundings(result, edges=_WIREFRAME)
+    layers, left_out = surroundings(result)
     for index, patch in patches.items():
-        layers += shown[index].in_space(edges=_WIREFRAME) if index in shown else [patch_faces(patch, edges=_WIREFRAME)]
+        layers += shown[index].in_space() if index in shown else [patch_faces(patch)]
     known = {name: [one.fields[name] for one in details if name in one.fields] for name in _COLOURS}
     scales = {name: Scale.of(np.concatenate(values), _UNITS[name]) for name, values in known.items() if values}
     cameras = {"": camera_on(used, shown_loop(result.loops))} | {
@@ -166,7 +167,7 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
     panel = Views.panel(
         _PANEL,
         colours={name: label for name, label in _COLOURS.items() if name in ("", *scales)},
-        switches={_WIREFRAME: False, GRID: False, NORMALS: False} if details else {_WIREFRAME: False},
+        switches={WIREFRAME: False, GRID: False, NORMALS: False} if details else {WIREFRAME: False},
         loops={
             str(one.outcome.index): f"loop {one.outcome.index}: {len(one.outcome.loop)} vertices" for one in details
         },
@@ -182,65 +183,58 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
         parts.append(
             f"<p>Ω, functions, colours and switches are of the {len(details)} longest loops with exact surfaces.</p>"
         )
-    parts += ['<div class="beside">', views.figure(scene)]
-    if details:
-        parts += [
-            "<div>",
-            views.figure(
-                Scene(
-                    title="Ω and its grid; poles of the network violet, zeros of p black, of q white",
-                    layers=[layer for one in details for layer in one.in_plane(edges=_WIREFRAME)],
-                    scales=scales,
-                    panel=_PANEL,
-                    cameras={str(one.outcome.index): one.plane_camera for one in details},
-                    unit="units of Ω",
-                    flat=True,
-                    shape="square",
-                )
-            ),
-            views.figure(
-                Scene(
-                    title="The Gauss map: normals of the patch on the unit sphere",
-                    layers=[layer for one in details for layer in one.on_sphere(edges=_WIREFRAME)],
-                    scales=scales,
-                    panel=_PANEL,
-                    cameras={str(one.outcome.index): one.sphere_camera for one in details},
-                    shape="square",
-                )
-            ),
-            "</div>",
-        ]
-    return [*parts, "</div>"]
+    beside = [
+        Scene(
+            title="Ω and its grid; poles of the network violet, zeros of p black, of q white",
+            layers=[layer for one in details for layer in one.in_plane()],
+            scales=scales,
+            panel=_PANEL,
+            cameras={str(one.outcome.index): one.plane_camera for one in details},
+            unit="units of Ω",
+            flat=True,
+            shape="square",
+        ),
+        Scene(
+            title="The Gauss map: normals of the patch on the unit sphere",
+            layers=[layer for one in details for layer in one.on_sphere()],
+            scales=scales,
+            panel=_PANEL,
+            cameras={str(one.outcome.index): one.sphere_camera for one in details},
+            shape="square",
+        ),
+    ]
+    figures = "".join(map(views.figure, beside)) if details else ""
+    return [*parts, f'<div class="beside">{views.figure(scene)}<div>{figures}</div></div>']
 
 
 def _loop_table(outcomes: Sequence[LoopOutcome]) -> str:
-    columns: tuple[str, ...] = ("loop", "vertices", "perimeter", "filled", "RMS residual/edge", "max residual/edge")
-    columns += ("area", "stability", "Morse index", "route", "new vertices", "new faces", "crossings", "seconds")
-    columns += ("reason",)
     rows = []
     for outcome in outcomes:
         entry, solution = outcome.to_dict(), outcome.solution
         stability = entry["stability"] or {}
+        said = "border" if outcome.is_border else "no" if outcome.requested else "left open"
         rows.append(
-            [
-                str(outcome.index),
-                str(len(outcome.loop)),
-                _number(outcome.loop.perimeter),
-                outcome.kind or ("border" if outcome.is_border else "no" if outcome.requested else "left open"),
-                _number(entry["residual_rms_per_edge"]),
-                _number(entry["residual_max_per_edge"]),
-                _number(entry["area"]),
-                str(stability.get("verdict", "")),
-                _number(stability.get("index")),
-                "" if solution is None else solution.route,
-                str(outcome.vertices_added),
-                str(outcome.faces_added),
-                str(outcome.intersections),
-                _number(sum(outcome.timings.values())),
-                outcome.reason,
-            ]
+            {
+                "loop": outcome.index,
+                "vertices": len(outcome.loop),
+                "perimeter": outcome.loop.perimeter,
+                "filled": outcome.kind or said,
+                "RMS residual/edge": entry["residual_rms_per_edge"],
+                "max residual/edge": entry["residual_max_per_edge"],
+                "area": entry["area"],
+                "stability": stability.get("verdict"),
+                "Morse index": stability.get("index"),
+                "route": None if solution is None else solution.route,
+                "new vertices": outcome.vertices_added,
+                "new faces": outcome.faces_added,
+                "crossings": outcome.intersections,
+                "seconds": sum(outcome.timings.values()),
+                "reason": outcome.reason,
+            }
         )
-    return table(columns, rows, marked=[k for k, outcome in enumerate(outcomes) if not outcome.converged])
+    cells = [[_number(value) for value in row.values()] for row in rows]
+    marked = [k for k, outcome in enumerate(outcomes) if not outcome.converged]
+    return table(list(rows[0]) if rows else (), cells, marked=marked)
 
 
 def _convergence(outcomes: Sequence[LoopOutcome]) -> list[str]:

@@ -96,13 +96,18 @@ def camera_on(points: Float[np.ndarray, "v 3"], outcome: LoopOutcome | None) -> 
 
 
 def whole_mesh(
-    points: Float[np.ndarray, "v 3"], direction: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"]
+    points: Float[np.ndarray, "v 3"],
+    direction: Float[np.ndarray, "3"],
+    up: Float[np.ndarray, "3"],
+    *,
+    aspect: float = 1,
 ) -> Camera:
-    """The camera of a given direction that just shows all points in a square picture."""
+    """The camera of a given direction that just shows all points in a picture of a width per height."""
     frame = np.stack([np.cross(up, direction), up, direction])
     seen = points @ frame.T
     low, high = seen.min(axis=0), seen.max(axis=0)
-    return Camera(focus=(low + high) / 2 @ frame, direction=direction, up=up, radius=float((high - low)[:2].max() / 2))
+    radius = float(((high - low)[:2] / [aspect, 1]).max() / 2)
+    return Camera(focus=(low + high) / 2 @ frame, direction=direction, up=up, radius=radius)
 
 
 def facing(normal: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
@@ -110,5 +115,10 @@ def facing(normal: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], Floa
     axis = np.array([0.0, 1.0, 0.0])
     if abs(normal[1]) > ALONG_Y:
         axis = np.array([0.0, 0.0, -np.sign(normal[1])])
-    up = axis - (axis @ normal) * normal
-    return normal, up / np.linalg.norm(up)
+    return normal, upright(normal, axis)
+
+
+def upright(direction: Float[np.ndarray, "3"], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """The unit vector across a view's direction that is nearest to an axis."""
+    up = axis - (axis @ direction) * direction
+    return np.asarray(up / np.linalg.norm(up))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 
 import numpy as np
 
+from spinor_geom.errors import RenderError
 from spinor_geom.render.colours import UNKNOWN_COLOUR, VIRIDIS
 from spinor_geom.render.layers import Camera, Dots, Faces, Layer, Lines, Scale
 
@@ -28,6 +30,8 @@ form.panel { font-size: 13px; display: flex; flex-wrap: wrap; gap: .5rem 1rem; a
 form.panel fieldset { border: 1px solid var(--faint); border-radius: 4px } form.panel label { display: block }
 form.panel output { width: 16rem; min-height: 2.2rem } canvas:focus-visible,
 form.panel :focus-visible { outline: 2px solid var(--link) }"""
+
+_LESS = "\\u003c"  # "<" in JSON
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,17 +66,21 @@ class Views:
 
     def __init__(self) -> None:
         """No views yet."""
-        self._views: list[str] = []
+        self._views: list[dict[str, object]] = []
         # each array once, however many layers have it
         self._places: dict[str, int] = {}
 
     def figure(self, scene: Scene) -> str:
         """The element in which the view will stand."""
         place = f"view-{len(self._views)}"
+        points = np.concatenate([layer.vertices for layer in scene.layers])
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
         data = {
             "place": place,
             "title": scene.title,
             "layers": [self._layer(layer) for layer in scene.layers],
+            "middle": middle.tolist(),
+            "reach": max(farthest(layer, middle) for layer in scene.layers) or 1.0,
             "scales": {name: vars(scale) for name, scale in scene.scales.items()},
             "panel": scene.panel,
             "cameras": {loop: _camera(camera) for loop, camera in scene.cameras.items()},
@@ -80,7 +88,7 @@ class Views:
             "flat": scene.flat,
             "spins": scene.spins,
         }
-        self._views.append(json.dumps(data))
+        self._views.append(data)
         return f'<figure class="view {scene.shape}" id="{place}"></figure>'
 
     @staticmethod
@@ -127,15 +135,20 @@ class Views:
 
     def script(self) -> str:
         """The data of all views and the program that shows them."""
-        colours = json.dumps({"stops": VIRIDIS, "unknown": UNKNOWN_COLOUR})
-        # "</script" would end the script element, "<!--" with a "<script" after it hide its end
-        data = ("[" + ",".join(self._views) + "]").replace("<", "\\u003c")
+        data = {
+            "colours": {"stops": VIRIDIS, "unknown": UNKNOWN_COLOUR},
+            "arrays": list(self._places),
+            "views": self._views,
+        }
         program = files("spinor_geom.render").joinpath("viewer.js").read_text(encoding="utf-8")
         return "\n".join(
             [
-                f'<script type="application/json" id="colours">{colours}</script>',
-                f'<script type="application/json" id="arrays">{json.dumps(list(self._places))}</script>',
-                f'<script type="application/json" id="views">{data}</script>',
+                # "</script" would end the script element, "<!--" with a "<script" after it hide its end
+                *(
+                    f'<script type="application/json" id="{name}">{json.dumps(value).replace("<", _LESS)}</script>'
+                    for name, value in data.items()
+                ),
+                f"<script>{three_js()}</script>",
                 f"<script>{program}</script>",
             ]
         )
@@ -152,7 +165,7 @@ class Views:
         if layer.conjugate is not None:
             data["conjugate"] = self._array(layer.conjugate, "<f4")
         if isinstance(layer, Dots):
-            data |= {"size": layer.size}
+            data |= {"width": layer.size}
         elif isinstance(layer, Lines):
             data |= {"elements": self._array(layer.edges, "<u4"), "width": layer.width, "halo": layer.halo}
         elif isinstance(layer, Faces):
@@ -167,10 +180,34 @@ class Views:
         return self._places.setdefault(text, len(self._places))
 
 
+def three_js() -> str:
+    """The library that draws, with its licence's notice, as trimesh carries it in the page that shows its scenes.
+
+    Raises:
+        RenderError: this trimesh has it no more, or in another form.
+    """
+    import trimesh
+    from trimesh.viewer import scene_to_html
+
+    page = scene_to_html(trimesh.Scene(trimesh.creation.icosahedron()))
+    found = re.search(r"/\*\*\n \* @license\n[^/]*Three\.js Authors[^/]*\*/\n!function[^\n]*", page)
+    if found is None:
+        raise RenderError(
+            f"no page was made: three.js, which shows it, was not found in trimesh {trimesh.__version__}; "
+            "install another version, such as 4.5"
+        )
+    return found.group()
+
+
+def farthest(layer: Layer, middle: np.ndarray) -> float:
+    """The largest distance of a layer's vertices from a point, for all members of its family: |cos t·a + sin t·b|."""
+    a = layer.vertices - middle
+    b = np.zeros_like(a) if layer.conjugate is None else layer.conjugate - middle
+    aa, bb, ab = ((u * v).sum(axis=1) for u, v in ((a, a), (b, b), (a, b)))
+    return float(np.sqrt(((aa + bb) / 2 + np.hypot((aa - bb) / 2, ab)).max(initial=0.0)))
+
+
 def _camera(camera: Camera) -> dict[str, object]:
     right = np.cross(camera.up, camera.direction)
-    return {
-        "focus": camera.focus.tolist(),
-        "frame": np.stack([right, camera.up, camera.direction]).ravel().tolist(),
-        "radius": camera.radius,
-    }
+    frame = [axis.tolist() for axis in (right, camera.up, camera.direction)]
+    return {"focus": camera.focus.tolist(), "frame": frame, "radius": camera.radius}

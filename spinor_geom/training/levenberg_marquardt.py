@@ -21,12 +21,13 @@ from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network import interpolate_matching
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.solution import Iteration, PlateauSolution
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training.boundary import BoundaryNodes, as_boundary_curve, diagonal_of, move_to, placed
 from spinor_geom.training.descent import Distillation, Polish, descend
-from spinor_geom.training.result import Trained, TrainingStep, continuing
+from spinor_geom.training.result import Trained, TrainingStep, taken_by
 
 # damping at the start, as a share of the mean diagonal entry of J Jᴴ: near to what is sought, and from random numbers
 _NEAR, _FAR = 1e-6, 1e-1
@@ -78,10 +79,9 @@ class LevenbergMarquardt:
         *,
         start: PlateauSolution | None,
         device: torch.device,
-        on_iteration: Callable[[Iteration], None] | None,
+        steps: Steps,
     ) -> Found:
         """A minimal disk over a curve at unit size; see `plateau.trained_route.Trainer`."""
-        history = [] if start is None else list(start.history)
         unit = None
         if start is not None:
             loop = start.loop
@@ -92,9 +92,9 @@ class LevenbergMarquardt:
             matching=None if start is None else start.matching,
             options=self,
             device=device,
-            on_step=continuing(history, on_iteration),
+            on_step=taken_by(steps),
         )
-        return trained.as_disk(curve, history)
+        return trained.as_disk(curve)
 
 
 def train_by_levenberg_marquardt(

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.solution import Iteration
+from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
@@ -75,30 +75,21 @@ class Trained:
         """RMS distance in diagonals of Γ."""
         return self.misfit.rms / self.diagonal
 
-    def as_disk(self, curve: BoundaryCurve, history: list[Iteration], *, scale: float = 1.0) -> Found:
+    def as_disk(self, curve: BoundaryCurve, *, scale: float = 1.0) -> Found:
         """The disk over a curve at unit size; Γ was the curve divided by the scale."""
         assert isinstance(self.surface, SpinorSurface)  # the other representation is refused with the options
         surface = self.surface.transform(scale=scale)
         return Found(
-            curve=curve,
             surface=surface,
-            matching=self.matching,
+            curves=(curve,),
+            matchings=(self.matching,),
             misfit=self.misfit.enlarged(scale),
             area=float(surface.area()),
             route="trained",
-            history=tuple(history),
             limit=self.reason,
         )
 
 
-def continuing(
-    history: list[Iteration], on_iteration: Callable[[Iteration], None] | None
-) -> Callable[[TrainingStep], None]:
-    """What takes steps of training down as iterations after those in a history."""
-
-    def hear(step: TrainingStep) -> None:
-        history.append(Iteration(index=len(history) + 1, method=step.method, residual=step.loss))
-        if on_iteration is not None:
-            on_iteration(history[-1])
-
-    return hear
+def taken_by(steps: Steps) -> Callable[[TrainingStep], None]:
+    """What takes steps of training down as iterations of a solve."""
+    return lambda step: steps.take(step.method, step.loss)

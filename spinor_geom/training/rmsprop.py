@@ -29,13 +29,14 @@ from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.solution import Iteration, PlateauSolution
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training.boundary import as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.homeomorphism import CircleHomeomorphism
 from spinor_geom.training.rays import FORMS, RayBoundary
-from spinor_geom.training.result import Status, Trained, TrainingStep, continuing
+from spinor_geom.training.result import Status, Trained, TrainingStep, taken_by
 
 # of files with the state of a training
 _FORMAT = "spinor_geom.training 2"
@@ -113,14 +114,13 @@ class RMSprop:
         *,
         start: PlateauSolution | None,
         device: torch.device,
-        on_iteration: Callable[[Iteration], None] | None,
+        steps: Steps,
     ) -> Found:
         """A minimal disk over a curve at unit size, from random parameters; see `plateau.trained_route.Trainer`."""
         assert start is None
-        history: list[Iteration] = []
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
-        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=continuing(history, on_iteration))
-        return trained.as_disk(curve, history, scale=1 / _DIAGONAL)
+        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=taken_by(steps))
+        return trained.as_disk(curve, scale=1 / _DIAGONAL)
 
 
 def train_by_rmsprop(

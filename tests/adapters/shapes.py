@@ -85,12 +85,7 @@ def glb_file(primitives: list[dict[str, np.ndarray]], **tree: object) -> bytes:
     entries = []
     for primitive in primitives:
         accessors = {
-            name: container.store(
-                rows,
-                instead_of=None,
-                target=ELEMENT_ARRAY_BUFFER if name == "indices" else ARRAY_BUFFER,
-                bounds=name == "POSITION",
-            )
+            name: container.store(rows, target=ELEMENT_ARRAY_BUFFER if name == "indices" else ARRAY_BUFFER)
             for name, rows in primitive.items()
         }
         entry: dict[str, object] = {"attributes": {k: v for k, v in accessors.items() if k != "indices"}}

@@ -44,7 +44,7 @@ def read(text: str) -> ObjText | str:
         return str(error)
 
 
-PLAIN = ("names", "curve_names", "color_width", "counts")
+PLAIN = ("names", "curve_names", "counts")
 
 
 def same(one: ObjText, other: ObjText) -> bool:

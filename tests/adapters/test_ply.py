@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.adapters.ply import read_ply
+from spinor_geom.adapters.ply_records import read_records
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
@@ -314,6 +316,15 @@ def test_attributes_of_other_formats_survive_in_ply(tmp_path: Path) -> None:
     assert again(closed, tmp_path).mesh.vertex_attributes["heat"][8].tolist() == [3.5]
 
 
+def test_an_attribute_called_like_a_coordinate_is_written_beside_it(tmp_path: Path) -> None:
+    contents = replace(
+        parsed(ply("ascii", CUBE_POINTS, QUADS)).contents, attributes={"x": np.ones((8, 1))}, source=None
+    )
+    back = again(MeshFile.of_contents(contents, path=None), tmp_path)
+    assert np.array_equal(back.mesh.vertices, CUBE_POINTS)
+    assert np.array_equal(back.mesh.vertex_attributes["property_x"], np.ones((8, 1)))
+
+
 def test_faces_of_other_sizes_after_a_run_of_equal_ones_are_read_as_they_stand() -> None:
     faces = [[0, 1, 2], [2, 1, 3], [0, 1, 3, 2], [3, 1, 0], [0, 2, 3, 1]]
     body = b"".join(struct.pack(f"<B{len(face)}iB", len(face), *face, 7 + len(face)) for face in faces)
@@ -324,4 +335,10 @@ def test_faces_of_other_sizes_after_a_run_of_equal_ones_are_read_as_they_stand()
     points = struct.pack("<12f", 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0)
     contents = read_ply(header.encode() + points + body, None)
     assert contents.polygons.rows() == faces
-    assert contents.source.faces.scalars["flag"].tolist() == [10, 10, 11, 10, 11]
+    assert read_records(header.encode() + points + body, None).elements["face"].values["flag"].tolist() == [
+        10,
+        10,
+        11,
+        10,
+        11,
+    ]

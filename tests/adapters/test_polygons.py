@@ -70,12 +70,10 @@ def test_huge_coordinates_do_not_warn() -> None:
     assert len(triangles) == 5
 
 
-def test_followed_by_and_from_face_take_apart_what_they_join() -> None:
+def test_triangles_follow_the_faces_that_were_there() -> None:
     old = polygons([0, 1, 2, 3], [3, 2, 4])
     new = old.followed_by(np.array([[5, 6, 7]]))
     assert new.rows() == [[0, 1, 2, 3], [3, 2, 4], [5, 6, 7]]
-    assert new.from_face(2).rows() == [[5, 6, 7]]
-    assert len(new.from_face(3)) == 0
     assert new.renumbered(np.arange(8) + 1).rows()[0] == [1, 2, 3, 4]
 
 

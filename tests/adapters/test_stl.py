@@ -78,7 +78,7 @@ def test_triangle_without_area_gets_a_zero_normal() -> None:
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b"junk", "byte 80: has 4 bytes and does not begin with 'solid'"),
+        (b"junk", "byte 80: announces 0 facets, 84 bytes; has 4 and does not begin with 'solid'"),
         (b"x" * 84, "announces 2021161080 facets"),
         (cube_stl("binary")[:-1], "announces 10 facets, 584 bytes; has 583"),
         (cube_stl("binary") + b"\0" * 50, "announces 10 facets"),

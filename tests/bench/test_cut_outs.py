@@ -9,9 +9,9 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.bench import page, runner
 from spinor_geom.bench.claims import CAP_DISTANCES, claims
 from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, is_disk, named_cut_out, scan_names
-from spinor_geom.bench.holes import ODD, PEER_TESTS
-from spinor_geom.bench.measure import cut_out_figures, hole_figures, rim_bend
-from spinor_geom.bench.peers import Filled
+from spinor_geom.bench.fillers import Filled
+from spinor_geom.bench.holes import odd_holes
+from spinor_geom.bench.measure import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.pieces import pieces_of, scale_of
 from spinor_geom.bench.runner import measure
 from spinor_geom.bench.suites import Settings, chosen_tasks
@@ -165,10 +165,9 @@ def test_a_filler_that_moves_or_renumbers_the_mesh_is_measured_on_its_patch():
     ],
 )
 def test_cases_of_other_projects_have_the_rims_they_are_known_for(name, rims):
-    hole = ODD[name]()
+    hole = odd_holes()[name]
     assert [len(hole.loops[place]) for place in hole.places] == rims
     assert hole.expected
-    assert name in PEER_TESTS
     # an edge with three faces ends in the rim
     assert (hole_figures(Filled(vertices=hole.vertices, faces=hole.faces), hole, None)["nonmanifold_edges"] > 0) == (
         name == "fin"
@@ -208,9 +207,10 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
     page.write(run)
     text = (tmp_path / page.PAGE).read_text(encoding="utf-8")
     assert "From left to right: removed, spinor-fill." in text
-    removed, patch = pieces_of(tmp_path / "views" / "torus-outside-0.4")
-    assert removed.values.max() < 1e-7
-    assert scale_of([removed, patch]).high == pytest.approx(np.quantile(patch.values, 0.95))
+    pieces = pieces_of(tmp_path / "views" / "torus-outside-0.4")
+    removed, patch = pieces.values()
+    assert removed.fields[DISTANCE].max() < 1e-7
+    assert scale_of(pieces).high == pytest.approx(np.quantile(patch.fields[DISTANCE], 0.95))
     # side by side
     assert removed.vertices[:, 0].max() < patch.vertices[:, 0].min()
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from spinor_geom.bench.cases import KNOWN, known_case
-from spinor_geom.bench.fillers import FILLERS, OURS
-from spinor_geom.bench.holes import ODD, hole_over
+from spinor_geom.bench.fillers import FILLERS, OURS, Filled
+from spinor_geom.bench.holes import hole_over, odd_holes
 from spinor_geom.bench.limit import points_limit
 from spinor_geom.bench.measure import disk_figures, hole_figures
 from spinor_geom.bench.methods import Spanned
-from spinor_geom.bench.peers import Filled
 from spinor_geom.bench.ragged import CUT, NOISY, ragged_hole
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.intersections import loop_crossings
@@ -46,7 +45,7 @@ def test_a_collar_has_one_rim_and_a_longer_outer_boundary():
     ],
 )
 def test_odd_rims_are_what_they_are_called(name, rims):
-    hole = ODD[name]()
+    hole = odd_holes()[name]
     assert len(hole.places) == rims
     assert len(hole.loops) > rims
     assert hole.expected
@@ -62,9 +61,8 @@ def test_an_untouched_hole_is_open_and_our_fill_closes_it():
     assert open_["open_rim_edges"] == 40
     assert open_["triangles"] == 0
     assert open_["outer_kept_open"]
-    tool = FILLERS[OURS]
-    state = tool.prepare(hole)
-    filled = tool.finish(state, tool.fill(state))
+    fill, finish = FILLERS[OURS].prepare(hole)
+    filled = finish(fill())
     figures = hole_figures(filled, hole, case)
     assert (figures["open_rim_edges"], figures["new_open_edges"], figures["nonmanifold_edges"]) == (0, 0, 0)
     assert figures["rim_kept"]
@@ -88,10 +86,9 @@ def test_an_untouched_hole_is_open_and_our_fill_closes_it():
     ],
 )
 def test_our_fill_joins_islands_and_facing_rims_where_a_surface_does(name, patches, says):
-    hole = ODD[name]()
-    tool = FILLERS[OURS]
-    state = tool.prepare(hole)
-    filled = tool.finish(state, tool.fill(state))
+    hole = odd_holes()[name]
+    fill, finish = FILLERS[OURS].prepare(hole)
+    filled = finish(fill())
     figures = hole_figures(filled, hole, None)
     assert figures.get("patches", 0) == patches
     assert says in filled.told
@@ -126,11 +123,9 @@ def test_a_peer_that_is_missing_is_skipped_or_required_and_a_broken_one_fails(tm
 
 def test_meshlib_stitches_facing_rims():
     require_peer("meshlib")
-    hole = ODD["facing-0.5"]()
-    tool = FILLERS["meshlib-nicely"]
-    state = tool.prepare(hole)
-    tool.fill(state)
-    figures = hole_figures(tool.finish(state, None), hole, None)
+    hole = odd_holes()["facing-0.5"]
+    fill, finish = FILLERS["meshlib-nicely"].prepare(hole)
+    figures = hole_figures(finish(fill()), hole, None)
     assert (figures["patches"], figures["open_rim_edges"]) == (1, 0)
 
 
@@ -139,8 +134,8 @@ def test_every_peer_that_is_installed_takes_a_mesh_and_gives_one_back(name):
     tool = FILLERS[name]
     require_peer(tool.package)
     hole = hole_over("plane", (case := known_case("plane-square")).loop(16), case.area)
-    state = tool.prepare(hole)
-    filled = tool.finish(state, tool.fill(state))
+    fill, finish = tool.prepare(hole)
+    filled = finish(fill())
     figures = hole_figures(filled, hole, known_case("plane-square"))
     if name == "trimesh":
         assert figures["open_rim_edges"] == 16
@@ -172,7 +167,7 @@ def test_samplings_keep_the_answer():
         with pytest.raises(OptionError, match=told):
             known_case(wrong)
     assert known_case("random-77").area > 0
-    assert set(ODD) & set(KNOWN) == set()
+    assert set(odd_holes()) & set(KNOWN) == set()
 
 
 def test_the_points_limit_is_what_interpolants_of_the_points_reach():

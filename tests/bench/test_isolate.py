@@ -5,7 +5,8 @@ import os
 import numpy as np
 import pytest
 
-from spinor_geom.bench.isolate import forget_peak_memory, peak_memory, run_isolated
+from spinor_geom.bench.runner import run_isolated
+from spinor_geom.bench.worker import forget_peak_memory, peak_memory
 
 pytestmark = pytest.mark.usefixtures("importable")
 

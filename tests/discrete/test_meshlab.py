@@ -7,7 +7,7 @@ import pytest
 from spinor_geom import gallery
 from spinor_geom.discrete import discrete_minimal_surface, meshlab, minimal_surface
 from spinor_geom.errors import FirstFillError
-from spinor_geom.measures import triangle_quality
+from spinor_geom.measures.quality import smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.loops import L_SHAPE, is_disk_on, noisy_ellipse, planar
 
@@ -61,7 +61,7 @@ def test_triangles_are_even_on_long_loops_too(known):
     surface = meshlab_minimal_surface(loop)
     assert surface.converged
     # 24° and 32° were measured
-    assert triangle_quality(surface.vertices, surface.faces).min > 20
+    assert smallest_angles(surface.vertices, surface.faces).min() > 20
 
 
 def test_callers_remeshing_keeps_its_defaults():

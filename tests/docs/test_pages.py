@@ -22,7 +22,7 @@ from sybil import Sybil
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
 
 import spinor_geom
-from spinor_geom.bench.isolate import Record, Task
+from spinor_geom.bench.machine import Record, Task
 from spinor_geom.cli.main import main
 from spinor_geom.render.portrait import Portrait
 

@@ -247,7 +247,7 @@ def test_what_was_cut_out_of_a_sheet_fits_back_without_crossings(
         if frozenset(loop.vertex_ids.tolist()) in disk.holes:
             patch = star(whole, loop)
             assert total(surroundings.crossings(patch)) == 0
-            surroundings.join(patch)
+            surroundings.join(patch, loop.vertex_ids)
 
 
 @settings(max_examples=25)
@@ -260,14 +260,15 @@ def test_counts_do_not_change_under_motion_and_scale(seed: int, motion: RigidMot
         mesh = TriangleMesh(points, faces)
         surroundings = Surroundings(mesh)
         # apexes far on the other side: they pass through the tube and each other
-        patches = [cone(loop) for loop in find_boundary_loops(mesh)]
+        loops = find_boundary_loops(mesh)
+        patches = [cone(loop) for loop in loops]
         ends = [patch.vertices[-1].copy() for patch in patches]
         for patch, opposite in zip(patches, reversed(ends), strict=True):
             patch.vertices[-1] = opposite + 0.3 * (patch.vertices[0] - opposite)
         found = []
-        for patch in patches:
+        for loop, patch in zip(loops, patches, strict=True):
             found.append(surroundings.crossings(patch))
-            surroundings.join(patch)
+            surroundings.join(patch, loop.vertex_ids)
         counts.append([(len(f.own), len(f.mesh), len(f.patches)) for f in found])
     assert sum(map(sum, counts[0])) > 0
     assert counts[0] == counts[1]

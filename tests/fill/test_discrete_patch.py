@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from spinor_geom.discrete.first_fill import disk_without_inner_points, minimum_area_triangulation
 from spinor_geom.errors import FirstFillError, OutOfTimeError, TooManyPointsError
 from spinor_geom.fill import discrete_patch as module
-from spinor_geom.fill.discrete_patch import discrete_patch, graph_laplacian
+from spinor_geom.fill.discrete_patch import discrete_patch
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
@@ -55,13 +55,6 @@ def test_a_discrete_patch_has_the_loop_as_its_rim_and_lies_over_the_disk() -> No
     corners = patch.points[patch.faces]
     # every vertex in the middle of its neighbours: no face is turned over
     assert (((corners[:, 1] - corners[:, 0]).conj() * (corners[:, 2] - corners[:, 0])).imag > 0).all()
-
-
-def test_the_laplacian_of_a_graph_has_degrees_on_its_diagonal_and_rows_of_sum_zero() -> None:
-    laplacian = graph_laplacian(np.array([[0, 1, 2], [0, 2, 3]]), 4).toarray()
-    np.testing.assert_array_equal(np.diag(laplacian), [3, 2, 3, 2])
-    np.testing.assert_array_equal(laplacian.sum(axis=1), 0)
-    assert laplacian[1, 3] == 0
 
 
 def test_where_the_descent_fails_triangles_over_the_points_close_the_hole(monkeypatch: pytest.MonkeyPatch) -> None:

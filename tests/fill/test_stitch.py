@@ -191,17 +191,16 @@ def test_four_thousand_patches_are_joined_in_linear_time() -> None:
     shift = np.column_stack([3.0 * (place % 50), 3.0 * (place // 50), 0 * place])
     mesh = TriangleMesh((vertices + shift[:, None]).reshape(-1, 3), (faces + 12 * place[:, None, None]).reshape(-1, 3))
     loops = find_boundary_loops(mesh)
-    surroundings, taken = Surroundings(mesh), RimEdges(mesh, loops)
+    surroundings = Surroundings(mesh, loops)
     patches = [fan(loop) for loop in loops]
     chords = [loop.vertex_ids[patch_chords(patch)] for loop, patch in zip(loops, patches, strict=True)]
     start = perf_counter()
     for loop, patch, edges in zip(loops, patches, chords, strict=True):
-        surroundings.join(patch)
-        assert not taken.are_taken(edges).any()
-        taken.take(edges)
-        assert taken.face_on(loop) is None
+        assert not surroundings.taken.are_taken(edges).any()
+        surroundings.join(patch, loop.vertex_ids)
+        assert surroundings.taken.face_on(loop) is None
     # half a second; arrays that are copied for every patch took twenty
     assert perf_counter() - start < 8
-    assert all(taken.are_taken(edges).all() for edges in chords)
+    assert all(surroundings.taken.are_taken(edges).all() for edges in chords)
     # those of the other end of a piece and its neighbours are found among all of them
     assert len(surroundings.crossings(patches[0]).patches) == 4

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.measures import self_intersections as exported
 from spinor_geom.mesh.intersections import (
     intersections_between,
     is_graph,
@@ -250,10 +249,6 @@ def test_real_meshes_without_defects_do_not_cross_themselves(
 ) -> None:
     mesh = real_mesh(name)
     assert len(self_intersections(mesh.vertices, mesh.faces)) == 0
-
-
-def test_measures_export_the_same_function() -> None:
-    assert exported is self_intersections
 
 
 # --- graphs -----------------------------------------------------------------------------------------------------------

@@ -87,11 +87,11 @@ KNOIDS = {
 }
 
 
-def knoid(k, rho, count=64) -> tuple[BoundaryLoop, ...]:
+def knoid_curves(k, rho, steps=512) -> tuple[ClosedCurve, ...]:
     """The rims of Jorge and Meeks's k-noid on the sphere less the disks |z − ω| < ρ about the k-th roots of unity.
 
-    φ = (½(1 − g²), ½i(1 + g²), g) dz/(z^k − 1)², g = z^(k−1), integrated from 0 to 1 − ρ and then around one disk; the
-    other rims are turned.
+    φ = (½(1 − g²), ½i(1 + g²), g) dz/(z^k − 1)², g = z^(k−1), integrated from 0 to 1 − ρ and then around one disk, as a
+    Fourier series; the other rims are turned.
     """
 
     def phi(z):
@@ -100,19 +100,33 @@ def knoid(k, rho, count=64) -> tuple[BoundaryLoop, ...]:
 
     nodes, weights = np.polynomial.legendre.leggauss(200)
     first = (phi((1 - rho) * (nodes + 1) / 2) * (1 - rho) / 2).T @ weights
-    steps = 64 * count
     turn = np.exp(2j * np.pi * np.arange(steps) / steps)
-    spectrum = np.fft.fft(phi(1 - rho * turn) * (-1j * rho * turn)[:, None], axis=0)
-    frequency = np.fft.fftfreq(steps, 1 / steps)
-    frequency[0] = 1
-    integral = spectrum / (1j * frequency[:, None])
-    integral[0] = 0
-    r = np.fft.ifft(integral, axis=0)
-    rim = (r - r[0] + first).real[::64]
+    slope = np.fft.fft(phi(1 - rho * turn) * (-2j * np.pi * rho * turn)[:, None], axis=0) / steps
+    each = 2j * np.pi * np.fft.fftfreq(steps, 1 / steps)[:, None]
+    large = np.abs(slope).max(axis=1) > 1e-17 * np.abs(slope).max()
+    slope, each = slope[large], each[large]
+    place = np.divide(slope, each, out=np.zeros_like(slope), where=each != 0)
+    start = first - place.sum(axis=0)
+
+    def series(coefficients, matrix, constant=0.0):
+        return lambda s: (np.exp(np.asarray(s)[..., None] * each[:, 0]) @ coefficients + constant).real @ matrix
+
     angles = 2 * np.pi * np.arange(k) / k
     # r(ω z) is r(z) turned by −2π/k
     turns = [np.array([[np.cos(a), np.sin(a), 0], [-np.sin(a), np.cos(a), 0], [0, 0, 1]]) for a in angles]
-    return tuple(BoundaryLoop.from_points(rim @ matrix.T, corners=()) for matrix in turns)
+    return tuple(
+        ClosedCurve(
+            point=series(place, matrix, start),
+            derivative=series(slope, matrix),
+            second_derivative=series(slope * each, matrix),
+        )
+        for matrix in turns
+    )
+
+
+def knoid(k, rho, count=64) -> tuple[BoundaryLoop, ...]:
+    """Equal steps of the parameters of those rims."""
+    return tuple(sampled(curve, count) for curve in knoid_curves(k, rho))
 
 
 def circle(centre, normal, radius, count=64) -> BoundaryLoop:

@@ -188,8 +188,8 @@ def test_reported_residual_of_random_curves_is_the_measured_one():
         except (DomainError, SurfaceError):
             continue
         found_some += 1
-        assert len(found.history) <= 25
-        rms, largest = measured(found.surface, solver.curve, 8 * len(found.matching))
+        assert len(solver.steps.history) <= 25
+        rms, largest = measured(found.surface, solver.curve, 8 * len(found.matchings[0]))
         if found.misfit.rms <= solver.allowed:
             # told at half as many points of the boundary as it is measured at
             assert abs(rms / found.misfit.rms - 1) < 0.02, seed
@@ -232,7 +232,8 @@ def test_crowded_disk_is_given_up_for_a_domain_of_the_loop_s_own():
 def test_limit_on_steps_holds_for_all_routes_together():
     solver = harmonic_solver(noisy_ellipse(60, amount=0.15), tolerance=1e-3, max_steps=7)
     for _ in range(2):
-        assert len(solver.unfolded().history) <= 7
+        solver.unfolded()
+        assert len(solver.steps.history) <= 7
 
 
 def test_loops_with_corners_go_to_the_network():

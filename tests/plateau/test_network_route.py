@@ -26,6 +26,6 @@ def test_residual_tells_what_the_surface_s_paths_lose(monkeypatch, order):
 def test_corners_do_not_make_a_polygon_rough():
     loop = gallery.schwarz_prism(1.5).sample(64)
     assert np.count_nonzero(loop.corners) == 8
-    network = Task.of(loop, Options()).network
+    network = Task.of([loop], Options()).network
     # a ninth of its points are corners of 90°: it would count as ragged, and be spared the second start that it needs
     assert network._turning < 1e-6

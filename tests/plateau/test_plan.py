@@ -10,6 +10,7 @@ import pytest
 from spinor_geom import deadline, gallery
 from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SingularMatrixError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau import Cauchy, solve_plateau
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.options import Options
@@ -17,17 +18,20 @@ from spinor_geom.plateau.plan import (
     ByNetwork,
     ByTraining,
     InPlane,
+    NoneBetween,
+    OnCircles,
     OnUnfolding,
     OnUnitDisk,
     Route,
     ThroughPoints,
-    nearest_disk,
+    nearest_surface,
     plan,
 )
-from spinor_geom.plateau.solution import Iteration
+from spinor_geom.plateau.rims import PARTED
 from spinor_geom.plateau.task import Task
 from spinor_geom.training import LevenbergMarquardt
 from tests.loops import CONVEX, noisy_ellipse, planar
+from tests.plateau.rims import TETRAHEDRON, coaxial, facing, ring, sampled
 
 SMOOTH = gallery.twisted_circle().sample(40)
 SKEW = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 1), (1, 1, 0), (0, 1, 1)], corners=[0, 1, 2, 3])
@@ -35,6 +39,15 @@ SKEW = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 1), (1, 1, 0), (0, 1, 1)], co
 FEW = BoundaryLoop.from_points(
     [(np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)) for t in 2 * np.pi * np.arange(7) / 7], corners=()
 )
+
+
+def rough_pair() -> list[BoundaryLoop]:
+    """Two rims, one above the other, whose points are moved by a sixth of an edge."""
+    rng = np.random.default_rng(1)
+    return [
+        BoundaryLoop.from_points(one.points + 0.016 * rng.normal(size=(64, 3)), corners=())
+        for one in (sampled(curve, 64) for curve in coaxial(0.4))
+    ]
 
 
 def finger() -> BoundaryLoop:
@@ -46,7 +59,8 @@ def finger() -> BoundaryLoop:
 
 
 def task_of(loop, *, model="auto", between="smooth", tolerance=1e-3, on_iteration=None) -> Task:
-    return Task.of(loop, Options(model=model, tolerance=tolerance, between=between), on_iteration)
+    loops = [loop] if isinstance(loop, (BoundaryLoop, ClosedCurve)) else loop
+    return Task.of(loops, Options(model=model, tolerance=tolerance, between=between), on_iteration)
 
 
 # --- the plan ---------------------------------------------------------------------------------------------------------
@@ -70,6 +84,14 @@ PLANS = {
     "by a network": (SMOOTH, {"model": Cauchy(degree=20)}, (ByNetwork(),)),
     "power series": (SMOOTH, {"model": "series"}, (OnUnitDisk(),)),
     "power series, with corners": (SKEW, {"model": "series"}, (OnUnitDisk(),)),
+    "several": (coaxial(0.5), {}, (OnCircles(), ByNetwork())),
+    "several, by a network": (coaxial(0.5), {"model": "cauchy"}, (ByNetwork(),)),
+    "several, in series": (coaxial(0.5), {"model": "series"}, (OnCircles(),)),
+    "several, crowded": ((gallery.ellipse(8.0), ring(0.5, 0.3)), {}, (ByNetwork(), OnCircles())),
+    "several, rough, free": (rough_pair(), {"between": "free"}, (ThroughPoints(), OnCircles(), ByNetwork())),
+    "three": (facing(TETRAHEDRON[:3]), {"between": "free"}, (OnCircles(),)),
+    "several, plane": ((ring(1.0, 0.0), ring(0.5, 0.0)), {}, (InPlane(), OnCircles(), ByNetwork())),
+    "several, apart": (coaxial(1.0), {}, (NoneBetween(PARTED),)),
     "trained": (SMOOTH, {"model": "mlp"}, (ByTraining(LevenbergMarquardt(), warm_start=True),)),
 }
 
@@ -94,16 +116,16 @@ class Fake:
     farther: float = 1.0
     asked: list[Task] = field(default_factory=list)
 
-    def disk(self, task: Task) -> Found:
+    def surface(self, task: Task) -> Found:
         self.asked.append(task)
-        task.steps.take(Iteration(index=len(task.steps.history) + 1, method="Douglas-Newton", residual=1.0))
+        task.steps.take("Douglas-Newton", 1.0)
         if isinstance(self.answer, Exception):
             raise self.answer
         return replace(self.answer, misfit=self.answer.misfit.enlarged(self.farther))
 
 
 def found(route: Route) -> Found:
-    return route.disk(task_of(SMOOTH))
+    return route.surface(task_of(SMOOTH))
 
 
 MET = found(OnUnitDisk())
@@ -113,7 +135,7 @@ FAILURES = [DomainError("folded"), FirstFillError("no fill"), SingularMatrixErro
 def test_the_first_route_that_meets_the_tolerance_is_the_last():
     first, second = Fake(MET), Fake(MET)
     task = task_of(SMOOTH)
-    assert nearest_disk((first, second), task).surface is MET.surface
+    assert nearest_surface((first, second), task).surface is MET.surface
     assert (len(first.asked), len(second.asked)) == (1, 0)
 
 
@@ -121,39 +143,40 @@ def test_the_first_route_that_meets_the_tolerance_is_the_last():
 def test_a_route_that_fails_leaves_the_word_to_the_next(failure):
     heard = []
     task = task_of(SMOOTH, on_iteration=heard.append)
-    disk = nearest_disk((Fake(failure), Fake(MET)), task)
+    disk = nearest_surface((Fake(failure), Fake(MET)), task)
     assert disk.surface is MET.surface
     # its steps count
-    assert [step.index for step in disk.history] == [1, 2]
-    assert tuple(heard) == disk.history
+    assert [step.index for step in task.solution(disk).history] == [1, 2]
+    assert tuple(heard) == task.solution(disk).history
 
 
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda error: type(error).__name__)
 def test_a_poor_disk_stands_where_the_next_route_fails(failure):
-    disk = nearest_disk((Fake(MET, farther=1e9), Fake(failure)), task_of(SMOOTH))
-    assert disk.surface is MET.surface
-    assert len(disk.history) == 2
+    task = task_of(SMOOTH)
+    assert nearest_surface((Fake(MET, farther=1e9), Fake(failure)), task).surface is MET.surface
+    assert len(task.steps.history) == 2
     with pytest.raises(type(failure)):
-        nearest_disk((Fake(DomainError("crowded")), Fake(failure)), task_of(SMOOTH))
+        nearest_surface((Fake(DomainError("crowded")), Fake(failure)), task_of(SMOOTH))
 
 
 @pytest.mark.parametrize("farther", [(1e9, 1e8), (1e8, 1e9)])
-def test_the_nearest_disk_is_taken_where_none_meets_the_tolerance(farther):
-    disk = nearest_disk([Fake(MET, farther=times) for times in farther], task_of(SMOOTH))
+def test_the_nearest_surface_is_taken_where_none_meets_the_tolerance(farther):
+    task = task_of(SMOOTH)
+    disk = nearest_surface([Fake(MET, farther=times) for times in farther], task)
     assert disk.misfit.rms == 1e8 * MET.misfit.rms
-    assert len(disk.history) == 2
+    assert len(task.steps.history) == 2
 
 
 def test_time_that_is_over_ends_the_plan():
     second = Fake(MET)
     with deadline.time_limit(0), pytest.raises(OutOfTimeError):
-        nearest_disk((second,), task_of(SMOOTH))
+        nearest_surface((second,), task_of(SMOOTH))
     assert not second.asked
 
 
 def test_another_error_is_no_failure_of_a_route():
     with pytest.raises(RuntimeError, match="broken"):
-        nearest_disk((Fake(RuntimeError("broken")), Fake(MET)), task_of(SMOOTH))
+        nearest_surface((Fake(RuntimeError("broken")), Fake(MET)), task_of(SMOOTH))
 
 
 def test_the_limit_on_steps_holds_for_the_whole_plan():

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from spinor_geom import gallery
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.plane_route import is_plane
+from spinor_geom.plateau.plane_route import lie_in_plane
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from tests.loops import CONVEX, L_SHAPE, planar, polygon_area, slit
 
@@ -70,8 +70,8 @@ def test_float32_rounds_no_loop_out_of_its_plane():
     )
     assert solve_plateau(rounded).route == "plane"
     # unless more is asked for than float32 holds
-    assert is_plane(rounded, allowed=1e-7)
-    assert not is_plane(rounded, allowed=1e-10)
+    assert lie_in_plane([rounded], allowed=1e-7)
+    assert not lie_in_plane([rounded], allowed=1e-10)
 
 
 def test_normals_follow_the_loop():

@@ -12,7 +12,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
 from spinor_geom.plateau.solution import _partitions
-from tests.plateau.rims import CATENOIDS, CUBE, KNOIDS, TETRAHEDRON, coaxial, facing, knoid, ring
+from tests.plateau.rims import CATENOIDS, CUBE, KNOIDS, TETRAHEDRON, coaxial, facing, knoid, knoid_curves, ring
 
 
 @cache
@@ -39,6 +39,12 @@ def test_stable_pieces_of_knoids(k, rho):
     assert (solution.stability.verdict, solution.stability.index) == ("stable", 0)
     assert solution.annulus.period < 1e-14
     assert solution.self_intersections == 0
+
+
+def test_a_piece_of_a_knoid_between_curves_in_formulas():
+    solution = solve_plateau(knoid_curves(3, 0.5))
+    assert abs(solution.area / KNOIDS[3, 0.5][0] - 1) < 1e-13
+    assert solution.boundary_residual.max_per_diagonal < 1e-14
 
 
 @pytest.mark.parametrize(("k", "rho"), [case for case, (_, index) in KNOIDS.items() if index == 0])

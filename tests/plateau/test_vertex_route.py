@@ -14,6 +14,7 @@ from spinor_geom.gallery.surfaces import enneper
 from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.vertex_route import VertexSolver
 
 
@@ -127,7 +128,11 @@ def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPat
     loop = rim_of(3, 0.7)
     unit = BoundaryLoop.from_points((loop.points - loop.centroid) / loop.diagonal, corners=[])
     solver = VertexSolver(
-        loop=unit, allowed=1e-3 * unit.mean_edge_length, max_steps=20, device=torch.device("cpu"), clock=Clock()
+        loop=unit,
+        allowed=1e-3 * unit.mean_edge_length,
+        steps=Steps(limit=100),
+        device=torch.device("cpu"),
+        clock=Clock(),
     )
     assert solver.found().misfit.rms < 1e-3 * unit.mean_edge_length
     monkeypatch.setattr("spinor_geom.plateau.vertex_route._FAR", 1e-3)

@@ -20,8 +20,10 @@ from spinor_geom.errors import MissingPackageError, OptionError, PeriodError, Su
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.meshing.surface_mesh import mesh_surface
-from spinor_geom.render.family import AssociateFamily, associate_family, grid_lines
+from spinor_geom.render.family import GAUSS, associate_family, grid_lines
+from spinor_geom.render.layers import Faces, turned
 from spinor_geom.render.morph import SUFFIXES, morph
+from spinor_geom.render.viewer import farthest
 from spinor_geom.surface import SpinorSurface
 from tests.browser import browser, visit
 
@@ -32,8 +34,8 @@ def edges_of(faces: np.ndarray) -> np.ndarray:
     return np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
 
 
-def edge_lengths(family: AssociateFamily, angle: float) -> np.ndarray:
-    points, edges = family.at(angle), edges_of(family.faces)
+def edge_lengths(family: Faces, angle: float) -> np.ndarray:
+    points, edges = turned(family, angle), edges_of(family.faces)
     return np.asarray(np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1))
 
 
@@ -54,29 +56,29 @@ def catenoid_on_a_ring() -> SpinorSurface:
 
 
 @pytest.fixture(scope="module")
-def catenoid() -> AssociateFamily:
-    return associate_family(gallery.catenoid().surface, vertices=600)
+def catenoid() -> Faces:
+    return associate_family(gallery.catenoid().surface, vertices=600)[0]
 
 
 @given(angle=ANGLES)
 @settings(max_examples=20)
-def test_members_are_those_of_the_surface_up_to_a_shift(catenoid: AssociateFamily, angle: float) -> None:
+def test_members_are_those_of_the_surface_up_to_a_shift(catenoid: Faces, angle: float) -> None:
     surface = gallery.catenoid().surface
     z = mesh_surface(surface, vertices=600).points
-    apart = catenoid.at(angle)[: len(z)] - surface.associate(angle).position(z)
+    apart = turned(catenoid, angle)[: len(z)] - surface.associate(angle).position(z)
     np.testing.assert_allclose(apart - apart.mean(axis=0), 0, atol=1e-12)
     # the mean stays where it is
-    np.testing.assert_allclose(catenoid.at(angle).mean(axis=0), catenoid.centre, atol=1e-12)
+    np.testing.assert_allclose(turned(catenoid, angle).mean(axis=0), catenoid.vertices.mean(axis=0), atol=1e-12)
 
 
-def test_the_quarter_turn_of_the_catenoid_is_the_helicoid(catenoid: AssociateFamily) -> None:
+def test_the_quarter_turn_of_the_catenoid_is_the_helicoid(catenoid: Faces) -> None:
     known = gallery.catenoid()
     reach = np.abs(known.surface.domain.boundary.vertices.real).max()
     pitch = 0.5 / reach
     helicoid = gallery.helicoid(pitch * np.sinh(reach), pitch, both_sides=True)
     assert helicoid.area == pytest.approx(known.area, rel=1e-12)
     z = mesh_surface(known.surface, vertices=600).points
-    apart = catenoid.at(np.pi / 2)[: len(z)] - helicoid.position(z)
+    apart = turned(catenoid, np.pi / 2)[: len(z)] - helicoid.position(z)
     np.testing.assert_allclose(apart - apart.mean(axis=0), 0, atol=1e-12)
 
 
@@ -98,7 +100,7 @@ def test_edges_keep_their_lengths_to_second_order() -> None:
     surface = gallery.enneper(1.0).surface
     errors, sizes = [], []
     for vertices in (300, 1200, 4800):
-        family = associate_family(surface, vertices=vertices)
+        family, *_ = associate_family(surface, vertices=vertices)
         own = edge_lengths(family, 0.0)
         errors.append(np.abs(edge_lengths(family, 1.0) / own - 1).mean())
         sizes.append(own.mean())
@@ -107,9 +109,13 @@ def test_edges_keep_their_lengths_to_second_order() -> None:
     assert errors[-1] < 1e-4
 
 
-def test_the_radius_holds_every_member(catenoid: AssociateFamily) -> None:
-    for angle in np.linspace(0, 6, 25):
-        assert np.linalg.norm(catenoid.at(angle) - catenoid.centre, axis=1).max() <= catenoid.radius * (1 + 1e-3)
+def test_a_view_holds_every_member(catenoid: Faces) -> None:
+    middle = np.array([0.1, 0.2, 0.3])
+    reached = [
+        np.linalg.norm(np.cos(t) * (catenoid.vertices - middle) + np.sin(t) * (catenoid.conjugate - middle), axis=1)
+        for t in np.linspace(0, 2 * np.pi, 721)
+    ]
+    assert farthest(catenoid, middle) == pytest.approx(np.max(reached), rel=1e-5)
 
 
 def test_lines_of_the_grid_lie_in_the_domain_and_are_straight_there() -> None:
@@ -177,7 +183,8 @@ def test_the_page_holds_surface_and_conjugate(tmp_path: Path) -> None:
     (data,) = re.findall(r'<script type="application/json" id="arrays">(.*?)</script>', text, re.DOTALL)
     arrays = json.loads(data)
     surface, grid, rim = view["layers"]
-    family = associate_family(gallery.enneper(0.8).surface)
+    family, *_ = associate_family(gallery.enneper(0.8).surface)
+    assert view["layers"][0]["fields"].keys() == {GAUSS}
     for layer in (surface, grid, rim):
         for name, expected in (("vertices", family.vertices), ("conjugate", family.conjugate)):
             found = np.frombuffer(base64.b64decode(arrays[layer[name]]), "<f4").reshape(-1, 3)

@@ -7,9 +7,10 @@ import re
 import numpy as np
 import pytest
 
+from spinor_geom.errors import RenderError
 from spinor_geom.render.layers import Faces, Scale
 from spinor_geom.render.page import document, picture
-from spinor_geom.render.viewer import Scene, Views
+from spinor_geom.render.viewer import Scene, Views, three_js
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]])
 FACES = np.array([[0, 1, 2]])
@@ -50,7 +51,7 @@ def test_no_title_ends_the_script_or_the_page_or_hides_their_end(evil):
     views = Views()
     figure = views.figure(shown(evil, Faces(vertices=VERTICES, faces=FACES, edges=True)))
     text = document(evil, [figure, views.script()])
-    assert text.count("</script>") == text.count("<script") == 4
+    assert text.count("</script>") == text.count("<script") == 5
     assert "<!--" not in text
     assert "<title></script>" not in text
     assert views_of(text)[0]["title"] == evil
@@ -73,3 +74,18 @@ def test_an_array_that_several_layers_have_is_in_the_page_once():
     assert text.count(base64.b64encode(VERTICES.astype("<f4").tobytes()).decode()) == 1
     first, second = (view["layers"][0] for view in views_of(text))
     assert (first["vertices"], first["elements"]) == (second["vertices"], second["elements"])
+
+
+def test_the_library_that_draws_comes_with_its_licence_and_only_with_that():
+    text = three_js()
+    assert text.startswith("/**\n * @license\n")
+    assert "SPDX-License-Identifier: MIT" in text
+    assert text.count("\n") == 5  # the notice and one line
+    assert "TrackballControls" not in text
+    assert "</script" not in text
+
+
+def test_a_page_without_the_library_is_a_typed_error(monkeypatch):
+    monkeypatch.setattr("trimesh.viewer.scene_to_html", lambda _: "<html></html>")
+    with pytest.raises(RenderError, match=r"three\.js.*not found in trimesh"):
+        three_js()
