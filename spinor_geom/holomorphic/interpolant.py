@@ -74,9 +74,8 @@ class CauchyInterpolant(torch.nn.Module):
         )
 
     def _many_values(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
-        strengths = _strengths(self.weights, self.values)
-        nodes, strengths, points = (a.detach().resolve_conj().numpy() for a in (self.nodes, strengths, z))
-        sums = cauchy_sums(nodes, strengths, points)
+        parts = (self.nodes, _strengths(self.weights, self.values), z)
+        sums = cauchy_sums(*(part.detach().resolve_conj().numpy() for part in parts))
         with np.errstate(over="ignore", invalid="ignore"):
             value = torch.from_numpy(sums[:, :2] / sums[:, 2:])
         at_node = ~value.isfinite().all(-1)
