@@ -87,7 +87,7 @@ def _work(
 
 
 def _answers(loops: Sequence[NamedLoop], options: BatchOptions) -> Iterator[PlateauSolution | SpinorGeomError]:
-    """The surface of each loop, in order, or why it has none; Γ is free between the points of holes, not of curves."""
+    """The surface of each loop, in order, or why it has none."""
     found = {
         kind: minimal_surfaces(
             [loop.loop for loop in loops if loop.kind == kind and loop.loop is not None],

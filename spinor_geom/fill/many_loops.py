@@ -75,17 +75,19 @@ def minimal_surfaces(
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     """For each loop in order its surface, or why it has none; small loops of similar size are solved side by side.
 
+    Between the points of rough loops Γ is free.
+
     Args:
         loops: any, also of several meshes.
         options: of the call.
-        is_rim: whether they are rims of meshes: between the points of rough ones Γ is free.
+        is_rim: whether they are rims of meshes, whose corners are those of triangles.
         device: of the linear algebra.
     """
     return solve_plateau_batch(
         (free_rim(loop, tolerance=options.tolerance) for loop in loops) if is_rim else loops,
         model=options.model,
         tolerance=options.tolerance,
-        between="free" if is_rim else "smooth",
+        between="free",
         time_limit=options.time_limit,
         device=device,
     )

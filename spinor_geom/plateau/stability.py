@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
 
 from spinor_geom.domain.delaunay import edge_codes, plane_coordinates
-from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
+from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -55,28 +56,28 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     curvature, error = _boundary_curvature(surface)
     if curvature + error < _SURE * 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvature)
-    mesh = _Mesh.of(surface.domain)
+    mesh = _Mesh.of(surface)
     while True:
-        mesh, coarse = mesh.refined(surface.domain), mesh
+        mesh, coarse = mesh.refined(), mesh
         if len(coarse.inner) < 6:  # too few to extrapolate from
             continue
-        stability = _on_meshes(coarse, mesh, surface.spinors(mesh.points))
+        stability = _on_meshes(coarse, mesh)
         # finer meshes than of some thousand vertices take seconds
         if stability.index is not None or len(mesh.points) > 5000:
             return stability
 
 
-def _on_meshes(coarse: _Mesh, fine: _Mesh, spinors: Complex[np.ndarray, "n 2"]) -> Stability:
-    """The verdict of two meshes for given (p, q) at the vertices of the finer one."""
-    curvatures = [float(gauss_image_areas(spinors, mesh.faces).sum()) for mesh in (coarse, fine)]
+def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
+    """The verdict of two meshes."""
+    curvatures = [float(mesh.curvature.sum()) for mesh in (coarse, fine)]
     # where refinement changes it by more than a twentieth, the eigenvalues do not yet converge at their order
     resolved = abs(curvatures[1] - curvatures[0]) <= curvatures[1] / 20
     if resolved and max(curvatures) < _SURE * 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvatures[1])
     count = 2
     while True:
-        few = coarse.smallest_eigenvalues(spinors, count)
-        many = fine.smallest_eigenvalues(spinors, count)[: len(few)]
+        few = coarse.smallest_eigenvalues(count)
+        many = fine.smallest_eigenvalues(count)[: len(few)]
         # linear elements converge at order 2, where they do not yet at order 1 or more: extrapolation by a third of the
         # difference and half of that as the error, or by anything up to the difference
         step = many - few
@@ -111,9 +112,9 @@ def lowest_modes(
     Returns:
         μ, and for each a column with the values of u at the mesh's vertices, the largest |u| being 1.
     """
-    spinors = surface.spinors(mesh.points)
+    curvature = gauss_image_areas(surface.spinors(mesh.points), mesh.faces)
     inner = np.arange(mesh.boundary_size, len(mesh.points))
-    values, functions = _smallest_eigenpairs(mesh.points, mesh.faces, spinors, inner, count)
+    values, functions = _smallest_eigenpairs(mesh.points, mesh.faces, curvature, inner, count)
     u = np.zeros((len(mesh.points), len(values)))
     u[inner] = functions / np.abs(functions).max(axis=0)
     return values, u
@@ -175,23 +176,34 @@ class _Mesh:
     """A triangulation of Ω with midpoint refinement that follows ∂Ω; the coarse vertices come first in the refined."""
 
     def __init__(
-        self, points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"], parameter: Float[np.ndarray, " n"]
+        self,
+        surface: SpinorSurface,
+        points: Complex[np.ndarray, " n"],
+        faces: Int[np.ndarray, "f 3"],
+        parameter: Float[np.ndarray, " n"],
     ) -> None:
-        self.points, self.faces = points, faces
+        self.surface, self.points, self.faces = surface, points, faces
         self.parameter = parameter  # of boundary vertices on ∂Ω; NaN inside
+        # a mesh is the finer one of two, then the coarser
+        self.smallest_eigenvalues = cache(self._smallest_eigenvalues)
 
     @classmethod
-    def of(cls, domain: PlaneDomain) -> _Mesh:
-        mesh = domain.triangulation
+    def of(cls, surface: SpinorSurface) -> _Mesh:
+        mesh = surface.domain.triangulation
         parameter = np.full(len(mesh.points), np.nan)
-        parameter[: mesh.boundary_size] = domain.arcs[:, 0]
-        return cls(mesh.points, mesh.faces, parameter)
+        parameter[: mesh.boundary_size] = surface.domain.arcs[:, 0]
+        return cls(surface, mesh.points, mesh.faces, parameter)
+
+    @cached_property
+    def curvature(self) -> Float[np.ndarray, " f"]:
+        """∫|K| dA of each face."""
+        return gauss_image_areas(self.surface.spinors(self.points), self.faces)
 
     @property
     def inner(self) -> Int[np.ndarray, " k"]:
         return np.flatnonzero(np.isnan(self.parameter))
 
-    def refined(self, domain: PlaneDomain) -> _Mesh:
+    def refined(self) -> _Mesh:
         """Every triangle in four; new boundary points on ∂Ω, or on the sides where ∂Ω would turn a triangle over."""
         n = len(self.points)
         codes, sides = np.unique(edge_codes(self.faces, n), return_inverse=True)
@@ -209,16 +221,16 @@ class _Mesh:
         faces = np.concatenate([np.stack(t, axis=1) for t in ((i, ab, ca), (j, bc, ab), (k, ca, bc), (ab, bc, ca))])
         straight = np.concatenate([self.points, middle])
         curved = straight.copy()
-        curved[n + rim] = domain.point(parameter[rim])
+        curved[n + rim] = self.surface.domain.point(parameter[rim])
         # a triangle that following ∂Ω would shrink to a tenth keeps its straight side
         thin = _areas(curved, faces) <= _areas(straight, faces) / 10
         kept = np.unique(faces[thin])
         curved[kept] = straight[kept]
-        return _Mesh(curved, faces, np.concatenate([self.parameter, parameter]))
+        return _Mesh(self.surface, curved, faces, np.concatenate([self.parameter, parameter]))
 
-    def smallest_eigenvalues(self, spinors: Complex[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, " k"]:
-        """The smallest μ for given (p, q) at the vertices."""
-        return _smallest_eigenpairs(self.points, self.faces, spinors, self.inner, count)[0]
+    def _smallest_eigenvalues(self, count: int) -> Float[np.ndarray, " k"]:
+        """The smallest μ."""
+        return _smallest_eigenpairs(self.points, self.faces, self.curvature, self.inner, count)[0]
 
 
 def _mass(areas: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], n: int) -> csc_array:
@@ -236,13 +248,13 @@ def _areas(points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"]) -> 
 def _smallest_eigenpairs(
     points: Complex[np.ndarray, " n"],
     faces: Int[np.ndarray, "f 3"],
-    spinors: Complex[np.ndarray, "k 2"],
+    curvature: Float[np.ndarray, " f"],
     inner: Int[np.ndarray, " i"],
     count: int,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "i k"]]:
     """The smallest μ of −Δu = μ|dn|²u for u = 0 outside the inner vertices, ascending, and the values of u there."""
     stiffness = cotangent_laplacian(plane_coordinates(points), faces)
-    mass = _mass(gauss_image_areas(spinors, faces), faces, len(points))
+    mass = _mass(curvature, faces, len(points))
     s, m = (csc_array(whole[inner][:, inner]) for whole in (stiffness, mass))
     count = min(count, len(inner))
     # as M u = (1/μ) S u: S is always definite, M need not be
@@ -250,6 +262,7 @@ def _smallest_eigenpairs(
         inverse, functions = eigh(m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1])
     else:
         solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
-        inverse, functions = spl.eigsh(m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)))
+        # eigenvalues are right to the square of the tolerance of eigenvectors
+        inverse, functions = spl.eigsh(m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=1e-6)
     order = np.argsort(inverse)[::-1]
     return 1 / np.maximum(inverse[order], 1e-300), functions[:, order]

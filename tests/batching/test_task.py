@@ -26,6 +26,7 @@ from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import STAGING
 from spinor_geom.batching.summary import write_summary
 from spinor_geom.errors import BatchError, OptionError
+from spinor_geom.gallery import noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.batching.files import circle, curve_text, holed_text, packed_zip, record, results, vertex_lines, write_curves
 from tests.fill.shapes import cylinder
@@ -161,6 +162,15 @@ def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
     assert all(hole["area"] > 3.5 and hole["comparison"] is None for hole in holes)
     assert (curve["kind"], curve["continuation"]) == ("curve", None)
     assert curve["comparison"] is not None
+
+
+def test_curves_with_noise_are_met_at_their_points_as_rims_are(tmp_path: Path) -> None:
+    loop = noisy_loop(BoundaryLoop.from_points(circle(40)), 0.1, seed=1)
+    path = tmp_path / "noisy.obj"
+    path.write_text(curve_text(loop.points))
+    solved([path], tmp_path / "out")
+    (entry,) = record(tmp_path / "out", "noisy.obj")["loops"]
+    assert (entry["status"], entry["route"]) == ("done", "vertices")
 
 
 def test_edge_length_and_tolerance_are_obeyed(tmp_path: Path) -> None:
