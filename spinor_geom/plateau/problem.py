@@ -146,7 +146,8 @@ class CurveTensors:
         place = torch.arange(vertices.shape[-2], device=vertices.device)
         after, before = (place + 1) % count, (place - 1) % count
         edge = (torch.take_along_dim(vertices, after[..., None], -2) - vertices).norm(dim=-1)
-        return (edge.gather(-1, before) + edge + edge.gather(-1, after)) / 3
+        mean: Tensor = (edge.gather(-1, before) + edge + edge.gather(-1, after)) / 3
+        return mean
 
     def _piece(self, s: Float[Tensor, "*pts"]) -> Int[Tensor, "*pts"]:
         """Number of the piece at each parameter in [0, 1) among those of all curves."""
