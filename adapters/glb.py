@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
 
 from spinor_geom.adapters.contents import FileContents, Source, malformed, single_precision
 from spinor_geom.adapters.extending import parts_of_faces
@@ -93,6 +92,8 @@ def _grow(
     vertices: Float[np.ndarray, "v 3"],
 ) -> None:
     """Append faces and the vertices they need to one piece in the file."""
+    from scipy.spatial import KDTree  # takes long to import
+
     nodes, meshes = container.tree["nodes"], container.tree["meshes"]
     node = nodes[piece.node]
     if Counter(other.get("mesh") for other in nodes)[node["mesh"]] > 1:

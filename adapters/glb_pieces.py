@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
 from spinor_geom.adapters.contents import malformed, unit_vectors
 from spinor_geom.adapters.extending import cast_values
@@ -180,6 +179,8 @@ def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
     """A node's transform to its parent's coordinates."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape((4, 4), order="F")
+    from scipy.spatial.transform import Rotation  # takes long to import
+
     transform = np.eye(4)
     rotation = Rotation.from_quat(node.get("rotation", (0.0, 0.0, 0.0, 1.0))).as_matrix()
     transform[:3, :3] = rotation * np.array(node.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)

@@ -75,7 +75,8 @@ def encode_obj(contents: FileContents) -> bytes:
 
 def _number_lines(keyword: str, rows: Float[np.ndarray, "n k"], newline: str = "\n") -> str:
     """A line for each row, of numbers from which the very same float64 values are read."""
-    return (keyword + " %r" * rows.shape[1] + newline) * len(rows) % tuple(rows.ravel().tolist())
+    line = f"{keyword}{' %r' * rows.shape[1]}{newline}"
+    return line * len(rows) % tuple(rows.ravel().tolist())
 
 
 def _face_lines(

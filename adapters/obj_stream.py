@@ -80,9 +80,7 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
     """
     reader = _Reader(path)
     newline, last, place, line = b"\n", b"", 0, 1
-    for number, (block, lines_end) in enumerate(_blocks(stream, path)):
-        if number == 0:
-            newline = lines_end
+    for number, (block, newline) in enumerate(_blocks(stream, path)):
         if b"\0" in block:
             at = f"byte {place + block.index(0)}"
             raise malformed(path, at, "a zero byte, so this is no OBJ text", "check the file's format")
@@ -95,40 +93,40 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
 
 
 def _blocks(stream: BinaryIO, path: Path | None) -> Iterator[tuple[bytes, bytes]]:
-    """The file in blocks that end where a line does, and what ends lines in each."""
+    """The file in blocks that end where a line does, and what ends its lines."""
     rest = bytearray()
-    split_at = b""
+    newline = b""
     searched = 0
     while read := stream.read(BLOCK_SIZE):
         rest += read
-        if not split_at and (b"\n" in rest or rest.find(b"\r", 0, -1) >= 0):
-            split_at = b"\n" if b"\n" in rest else b"\r"
-        cut = _end_of_last_line(rest, split_at, searched)
+        newline = newline or _newline(rest)
+        cut = _end_of_last_line(rest, newline[-1:], searched) if newline else 0
         if cut:
-            yield bytes(rest[:cut]), _newline(rest)
+            yield bytes(rest[:cut]), newline
             del rest[:cut]
         elif len(rest) > LONGEST_LINE:
             problem = f"a line of more than {LONGEST_LINE >> 20} MiB"
             raise malformed(path, "", problem, "check that this is an OBJ file, or write it in several pieces")
-        searched = len(rest) if split_at else 0
+        searched = len(rest) if newline else 0
     if rest:
-        yield bytes(rest), _newline(rest)
+        yield bytes(rest), newline or (b"\r" if b"\r" in rest else b"\n")
+
+
+def _newline(text: bytearray) -> bytes:
+    """What ends the lines of a text, if that can be told yet."""
+    if b"\n" in text:
+        return b"\r\n" if b"\r\n" in text else b"\n"
+    return b"\r" if text.find(b"\r", 0, -1) >= 0 else b""
 
 
 def _end_of_last_line(text: bytearray, split_at: bytes, start: int) -> int:
     """Where the last line ends that ends beyond `start` and that no backslash continues; 0 where none does."""
     stop = len(text)
-    while split_at and (end := text.rfind(split_at, start, stop)) >= 0:
+    while (end := text.rfind(split_at, start, stop)) >= 0:
         if not text[max(end - 2, 0) : end].rstrip(b"\r").endswith(b"\\"):
             return end + 1
         stop = end
     return 0
-
-
-def _newline(data: bytearray) -> bytes:
-    if b"\r\n" in data:
-        return b"\r\n"
-    return b"\n" if b"\n" in data or b"\r" not in data else b"\r"
 
 
 class _Reader:

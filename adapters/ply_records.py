@@ -210,7 +210,7 @@ def _read_binary(data: bytes, position: int, element: PlyElement, path: Path | N
     """An element with the records that begin at byte `position`."""
     records = _equal_records(data, position, element)
     if len(records) < element.count:
-        return _walk(data, position, element, path)
+        return _walk(data, position, element, records, path)
     lists = [item.name for item in element.properties if item.count_dtype is not None]
     return replace(
         element,
@@ -246,16 +246,26 @@ def _equal_records(data: bytes, position: int, element: PlyElement) -> np.ndarra
     return records[: int(differs.argmax())] if differs.any() else records
 
 
-def _walk(data: bytes, position: int, element: PlyElement, path: Path | None) -> PlyElement:
-    """Records of differing lengths: where one begins is known only after the one before, so this is a loop."""
-    start = position
+def _walk(data: bytes, position: int, element: PlyElement, equal: np.ndarray, path: Path | None) -> PlyElement:
+    """Records of differing lengths: where one begins is known only after the one before, so this is a loop.
+
+    It begins after the records that are equal in length, as those of a file that is merely cut off are.
+    """
+    start = first = position
     places = [array("q") for _ in element.properties]
     sizes = [array("q") for _ in element.properties]
+    for place, size, item in zip(places, sizes, element.properties, strict=True) if len(equal) else ():
+        kind = equal.dtype[item.name]
+        first += item.count_dtype.itemsize if item.count_dtype is not None else 0
+        place.extend(range(first, first + equal.nbytes, equal.itemsize))
+        size.extend([kind.shape[0] if kind.shape else 1] * len(equal))
+        first += kind.itemsize
+    position += equal.nbytes
     layout = [
         (place, size, item.dtype.itemsize, None if item.count_dtype is None else _number_reader(item.count_dtype))
         for place, size, item in zip(places, sizes, element.properties, strict=True)
     ]
-    for record in range(element.count):
+    for record in range(len(equal), element.count):
         for place, size, width, count in layout:
             length = 1
             if count is not None:

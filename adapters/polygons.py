@@ -89,11 +89,6 @@ class Polygons:
         is_face = sizes >= 3
         return Polygons.of_sizes(self.corners[kept & is_face[face]], sizes[is_face])
 
-    def of_size(self, size: int) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, "k {size}"]]:
-        """The numbers of the faces with `size` corners, and those corners, one face a row."""
-        chosen = np.flatnonzero(self.sizes == size)
-        return chosen, self.corners[self.starts[chosen][:, None] + np.arange(size)]
-
     def rows(self) -> list[list[int]]:
         """The corners of every face as lists, for writing."""
         flat = self.corners.tolist()
@@ -117,7 +112,8 @@ class Polygons:
         starts = np.concatenate([[0], np.cumsum(pieces)])
         triangles = np.empty((int(starts[-1]), 3), dtype=np.int64)
         for size in np.unique(self.sizes).tolist():
-            chosen, corners = self.of_size(size)
+            chosen = np.flatnonzero(self.sizes == size)
+            corners = self.corners[self.starts[chosen][:, None] + np.arange(size)]
             rows = starts[chosen][:, None] + np.arange(size - 2)
             triangles[rows] = _best_fans(vertices, corners)
         return triangles, np.repeat(np.arange(len(self)), pieces)

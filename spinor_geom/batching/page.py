@@ -22,7 +22,7 @@ from spinor_geom.render.page import document, table
 from spinor_geom.render.thumbnail import thumbnail
 
 # How many of each are shown; all of them are in the table.
-FIRST, WORST, FAILED, REASONS = 24, 24, 48, 40
+FIRST, WORST, FAILED, REASONS = 12, 12, 48, 40
 STYLE = """.loops { display: flex; flex-wrap: wrap; gap: 1rem }
 .loops figure { margin: 0; width: 170px; font-size: 12px; overflow-wrap: anywhere }
 svg { border: 1px solid var(--faint); background: #fff }"""

@@ -36,8 +36,9 @@ def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
 
     Args:
         job: "sources", "options" and "store", as `to_dict` gives them.
-        tell: is called with "reading" before each source is read, and with "finished" after its results are written;
-            with "stop" where nothing can be written.
+        tell: is called with "reading" before each source is read, with "solving" before and after what is done of all
+            of them together, and with "finished" after a source's results are written; with "stop" where nothing can
+            be written.
         archives: keeps the last archive open.
     """
     options, store = BatchOptions(**job["options"]), Store(**job["store"])
@@ -72,6 +73,8 @@ def _work(
             reason = f"{source.path}: cannot be read ({error.strerror or error}); check the access rights"
             # of the disk or the rights, which may be others when the batch is resumed
             _commit(store, source, failure(source.key, reason, status="fault"), {}, tell)
+    # all of them from here on: what happens now is not the fault of the last one read
+    tell({"solving": ""})
     loops = [loop for _, file in opened for loop in wanted(file)]
     answers = _answers(loops, options)
     waiting: deque[Future[dict[str, Any]]] = deque()

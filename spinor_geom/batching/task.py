@@ -43,6 +43,7 @@ Writer: TypeAlias = Callable[[Path], None]
 # Points of an outline in a record: enough for a thumbnail.
 OUTLINE_POINTS = 48
 FIGURES = ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability", "continuation")
+CROSSINGS = ("self_intersections", "mesh_intersections", "patch_intersections")
 LONGEST_LABEL = 60
 COPIED_AT_ONCE = 1 << 20
 # Fourth powers of lengths have to be numbers.
@@ -247,18 +248,7 @@ def _entry(opened: OpenedFile, place: int, status: str, reason: str) -> dict[str
         "perimeter": None if loop.loop is None else loop.loop.perimeter,
         "elongation": None if loop.loop is None else loop.loop.elongation,
         "corners": None if loop.loop is None else int(loop.loop.corners.sum()),
-        "residual_rms_per_edge": None,
-        "residual_max_per_edge": None,
-        "area": None,
-        "stability": None,
-        "continuation": None,
-        "route": None,
-        "patch_vertices": None,
-        "patch_faces": None,
-        "self_intersections": None,
-        "mesh_intersections": None,
-        "patch_intersections": None,
-        "comparison": None,
+        **dict.fromkeys((*FIGURES, "route", "patch_vertices", "patch_faces", *CROSSINGS, "comparison")),
         "files": {},
         # what cannot be seen in a file of results is drawn from here
         "outline": _outline(loop.points) if status == "failed" else None,
@@ -303,9 +293,7 @@ def _solved_entry(
     entry |= {
         "patch_vertices": len(piece.patch.vertices),
         "patch_faces": len(piece.patch.faces),
-        "self_intersections": outcome.self_intersections,
-        "mesh_intersections": outcome.mesh_intersections,
-        "patch_intersections": outcome.patch_intersections,
+        **{key: getattr(outcome, key) for key in CROSSINGS},
     }
     entry["files"]["patch"] = name = _file_name(opened, place, opened.options.format)
     files[name] = partial(_write_mesh, _patch_contents(opened, piece))

@@ -73,13 +73,13 @@ class Filler:
 
 
 def _left(vertices: Any, faces: Any, **said: Any) -> Filled:
-    """A tool's arrays, which may be of other kinds."""
-    return Filled(vertices=np.asarray(vertices, dtype=np.float64), faces=np.asarray(faces, dtype=np.int64), **said)
+    """Copies of a tool's arrays, which may be of other kinds and go with it."""
+    return Filled(vertices=np.array(vertices, dtype=np.float64), faces=np.array(faces, dtype=np.int64), **said)
 
 
 def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
     # of a mesh all of whose loops are asked for, borders of sheets are left open as for any user
-    which = {} if len(hole.places) == len(hole.loops) else {"loop": hole.places}
+    which: dict[str, Any] = {} if len(hole.places) == len(hole.loops) else {"loop": hole.places}
     if hole.facing:
         which = {"bridge": hole.places}
 

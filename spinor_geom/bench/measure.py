@@ -73,7 +73,9 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
 
 def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     """The figures of a mesh with its rims closed, or not."""
-    old, vertex_of, patch = _parts(filled, hole)
+    old, of_patch, vertex_of = _parts(filled, hole)
+    patch, known = filled.faces[of_patch], vertex_of >= 0
+    step = np.abs(filled.vertices[known] - hole.vertices[vertex_of[known]]).max(initial=0.0)
     diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
     rim_left = _open(filled.faces, vertex_of, hole.rim_edges)
     half = HalfEdges.of(filled.faces)
@@ -83,7 +85,7 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
         "new_open_edges": new_open,
         "outer_kept_open": _open(filled.faces, vertex_of, hole.outer_edges) == len(hole.outer_edges),
         "nonmanifold_edges": int((half.counts > 2).sum()),
-        "old_faces_kept": int(old.sum()) == len(hole.faces) and not _moved(filled, hole, vertex_of),
+        "old_faces_kept": int(old.sum()) == len(hole.faces) and bool(step <= _SAME * diagonal),
         "rim_kept": _contains_rows(filled.vertices, hole.vertices[hole.rim]),
         "triangles": len(patch),
         "told": filled.told,
@@ -105,7 +107,7 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     figures["patches"] = 1 + int(face_components(patch).max())
     if len(filled.faces) <= _MOST_CROSSING_FACES:
         figures["mesh_crossings"] = len(
-            intersections_between(vertices, faces.reshape(-1, 3), filled.vertices, _others(filled, patch))
+            intersections_between(vertices, faces.reshape(-1, 3), filled.vertices, filled.faces[~of_patch])
         )
     return figures
 
@@ -116,7 +118,8 @@ def cut_out_figures(filled: Filled, cut_out: CutOut) -> Figures:
     Lengths are in units of the largest distance of two points of the rims.
     """
     figures = hole_figures(filled, cut_out.hole, None) | {"diameter": cut_out.diameter, "kind": cut_out.kind}
-    _, vertex_of, patch = _parts(filled, cut_out.hole)
+    _, of_patch, vertex_of = _parts(filled, cut_out.hole)
+    patch = filled.faces[of_patch]
     if not len(patch):
         return figures
     new = np.unique(patch)
@@ -132,7 +135,7 @@ def cut_out_figures(filled: Filled, cut_out: CutOut) -> Figures:
     of_ends = cut_out.exact is not None and len(new) > 0
     figures["distance"] = figures["vertex_distance" if of_ends else "surface_distance"]
     rest = cut_out.places[cut_out.hole.faces]
-    figures["bend"] = rim_bend(filled.vertices, patch, _others(filled, patch))
+    figures["bend"] = rim_bend(filled.vertices, patch, filled.faces[~of_patch])
     figures["removed_bend"] = rim_bend(cut_out.vertices, cut_out.faces, rest)
     return figures
 
@@ -143,7 +146,7 @@ def cut_out_views(filled: Filled, cut_out: CutOut) -> dict[str, dict[str, np.nda
     Vertices, faces, and as values the vertices' distances from what was removed, per diameter of the hole.
     """
     made = {}
-    patch = _parts(filled, cut_out.hole)[2]
+    patch = filled.faces[_parts(filled, cut_out.hole)[1]]
     for name, vertices, faces in (("removed", cut_out.vertices, cut_out.faces), ("", filled.vertices, patch)):
         if len(faces):
             used, index = np.unique(faces, return_inverse=True)
@@ -210,39 +213,28 @@ def _surface_distance(solution: PlateauSolution, chart: Chart, diameter: float) 
     return {"surface_distance_max": float(distance.max()), "surface_distance_mean": float(distance.mean())}
 
 
-def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " n"], Int[np.ndarray, "p 3"]]:
-    """What `_old_faces` finds, and the faces of the patches.
+def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Bool[np.ndarray, " f"], Int[np.ndarray, " n"]]:
+    """Which faces were there before, which are of the patches, and each vertex's number in the hole's mesh, or −1.
 
-    Sides of old triangles that a tool divided or moved are no part of the patches, nor are caps on other boundaries.
+    By positions: some tools renumber, and some keep single precision only; by numbers where the tool keeps them. Sides
+    of old triangles that a tool divided or moved are no part of the patches, nor are caps on other boundaries.
     """
-    old, vertex_of = _old_faces(filled, hole)
-    elsewhere = np.setdiff1d(np.arange(len(hole.vertices)), hole.rim)
-    new = filled.faces[~old & ~np.isin(vertex_of[filled.faces], elsewhere).any(axis=1)]
-    # the inside of a cap has no old vertex: it is told by its piece, which meets no rim
-    pieces = face_components(new)
-    return old, vertex_of, new[np.isin(pieces, pieces[(vertex_of[new] >= 0).any(axis=1)])]
-
-
-def _old_faces(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " n"]]:
-    """Which faces were there before, and for each vertex the one of the hole's mesh it is, or −1.
-
-    By positions: some tools renumber, and some keep single precision only; by numbers where the tool keeps them.
-    """
-    diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
+    count, room = len(hole.vertices), _SAME * float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
     distance, nearest = cKDTree(hole.vertices).query(filled.vertices)
-    first = filled.vertices[: len(hole.vertices)]
-    kept = filled.in_order or (
-        len(first) == len(hole.vertices) and bool((np.abs(first - hole.vertices) <= _SAME * diagonal).all())
-    )
-    vertex_of = np.where(np.asarray(distance) <= _SAME * diagonal, np.asarray(nearest), -1)
-    if kept:
+    vertex_of = np.where(np.asarray(distance) <= room, np.asarray(nearest), -1)
+    first = filled.vertices[:count]
+    if filled.in_order or (len(first) == count and bool((np.abs(first - hole.vertices) <= room).all())):
         # vertices of equal position are told apart where the order was kept
-        vertex_of[: len(hole.vertices)] = np.arange(len(hole.vertices))
+        vertex_of[:count] = np.arange(count)
     mapped = vertex_of[filled.faces]
-    count = len(hole.vertices)
-    keys = _face_keys(hole.faces, count)
-    old = (mapped >= 0).all(axis=1) & np.isin(_face_keys(np.maximum(mapped, 0), count), keys)
-    return old, vertex_of
+    old = (mapped >= 0).all(axis=1) & np.isin(_face_keys(np.maximum(mapped, 0), count), _face_keys(hole.faces, count))
+    elsewhere = np.setdiff1d(np.arange(count), hole.rim)
+    new = np.flatnonzero(~old & ~np.isin(mapped, elsewhere).any(axis=1))
+    # the inside of a cap has no old vertex: it is told by its piece, which meets no rim
+    pieces = face_components(filled.faces[new])
+    patch = np.zeros(len(filled.faces), dtype=bool)
+    patch[new[np.isin(pieces, pieces[(mapped[new] >= 0).any(axis=1)])]] = True
+    return old, patch, vertex_of
 
 
 def _face_keys(faces: Int[np.ndarray, "f 3"], count: int) -> Int[np.ndarray, " f"]:
@@ -250,19 +242,6 @@ def _face_keys(faces: Int[np.ndarray, "f 3"], count: int) -> Int[np.ndarray, " f
     a, b, c = np.sort(faces, axis=1).astype(np.int64).T
     # meshes have fewer than two million vertices here
     return np.asarray((a * count + b) * count + c)
-
-
-def _others(filled: Filled, patch: Int[np.ndarray, "p 3"]) -> Int[np.ndarray, "f 3"]:
-    """The faces that are not of the patches."""
-    count = len(filled.vertices)
-    return filled.faces[~np.isin(_face_keys(filled.faces, count), _face_keys(patch, count))]
-
-
-def _moved(filled: Filled, hole: Hole, vertex_of: Int[np.ndarray, " n"]) -> bool:
-    """Whether old vertices lie elsewhere now."""
-    old = vertex_of >= 0
-    step = np.abs(filled.vertices[old] - hole.vertices[vertex_of[old]]).max(initial=0.0)
-    return bool(step > _SAME * np.linalg.norm(np.ptp(hole.vertices, axis=0)))
 
 
 def _rms(values: Float[np.ndarray, " k"], weights: Float[np.ndarray, " k"] | None = None) -> float:

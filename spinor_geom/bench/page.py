@@ -64,7 +64,8 @@ def plots(records: Sequence[Record]) -> dict[str, Figure]:
             here.append((r["seconds"], max(r["area_error"], _ROUNDING)))
     made = {}
     for case, by_method in points.items():
-        lines = {method: tuple(zip(*sorted(here), strict=True)) for method, here in by_method.items()}
+        ordered = {method: sorted(here) for method, here in by_method.items()}
+        lines = {method: ([s for s, _ in here], [e for _, e in here]) for method, here in ordered.items()}
         made[case] = log_log(lines, x="seconds", y="relative error of the area")
         made[case].suptitle(case, fontsize="medium")
     return made
@@ -73,6 +74,7 @@ def plots(records: Sequence[Record]) -> dict[str, Figure]:
 def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
     """The page."""
     views = Views()
+    cut_outs = _cut_outs(run.folder / VIEWS, views)
     pictures = (f"{page.picture(data, name)}<figcaption>{name}</figcaption>" for name, data in images.items())
     body = [
         "<h1>Minimal surfaces: exact, discrete, and every hole filler</h1>",
@@ -81,12 +83,12 @@ def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
         "<p>Areas and distances are measured against exact formulas; the definition of every column is in "
         "<code>docs/benchmark.md</code>. A row in red misses a promise, or leaves edges open without saying so.</p>",
         *_rows(made[:1]),
-        *_cut_outs(run.folder / VIEWS, views),
+        *cut_outs,
         "<h2>Error against cost</h2>",
         *(f"<figure>{one}</figure>" for one in pictures),
         "<h2>Figures</h2>",
         *_rows([*made[1:], option_table()]),
-        views.script(),
+        *([views.script()] if cut_outs else []),
     ]
     return page.document("spinor-geom bench", body, style=STYLE)
 

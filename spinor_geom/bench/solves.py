@@ -293,19 +293,20 @@ def _paper() -> Iterator[Solve]:
     ):
         # leaving an unstable disk is a second solve, of twice as many nodes
         limits = (*exact, _seconds(0.1)) if unstable == "keep" else exact
-        name, options = f"Douglas-Newton, {curve.name}{which}", {"model": "series", "unstable": unstable}
+        name = f"Douglas-Newton, {curve.name}{which}"
+        options: dict[str, Any] = {"model": "series", "unstable": unstable}
         yield Solve("paper", name, partial(_same, curve), limits, options, (disk,), "null error")
     first, fine = LevenbergMarquardt(tolerance=1e-5), LevenbergMarquardt(tolerance=1e-7)
     wide = LevenbergMarquardt(tolerance=1e-7, width=40, nodes=256, distillation_steps=400)
     deep = LevenbergMarquardt(tolerance=1e-4, depth=10, width=20)
     for curve, finer in ((circle, fine), (tame, fine), (seam, wide)):
-        for name, network, limits in (
+        for name, network, promised in (
             ("Levenberg-Marquardt", first, (near(1e-5), _seconds(5.0))),
             (f"Levenberg-Marquardt, {finer.width} units, {finer.nodes} nodes", finer, (near(1e-7),)),
             ("10 × 20 network", deep, (near(1e-4), _seconds(30.0))),
         ):
             options = {"model": "mlp", "optimizer": network}
-            yield Solve("paper", f"{name}, {curve.name}", partial(_same, curve), limits, options)
+            yield Solve("paper", f"{name}, {curve.name}", partial(_same, curve), promised, options)
 
 
 def _same(subject: Subject) -> Subject:

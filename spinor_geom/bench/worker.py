@@ -101,7 +101,8 @@ def _fill(task: Task) -> Record:
             folder.mkdir(parents=True, exist_ok=True)
             for piece, arrays in cut_out_views(filled, cut_out).items():
                 with atomic_path(folder / f"{piece or task['method']}.npz") as temporary:
-                    np.savez_compressed(temporary, **arrays)
+                    named: dict[str, Any] = arrays
+                    np.savez_compressed(temporary, **named)
     else:
         figures = hole_figures(filled, hole, case)
     if task["suite"] == "ragged":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Literal
 
 from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.fill import require_writable
@@ -18,13 +17,13 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     if arguments.output.suffix.lower() != ".png":
         raise RenderError(f"{arguments.output}: a picture is written as .png, not '{arguments.output.suffix}'")
     require_writable(arguments.output)
-    from spinor_geom.render.shapes import portrait_of
+    from spinor_geom.render.portrait import plain_portrait
 
     shape = read_shape(arguments.input)
+    portrait = plain_portrait(shape.vertices, shape.faces, shape.told if arguments.curvature else None)
     # scans and models stand on y in most formats, formulas on z
-    up: Literal["y", "z"] = arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")
+    if (arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")) == "y":
+        portrait = portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    portrait_of(shape, curvature=arguments.curvature, up=up).write(
-        arguments.output, eye=arguments.eye, size=arguments.size
-    )
+    portrait.write(arguments.output, eye=arguments.eye, size=arguments.size)
     return ExitStatus.DONE

@@ -24,10 +24,6 @@ from spinor_geom.mesh.operators import (
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 # Widths of the smoothing as fractions of the boundary length: slow windings first, then ever more local tangles.
 _WIDTHS = (0.06, 0.03, 0.015)
-# Share of the polygon's size within which a vertex counts as on the line of an edge.
-_ON_LINE = 1e-12
-_UNTANGLING_ROUNDS = 60
-_LARGEST_LOBE = 24
 
 # gives the Dirichlet-to-Neumann matrix Λ of a disk's boundary
 NeumannMatrix = Callable[[], Float[np.ndarray, "m m"]]
@@ -237,7 +233,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
     i, j = tree.query_pairs(2.001 * half.max(), output_type="ndarray").T
     near = (np.abs(middle[i] - middle[j]) <= 1.001 * (half[i] + half[j])) & (j - i > 1) & (j - i < m - 1)
     i, j = i[near], j[near]
-    on_line = _ON_LINE * np.abs(edge) * np.abs(polygon - polygon[0]).max()
+    on_line = 1e-12 * np.abs(edge) * np.abs(polygon - polygon[0]).max()
 
     def apart(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
         side = np.imag(np.conj(edge[one]) * (ends[:, other] - polygon[one]))
@@ -271,7 +267,7 @@ def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] |
     """
     z: Complex[np.ndarray, " m"] = polygon.copy()
     m = len(polygon)
-    for _ in range(_UNTANGLING_ROUNDS):
+    for _ in range(60):
         pairs = crossing_edges(z)
         if not len(pairs):
             return z
@@ -280,7 +276,7 @@ def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] |
         swap = forwards > m - forwards
         first, last = np.where(swap, last, first), np.where(swap, first, last)
         size = np.mod(last - first, m)  # inner vertices of the lobe: first + 1 … last
-        if size.max() > min(_LARGEST_LOBE, m // 3):
+        if size.max() > min(24, m // 3):
             return None
         for start, count in zip(first.tolist(), size.tolist(), strict=True):
             inner = (start + 1 + np.arange(count)) % m

@@ -20,11 +20,6 @@ from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, tr
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
-# Straight edges for each piece of ∂Ω, where distances from it are told.
-_FINE = 16
-# Panels that halve towards a corner resolve its singularity to 2⁻¹⁶ of an edge.
-_CORNER_LEVELS = 16
-
 
 @runtime_checkable
 class Boundary(Protocol):
@@ -310,16 +305,17 @@ class PlaneDomain:
         return (self.distance_outside(z.ravel()) < 0).reshape(z.shape)
 
     @cached_property
-    def _fine_polygons(self) -> _Polygons:
-        parts = [sampled(boundary, _FINE) for boundary in self.boundaries]
-        points, after = np.concatenate(parts), rim_successors(tuple(map(len, parts)))
-        return _Polygons(points=points, after=after, tree=cKDTree(plane_coordinates(points)))
+    def _fine_polygons(self) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, " n"], cKDTree]:
+        """Points of all boundaries, the next one of each, and their tree."""
+        parts = [sampled(boundary, 16) for boundary in self.boundaries]
+        points = np.concatenate(parts)
+        return points, rim_successors(tuple(map(len, parts))), cKDTree(plane_coordinates(points))
 
     def distance_outside(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Distance of points from ∂Ω, negative for points of Ω, with 16 straight edges in place of each piece of ∂Ω."""
-        points, after = self._fine_polygons.points, self._fine_polygons.after
+        points, after, tree = self._fine_polygons
         before = np.argsort(after)
-        vertex = np.asarray(self._fine_polygons.tree.query(plane_coordinates(z))[1])
+        vertex = np.asarray(tree.query(plane_coordinates(z))[1])
         edge = np.stack([before[vertex], vertex])
         start, side = points[edge], points[after[edge]] - points[edge]
         share = np.clip(((z - start) * np.conj(side)).real / np.abs(side) ** 2, 0, 1)
@@ -363,19 +359,10 @@ class PlaneDomain:
         return PathTree(root=self.root, parent=parent, levels=_levels(self.root, parent))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Polygons:
-    """Closed polygons, one after the other."""
-
-    points: Complex[np.ndarray, " n"]
-    after: Int[np.ndarray, " n"]  # the next point of each on its polygon
-    tree: cKDTree
-
-
 def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
     """Ends of quadrature panels on a boundary, from 0 to 1: vertices, and points that halve the way to each corner."""
     t, corners = boundary.parameters, np.flatnonzero(boundary.corners)
-    halving = 0.5 ** np.arange(1, _CORNER_LEVELS + 1)
+    halving = 0.5 ** np.arange(1, 17)  # they resolve its singularity to 2⁻¹⁶ of an edge
     width = np.diff(t)
     after = t[corners, None] + width[corners, None] * halving
     end = np.where(corners == 0, 1.0, t[corners])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
 from spinor_geom.files import finite
-from spinor_geom.training import RMSprop
+from spinor_geom.training import LevenbergMarquardt, RMSprop
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,9 +63,10 @@ class Experiment:
 
     def description(self, *, quick: bool) -> dict[str, Any]:
         """The same, JSON-ready: by it a run knows what an earlier one finished."""
-        settings = self.settings(quick=quick)
-        told = {name: asdict(value) if is_dataclass(value) else value for name, value in settings.items()}
-        return {name: finite(value) for name, value in told.items()}
+        told = {}
+        for name, value in self.settings(quick=quick).items():
+            told[name] = finite(asdict(value) if isinstance(value, RMSprop | LevenbergMarquardt) else value)
+        return told
 
     def shortened(self) -> dict[str, tuple[Any, Any]]:
         """Each setting that the quick run changes: its full and its quick value."""

@@ -56,7 +56,7 @@ def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:
         rows.append({"rule": rule_name, "N": "slope", "max error": slope, "within": abs(slope - order) <= allowed})
     fits = [row for row in rows if row["N"] == "slope"]
     told = " and ".join(f"{row['max error']:.2f} for {row['rule']}" for row in fits)
-    slopes = {name: order for name, (order, _) in ORDERS.items()}
+    slopes: dict[str, int] = {name: order for name, (order, _) in ORDERS.items()}
     return Outcome(
         rows=rows,
         holds=all(bool(row["within"]) for row in fits),

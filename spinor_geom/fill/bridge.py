@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
@@ -16,6 +16,7 @@ from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import winding_numbers
 from spinor_geom.mesh.topology import face_components
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
@@ -96,9 +97,17 @@ def fill_between(
         try:
             for place in places:
                 refuse_what_is_no_hole(loops[place], surroundings.taken)
-            return surface_between(places, [loops[place] for place in places], options)
+            rims = [loops[place] for place in places]
+            with time_limit(options.time_limit):
+                found = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
         except SpinorGeomError as error:
             return error
+        if isinstance(found, NoConnectedSurface):
+            one_by_one = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
+            return SurfaceError(f"{found.reason}; {one_by_one}")
+        # the outside of one rim would be joined to the inside of another
+        is_twisted = found.annulus is not None and found.annulus.reversed
+        return TwistedRimsError(loops=places) if is_twisted else found
 
     here, patch = fill_loop(
         surroundings, first, loops[first], answer, options, others={place: loops[place] for place in others}
@@ -119,23 +128,6 @@ def fill_between(
         for place, following in zip(others, [*others[1:], first], strict=True)
     ]
     return (here, *there), patch
-
-
-def surface_between(places: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions) -> PlateauSolution:
-    """The minimal surface between loops of a mesh, on the same side of the mesh at all.
-
-    Raises:
-        SurfaceError: there is none.
-        TwistedRimsError: the surface joins the outside to the inside.
-        SpinorGeomError: as `solve_plateau` raises it.
-    """
-    with time_limit(options.time_limit):
-        answer = solve_plateau(loops, model=options.model, tolerance=options.tolerance, between="free")
-    if isinstance(answer, NoConnectedSurface):
-        raise SurfaceError(f"{answer.reason}; fill the {'two ' if len(loops) == 2 else ''}loops one by one instead")
-    if answer.annulus is not None and answer.annulus.reversed:
-        raise TwistedRimsError(loops=places)
-    return answer
 
 
 def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:
@@ -178,12 +170,4 @@ def _lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
     if np.abs(inside @ plane.normal).max() > limit:
         return False
     axes = np.linalg.svd(plane.normal[None])[2][1:]
-    return bool((_windings(around @ axes.T @ [1, 1j], inside @ axes.T @ [1, 1j]) != 0).all())
-
-
-def _windings(polygon: np.ndarray, points: np.ndarray) -> Int[np.ndarray, " k"]:
-    """How often a closed plane polygon runs around each point, all of them complex numbers."""
-    away = polygon[None] - points[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turn = np.angle(np.roll(away, -1, axis=1) / away)
-    return np.asarray(np.rint(np.nansum(turn, axis=1) / (2 * np.pi)), dtype=np.int64)
+    return bool((np.rint(winding_numbers(around @ axes.T, inside @ axes.T)) != 0).all())

@@ -9,7 +9,6 @@ from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
-from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.errors import SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, graph_laplacian
@@ -43,22 +42,6 @@ def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tupl
         return over_disk(loop.points, faces, len(loop)), f"a triangulation without inner vertices, as {error}"
     stopped = "" if surface.converged else ", whose area is not stationary yet"
     return over_disk(surface.vertices, surface.faces, len(loop)), f"a discrete minimal surface{stopped}"
-
-
-def strip_patch(first: BoundaryLoop, second: BoundaryLoop, target: float) -> Patch:
-    """Straight lines between two loops, with edges of a target length: a start for a surface that is not minimal.
-
-    Raises:
-        DomainError: the loops lie so that no annulus can be meshed with their points.
-    """
-    plane, vertices = ruled_annulus(first.points, second.points, target)
-    return Patch(
-        vertices=vertices,
-        faces=plane.faces,
-        boundary_size=plane.boundary_size,
-        points=plane.points,
-        hole_sizes=plane.hole_sizes,
-    )
 
 
 def over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> Patch:

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spinor_geom.deadline import time_limit
+from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.errors import (
     LoneFaceError,
     NoAreaError,
@@ -28,14 +29,14 @@ from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.fill.border import refuse_border
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.continuity import CONTINUITY, Continuity
-from spinor_geom.fill.discrete_patch import discrete_patch, strip_patch
+from spinor_geom.fill.discrete_patch import discrete_patch
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.smooth_patch import MadePatch, continued
 from spinor_geom.fill.stitch import LoopPatch, RimEdges
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
-from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.options import Model, require_model
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -47,14 +48,9 @@ _WHOLE_SLIT = 1 - 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FillOptions:
-    """What every loop of one call is filled with.
+    """What every loop of one call is filled with: options of `fill_hole`.
 
     Attributes:
-        target_edge_length: of the patches, in mesh units, or "auto" for each loop's mean edge length.
-        model: the holomorphic model, as `solve_plateau` takes it.
-        tolerance: RMS boundary residual per mean loop edge.
-        time_limit: seconds for the exact surface of a loop, for its discrete one, and for its continuation.
-        continuity: "C0" for minimal surfaces, "C1" for their continuations.
         fills_borders: whether a loop is filled whose patch lies on the mesh.
         on_stage: is called with a loop's place and what comes next for it, as "exact surface".
 
@@ -230,7 +226,10 @@ def _patch_over(
     rims = (loop, *others)
     target = target_length(rims, options)
     if others:
-        patch = strip_patch(loop, others[0], target)
+        # straight lines, a start for a surface that is not minimal
+        plane, vertices = ruled_annulus(loop.points, others[0].points, target)
+        size, holes = plane.boundary_size, plane.hole_sizes
+        patch = Patch(vertices=vertices, faces=plane.faces, boundary_size=size, points=plane.points, hole_sizes=holes)
     else:
         options.on_stage(place, "discrete surface")
         patch, what = discrete_patch(loop, target, seconds=options.time_limit)

@@ -61,36 +61,27 @@ class RimEdges:
         for loop in loops:
             on_loop[loop.vertex_ids] = True
         edges = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        between = np.flatnonzero(on_loop[edges].all(axis=1))
-        keys = self._keys(edges[between])
-        order = np.argsort(keys, kind="stable")
-        self._own_keys = keys[order]
-        self._opposite = np.roll(mesh.faces, -2, axis=1).reshape(-1)[between[order]]
-        self._of_patches: set[int] = set()
+        # backwards: of several faces on an edge the first counts
+        between = np.flatnonzero(on_loop[edges].all(axis=1))[::-1]
+        opposite = np.roll(mesh.faces, -2, axis=1).reshape(-1)[between]
+        self._opposite = dict(zip(self._keys(edges[between]), opposite.tolist(), strict=True))
+        self._taken = set(self._opposite)
         within = np.flatnonzero(on_loop[mesh.faces].all(axis=1))
         corners = np.sort(mesh.faces[within], axis=1)
         self._faces = dict(zip(map(tuple, corners[::-1].tolist()), within[::-1].tolist(), strict=True))
 
-    def _keys(self, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, " e"]:
-        ordered = np.sort(edges, axis=1)
-        return np.asarray(ordered[:, 0] * self._size + ordered[:, 1])
-
-    def _places(self, keys: Int[np.ndarray, " e"]) -> tuple[Int[np.ndarray, " e"], Bool[np.ndarray, " e"]]:
-        """Where the mesh's own edges have these keys, and whether they have them."""
-        if not len(self._own_keys):
-            return np.zeros(len(keys), dtype=np.int64), np.zeros(len(keys), dtype=bool)
-        place = np.searchsorted(self._own_keys, keys).clip(max=len(self._own_keys) - 1)
-        return place, self._own_keys[place] == keys
+    def _keys(self, edges: Int[np.ndarray, "e 2"]) -> list[int]:
+        low, high = np.sort(edges, axis=1).T
+        keys: list[int] = (low * self._size + high).tolist()
+        return keys
 
     def are_taken(self, edges: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
         """For each pair of mesh vertices whether an edge joins them already."""
-        keys = self._keys(edges)
-        by_patch = np.fromiter((key in self._of_patches for key in keys.tolist()), dtype=bool, count=len(keys))
-        return np.asarray(self._places(keys)[1] | by_patch)
+        return np.array([key in self._taken for key in self._keys(edges)], dtype=bool)
 
     def take(self, edges: Int[np.ndarray, "e 2"]) -> None:
         """Adds edges of a patch, as pairs of mesh vertices."""
-        self._of_patches.update(self._keys(edges).tolist())
+        self._taken.update(self._keys(edges))
 
     def face_on(self, loop: BoundaryLoop) -> int | None:
         """The mesh's face on just the vertices of a loop of three: then the loop is that face's own outline."""
@@ -106,17 +97,17 @@ class RimEdges:
         on_rim = np.flatnonzero((sides < patch.boundary_size).all(axis=1))
         on_rim = on_rim[rim_successors(patch.rims)[sides[on_rim, 0]] == sides[on_rim, 1]]
         sides = sides[on_rim]
-        place, known = self._places(self._keys(rim[sides]))
+        opposite = np.array([self._opposite.get(key, -1) for key in self._keys(rim[sides])])
         start, along = patch.vertices[sides[:, 0]], patch.vertices[sides[:, 1]] - patch.vertices[sides[:, 0]]
         lengths = np.linalg.norm(along, axis=1)
         unit = along / np.where(lengths > 0, lengths, 1.0)[:, None]
         away = []
-        for apex in (patch.vertices[apexes[on_rim]], mesh.vertices[self._opposite[place]]):
+        for apex in (patch.vertices[apexes[on_rim]], mesh.vertices[opposite]):
             aside = apex - start
             aside = aside - np.einsum("ei,ei->e", aside, unit)[:, None] * unit
             size = np.linalg.norm(aside, axis=1, keepdims=True)
             away.append(aside / np.where(size > 0, size, 1.0))
-        folded = known & (np.einsum("ei,ei->e", *away) > _FOLDED_BACK)
+        folded = (opposite >= 0) & (np.einsum("ei,ei->e", *away) > _FOLDED_BACK)
         return float(lengths[folded].sum() / lengths.sum())
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import cast
 
 import numpy as np
 import torch
@@ -32,7 +33,7 @@ _TENNIS_SEAM_DISKS = {
         KnownDisk(area=5.5971234813, stable=False, relative_error=1e-10),
     ),
 }
-PolygonMap = Callable[[Float[Tensor, "..."]], Float[Tensor, "..."]]
+SmoothMap = Callable[[Float[Tensor, "..."]], Float[Tensor, "..."]]
 
 # vertices of a chart's outline, and points of a polygon's side that its length in space is measured by
 _OUTLINE, _LENGTH_POINTS = 400, 512
@@ -233,7 +234,7 @@ def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its ve
     return image_of_polygon(corners, lambda r: r, name=name, source=source)
 
 
-def image_of_polygon(corners: Float[np.ndarray, "k d"], image: PolygonMap, *, name: str, source: str) -> KnownCurve:
+def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, name: str, source: str) -> KnownCurve:
     """The image of a closed polygon under a map, differentiated automatically.
 
     A side's share of [0, 1) is its share of the length in space; along it the polygon is run at one speed.
@@ -264,21 +265,23 @@ def _along(
     t: Float[np.ndarray, "*pts"],
     corners: Float[np.ndarray, "k d"],
     share: Float[np.ndarray, " k"],
-    image: PolygonMap,
+    image: SmoothMap,
 ) -> Float[np.ndarray, "*pts 3"]:
     """A derivative of the image of a polygon whose sides have given shares of [0, 1)."""
     first, turned = _starts(share), np.mod(t, 1.0)
     side = np.asarray(np.searchsorted(first, turned, side="right") - 1)
     start, edge = (torch.tensor(some[side]) for some in (corners, np.roll(corners, -1, axis=0) - corners))
-    value = lambda u: image(start + u[..., None] * edge)  # noqa: E731
+    function: SmoothMap = lambda u: image(start + u[..., None] * edge)  # noqa: E731
     for _ in range(order):
-        value = partial(_slope, value)
-    value = value(torch.tensor((turned - first[side]) / share[side]))
+        function = partial(_slope, function)
+    value = function(torch.tensor((turned - first[side]) / share[side]))
     return np.asarray(value.detach().numpy() / share[side][..., None] ** order)
 
 
-def _slope(function: PolygonMap, u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
-    return torch.autograd.functional.jvp(function, u, torch.ones_like(u), create_graph=True)[1]
+def _slope(function: SmoothMap, u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+    tangent = torch.ones_like(u)
+    _, slope = torch.autograd.functional.jvp(function, u, tangent, create_graph=True)  # type: ignore[no-untyped-call]
+    return cast(Tensor, slope)
 
 
 def _starts(share: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from spinor_geom.errors import OptionError
-from spinor_geom.gallery.curves import image_of_polygon, polygon
+from spinor_geom.gallery.curves import image_of_polygon, plane_polygon
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
 
 
@@ -29,9 +29,8 @@ def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 
     if not (length > 0 and width > 0 and 0 <= bend < 2 * math.pi):
         raise OptionError(f"a slit needs length and width > 0 and a bend in [0, 2π), got {length}, {width}, {bend}")
     if bend == 0:
-        vertices = np.array([[0, 0, 0], [length, 0, 0], [length, width, 0], [0, width, 0]])
-        plane = polygon(vertices, name=f"slit {length:g} × {width:.3g}", source="a plane rectangle")
-        return replace(plane, disks=(KnownDisk(area=length * width, stable=True),))
+        corners = [(0, 0), (length, 0), (length, width), (0, width)]
+        return plane_polygon(corners, name=f"slit {length:g} × {width:.3g}")
     return _outline(
         radius=length / bend,
         half_width=width / 2,

@@ -24,12 +24,5 @@ def in_blocks(
     """
     entries = _ENTRIES if z.device.type == "cpu" else _ENTRIES_ON_DEVICES
     blocks = torch.split(z.reshape(-1), max(1, entries // max(1, width)))
-    values = function(blocks[0])
-    if len(blocks) > 1:
-        # one table from the start: pages that are used for the first time cost more than what is written on them
-        first, values = values, values.new_empty(z.numel(), values.shape[-1])
-        start = 0
-        for block in blocks:
-            values[start : start + len(block)] = first if start == 0 else function(block)
-            start += len(block)
+    values = torch.cat([function(block) for block in blocks])
     return values.reshape(*z.shape, values.shape[-1])

@@ -10,9 +10,9 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.errors import DtypeError
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials
+from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials, barycentric_weights, leja_points
 from spinor_geom.holomorphic.blocks import in_blocks
-from spinor_geom.holomorphic.newton import leja_points, newton_derivative, newton_matrix, newton_value
+from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 
 
 class CauchyNetwork(torch.nn.Module):
@@ -27,8 +27,8 @@ class CauchyNetwork(torch.nn.Module):
         hessenberg: (degree + 1, degree), recurrence of the polynomials.
         poles: (K,), scales: (K,): ζ_k and d_k.
         mixing: (degree + 1 + K, n), raw features to orthonormal ones.
-        leja: (degree + 1,), interpolation points of the polynomials' Newton form.
-        newton: (degree + 1, degree + 1), coefficients in the orthogonal polynomials to those of the Newton form.
+        leja: (degree + 1,), points at which polynomials are interpolated.
+        at_leja: (degree + 1, degree + 1), the orthogonal polynomials there, one in each column.
         branch: (1,), the point c; (0,) where p and q are single-valued.
         readout: (n, 2), the trainable read-outs of p and q.
     """
@@ -40,7 +40,7 @@ class CauchyNetwork(torch.nn.Module):
     scales: Tensor
     mixing: Tensor
     leja: Tensor
-    newton: Tensor
+    at_leja: Tensor
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class CauchyNetwork(torch.nn.Module):
         scales: Float[Tensor, " k"],
         mixing: Complex[Tensor, "r n"],
         leja: Complex[Tensor, " d1"],
-        newton: Complex[Tensor, "d1 d1"],
+        at_leja: Complex[Tensor, "d1 d1"],
         branch: Complex[Tensor, " b"] | None = None,
         readout: Complex[Tensor, "n 2"] | None = None,
     ) -> None:
@@ -61,13 +61,10 @@ class CauchyNetwork(torch.nn.Module):
         for name, tensor in (("poles", poles), ("mixing", mixing), ("readout", readout)):
             if not tensor.is_complex():
                 raise DtypeError(f"{name} must be complex, got {tensor.dtype}")
-        self.register_buffer("hessenberg", hessenberg)
-        self.register_buffer("poles", poles)
-        self.register_buffer("scales", scales)
-        self.register_buffer("mixing", mixing)
-        self.register_buffer("leja", leja)
-        self.register_buffer("newton", newton)
-        self.register_buffer("branch", poles[:0].clone() if branch is None else branch)
+        branch = poles[:0].clone() if branch is None else branch
+        buffers = {"hessenberg": hessenberg, "poles": poles, "scales": scales, "mixing": mixing, "branch": branch}
+        for name, tensor in {**buffers, "leja": leja, "at_leja": at_leja}.items():
+            self.register_buffer(name, tensor)
         self.readout = torch.nn.Parameter(readout.clone())
 
     @classmethod
@@ -103,9 +100,13 @@ class CauchyNetwork(torch.nn.Module):
         _, s, vh = torch.linalg.svd(r, full_matrices=False)
         keep = s > cutoff * s[0]
         mixing = vh.mH[:, keep] / s[keep]
-        leja, newton = _newton_form(z, hessenberg)
         return cls(
-            hessenberg=hessenberg, poles=poles, scales=scales, mixing=mixing, leja=leja, newton=newton, branch=at
+            hessenberg=hessenberg,
+            poles=poles,
+            scales=scales,
+            mixing=mixing,
+            branch=at,
+            **_interpolation(z, hessenberg),
         )
 
     @classmethod
@@ -127,15 +128,13 @@ class CauchyNetwork(torch.nn.Module):
             scales: d_k.
             readout: of the polynomials, then of the units.
         """
-        leja, newton = _newton_form(z, hessenberg)
         return cls(
             hessenberg=hessenberg,
             poles=poles,
             scales=scales,
             mixing=torch.eye(len(readout), dtype=readout.dtype, device=readout.device),
-            leja=leja,
-            newton=newton,
             readout=readout,
+            **_interpolation(z, hessenberg),
         )
 
     @property
@@ -174,7 +173,8 @@ class CauchyNetwork(torch.nn.Module):
         by_real = torch.view_as_real(units.resolve_conj()).flatten(1)
         by_imag = torch.view_as_real(1j * units).flatten(1)
 
-        whole = in_blocks(lambda some: newton_value(some, self.leja, polynomial), z, len(self.leja))
+        weights = barycentric_weights(self.leja)
+        whole = in_blocks(lambda some: interpolated(some, self.leja, weights, polynomial), z, len(self.leja))
         return whole + in_blocks(part, z, len(self.poles))
 
     def _single_valued_derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
@@ -183,15 +183,16 @@ class CauchyNetwork(torch.nn.Module):
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
             return -((some[:, None] - self.poles) ** -2) @ units
 
-        whole = in_blocks(lambda some: newton_derivative(some, self.leja, polynomial), z, len(self.leja))
+        weights = barycentric_weights(self.leja)
+        whole = in_blocks(lambda some: interpolated_slope(some, self.leja, weights, polynomial), z, len(self.leja))
         return whole + in_blocks(part, z, len(self.poles))
 
     def _coefficients(self) -> tuple[Complex[Tensor, "d1 2"], Complex[Tensor, "k 2"]]:
-        """Coefficients of p and q: of the polynomials' Newton form, and of 1/(z − ζ_k)."""
+        """Of p and q the polynomials' values at Leja points, and the coefficients of 1/(z − ζ_k)."""
         raw = self.mixing @ self.readout
         split = len(self.leja)
-        # the orthogonal polynomials take O(degree²) a point, Newton's form O(degree)
-        return self.newton @ raw[:split], self.scales[:, None] * raw[split:]
+        # the orthogonal polynomials take O(degree²) a point, their interpolants O(degree)
+        return self.at_leja @ raw[:split], self.scales[:, None] * raw[split:]
 
     def config(self) -> dict[str, Any]:
         """Degree, number of poles and number of mixed features, and periodicity."""
@@ -212,16 +213,14 @@ class CauchyNetwork(torch.nn.Module):
             scales=torch.zeros(poles, dtype=torch.float64),
             mixing=torch.zeros(degree + 1 + poles, features, dtype=torch.complex128),
             leja=torch.zeros(degree + 1, dtype=torch.complex128),
-            newton=torch.zeros(degree + 1, degree + 1, dtype=torch.complex128),
+            at_leja=torch.zeros(degree + 1, degree + 1, dtype=torch.complex128),
             branch=torch.zeros(int(config["antiperiodic"]), dtype=torch.complex128),
         )
 
 
-def _newton_form(
-    z: Complex[Tensor, " n"], hessenberg: Complex[Tensor, "d1 d"]
-) -> tuple[Complex[Tensor, " d1"], Complex[Tensor, "d1 d1"]]:
+def _interpolation(z: Complex[Tensor, " n"], hessenberg: Complex[Tensor, "d1 d"]) -> dict[str, Tensor]:
     leja = leja_points(z, len(hessenberg))
-    return leja, newton_matrix(leja, arnoldi_polynomials(leja, hessenberg))
+    return {"leja": leja, "at_leja": arnoldi_polynomials(leja, hessenberg)}
 
 
 def _sign_changing(z: Complex[Tensor, "*pts"], branch: Complex[Tensor, " b"]) -> Complex[Tensor, "*pts"]:

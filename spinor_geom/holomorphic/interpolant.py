@@ -57,7 +57,7 @@ class CauchyInterpolant(torch.nn.Module):
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
         """The cardinal functions at z: 1 at their own node, 0 at the others."""
-        inverse, hit = self._inverse_distances(z)
+        inverse, hit = _inverse_distances(z, self.nodes)
         kernel = torch.where(hit.any(-1, keepdim=True), hit.to(inverse.dtype), self.weights * inverse)
         return kernel / kernel.sum(-1, keepdim=True)
 
@@ -65,50 +65,22 @@ class CauchyInterpolant(torch.nn.Module):
         """(p(z), q(z)); many at once on the CPU, without derivatives, by a fast multipole method, to 1e-12."""
         if min(z.numel(), len(self.nodes)) > _MANY and all(_is_plain(t) for t in (z, self.values)):
             return self._many_values(z.reshape(-1)).reshape(*z.shape, 2)
-        return in_blocks(self._value, z, len(self.nodes))
+        return in_blocks(lambda some: interpolated(some, self.nodes, self.weights, self.values), z, len(self.nodes))
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
-        return in_blocks(self._derivative, z, len(self.nodes))
-
-    @property
-    def _strengths(self) -> Complex[Tensor, "n 3"]:
-        """What stands above the units' denominators: w f for p and q, and w."""
-        return torch.cat([self.values, torch.ones_like(self.values[:, :1])], dim=-1) * self.weights[:, None]
-
-    def _value(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
-        inverse, hit = self._inverse_distances(z)
-        sums = inverse @ self._strengths
-        at_node = self.values.index_select(0, hit.to(torch.uint8).argmax(-1))
-        return torch.where(hit.any(-1, keepdim=True), at_node, sums[:, :2] / sums[:, 2:])
+        return in_blocks(
+            lambda some: interpolated_slope(some, self.nodes, self.weights, self.values), z, len(self.nodes)
+        )
 
     def _many_values(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
-        nodes, strengths, points = (a.detach().resolve_conj().numpy() for a in (self.nodes, self._strengths, z))
-        sums = cauchy_sums(nodes, strengths, points)
+        parts = (self.nodes, _strengths(self.weights, self.values), z)
+        sums = cauchy_sums(*(part.detach().resolve_conj().numpy() for part in parts))
         with np.errstate(over="ignore", invalid="ignore"):
             value = torch.from_numpy(sums[:, :2] / sums[:, 2:])
         at_node = ~value.isfinite().all(-1)
-        value[at_node] = in_blocks(self._value, z[at_node], len(nodes))
+        value[at_node] = interpolated(z[at_node], self.nodes, self.weights, self.values)
         return value
-
-    def _derivative(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
-        # with N = Σ w f/(ζ − z), D = Σ w/(ζ − z): (N/D)' = (Σ w f/(ζ − z)² − (N/D) Σ w/(ζ − z)²)/D
-        inverse, hit = self._inverse_distances(z)
-        inverse = inverse.masked_fill(hit, 0)
-        sums, slopes = inverse @ self._strengths, (inverse * inverse) @ self._strengths
-        elsewhere = (slopes[:, :2] - sums[:, :2] / sums[:, 2:] * slopes[:, 2:]) / sums[:, 2:]
-        # at a node ζ_k the limit, Σ_{j≠k} w_j (f_k − f_j)/(ζ_j − ζ_k)/w_k
-        node = hit.to(torch.uint8).argmax(-1)
-        own, weight = self.values.index_select(0, node), self.weights.index_select(0, node)[:, None]
-        return torch.where(hit.any(-1, keepdim=True), (own * sums[:, 2:] - sums[:, :2]) / weight, elsewhere)
-
-    def _inverse_distances(
-        self, z: Complex[Tensor, "*pts"]
-    ) -> tuple[Complex[Tensor, "*pts n"], Bool[Tensor, "*pts n"]]:
-        """Rows 1/(ζ_j − z), with 1 where z is a node, and where that is."""
-        difference = self.nodes - z[..., None]
-        hit = difference == 0
-        return 1 / difference.masked_fill(hit, 1), hit
 
     def config(self) -> dict[str, Any]:
         """Number of nodes."""
@@ -120,6 +92,53 @@ class CauchyInterpolant(torch.nn.Module):
         count = int(config["nodes"])
         zeros = torch.zeros(count, dtype=torch.complex128)
         return cls(zeros, zeros.clone(), torch.zeros(count, 2, dtype=torch.complex128))
+
+
+def interpolated(
+    z: Complex[Tensor, " m"],
+    nodes: Complex[Tensor, " n"],
+    weights: Complex[Tensor, " n"],
+    values: Complex[Tensor, "n 2"],
+) -> Complex[Tensor, "m 2"]:
+    """Σ_j w_j f_j/(ζ_j − z) / Σ_j w_j/(ζ_j − z) for two functions with values f_j at the nodes ζ_j."""
+    inverse, hit = _inverse_distances(z, nodes)
+    sums = inverse @ _strengths(weights, values)
+    at_node = values.index_select(0, hit.to(torch.uint8).argmax(-1))
+    return torch.where(hit.any(-1, keepdim=True), at_node, sums[:, :2] / sums[:, 2:])
+
+
+def interpolated_slope(
+    z: Complex[Tensor, " m"],
+    nodes: Complex[Tensor, " n"],
+    weights: Complex[Tensor, " n"],
+    values: Complex[Tensor, "n 2"],
+) -> Complex[Tensor, "m 2"]:
+    """The derivatives of the same functions."""
+    # with N = Σ w f/(ζ − z), D = Σ w/(ζ − z): (N/D)' = (Σ w f/(ζ − z)² − (N/D) Σ w/(ζ − z)²)/D
+    inverse, hit = _inverse_distances(z, nodes)
+    strengths = _strengths(weights, values)
+    sums, slopes = inverse @ strengths, (inverse * inverse) @ strengths
+    elsewhere = (slopes[:, :2] - sums[:, :2] / sums[:, 2:] * slopes[:, 2:]) / sums[:, 2:]
+    # at a node ζ_k the limit, Σ_{j≠k} w_j (f_k − f_j)/(ζ_j − ζ_k)/w_k
+    node = hit.to(torch.uint8).argmax(-1)
+    own, weight = values.index_select(0, node), weights.index_select(0, node)[:, None]
+    return torch.where(hit.any(-1, keepdim=True), (own * sums[:, 2:] - sums[:, :2]) / weight, elsewhere)
+
+
+def _strengths(weights: Complex[Tensor, " n"], values: Complex[Tensor, "n 2"]) -> Complex[Tensor, "n 3"]:
+    """What stands above the units' denominators: w f for both functions, and w."""
+    return torch.cat([values, torch.ones_like(values[:, :1])], dim=-1) * weights[:, None]
+
+
+def _inverse_distances(
+    z: Complex[Tensor, "*pts"], nodes: Complex[Tensor, " n"]
+) -> tuple[Complex[Tensor, "*pts n"], Bool[Tensor, "*pts n"]]:
+    """Rows 1/(ζ_j − z), with 0 where z is a node, and where that is."""
+    difference = nodes - z[..., None]
+    square = difference.real.square() + difference.imag.square()
+    hit = square < torch.finfo(square.dtype).tiny
+    # complex division takes several times as long
+    return difference.conj() * square.masked_fill(hit, torch.inf).reciprocal(), hit
 
 
 def _is_plain(t: Complex[Tensor, "*any"]) -> bool:

@@ -7,8 +7,9 @@ from math import factorial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotri
 
 # Degrees tried on loops without corners; higher ones gain nothing that float64 can hold.
 DEGREES = (3, 5, 7)
@@ -60,7 +61,7 @@ def smooth_spline(
     points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"], degree: int
 ) -> Float[np.ndarray, "d_plus_1 m 3"]:
     """The polynomials of the periodic spline of a degree above 3."""
-    spline = _periodic(breaks, points, degree)
+    spline = make_interp_spline(breaks, np.vstack([points, points[:1]]), k=degree, bc_type="periodic")
     powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
     # the constant terms are the vertices themselves, to the last bit
     return np.stack([*powers, points])
@@ -92,10 +93,6 @@ def _lagrange_at_0(nodes: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
     own = np.eye(nodes.shape[1], dtype=bool)
     differences = np.where(own, 1.0, nodes[:, None, :] - nodes[:, :, None])
     return np.asarray(np.where(own, 1.0, nodes[:, None, :] / differences).prod(axis=2))
-
-
-def _periodic(breaks: Float[np.ndarray, " m_plus_1"], points: Float[np.ndarray, "m k"], degree: int) -> BSpline:
-    return make_interp_spline(breaks, np.vstack([points, points[:1]]), k=degree, bc_type="periodic")
 
 
 def by_arcs(points: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " m_plus_1"]:
@@ -222,8 +219,9 @@ def _poisson(
     m, t = len(points), breaks[:-1]
     matrix = _kernel(t[:, None] - t, m)
     matrix[np.diag_indices(m)] *= 1 + RIDGE
-    inverse = cho_solve(cho_factor(matrix), np.column_stack([points - points.mean(axis=0), np.eye(m)]))
-    weights, inverse = inverse[:, :3], inverse[:, 3:]
+    factor = cho_factor(matrix)
+    weights = cho_solve(factor, points - points.mean(axis=0))
+    inverse, _ = dpotri(*factor)
     return weights, float(np.sqrt(np.mean((weights / np.diag(inverse)[:, None]) ** 2)))
 
 

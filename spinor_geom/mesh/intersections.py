@@ -180,7 +180,12 @@ def _neighbours_not_separated(
 
     Few are left for exact predicates.
     """
-    pairs, others = _neighbours(faces, vertices=len(vertices))
+    corners = (np.repeat(np.arange(len(faces)), 3), faces.reshape(-1))
+    incidence = coo_array((np.ones(faces.size, dtype=np.int64), corners), shape=(len(faces), len(vertices))).tocsr()
+    common = (incidence @ incidence.T).tocoo()
+    upper = common.row < common.col
+    pairs = np.stack([common.row[upper], common.col[upper]], axis=1).astype(np.int64)
+    others = 3 - common.data[upper]  # corners of each that are not common
     triangles = vertices[faces]
     sides = np.roll(triangles, -1, axis=1) - triangles
     normals = _cross(sides[:, 0], sides[:, 1])
@@ -192,17 +197,6 @@ def _neighbours_not_separated(
         left = ((heights > limit).sum(axis=1) < others) & ((heights < -limit).sum(axis=1) < others)
         pairs, others = pairs[left], others[left]
     return pairs
-
-
-def _neighbours(
-    faces: Int[np.ndarray, "f 3"], *, vertices: int
-) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
-    """Pairs of faces with common vertices, smaller index first, and how many corners each has that are not common."""
-    corners = (np.repeat(np.arange(len(faces)), 3), faces.reshape(-1))
-    incidence = coo_array((np.ones(faces.size, dtype=np.int64), corners), shape=(len(faces), vertices)).tocsr()
-    common = (incidence @ incidence.T).tocoo()
-    upper = common.row < common.col
-    return np.stack([common.row[upper], common.col[upper]], axis=1).astype(np.int64), 3 - common.data[upper]
 
 
 def _insides_meet(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:

@@ -140,3 +140,12 @@ def internal_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "
 def vertex_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " v"]:
     """Sum of the angles of the faces at each vertex, (V,), in radians."""
     return np.bincount(faces.ravel(), internal_angles(vertices, faces).ravel(), minlength=len(vertices))
+
+
+def winding_numbers(polygon: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
+    """How often a closed plane polygon runs around each point, (K,)."""
+    import igl
+
+    m = np.arange(len(polygon))
+    edges = np.stack([m, np.roll(m, -1)], axis=1)
+    return np.asarray(igl.winding_number(*igl_arrays(polygon, edges), np.ascontiguousarray(points))).reshape(-1)

@@ -56,13 +56,11 @@ class TriangleMesh(Shown):
         points = freeze_points(vertices, name="vertices")
         corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
         _require_existing_vertices(corners, vertices=len(points))
-        object.__setattr__(self, "vertices", points)
-        object.__setattr__(self, "faces", corners)
         given = vertex_attributes or {}
-        object.__setattr__(self, "vertex_attributes", freeze_attributes(given, vertices=len(points)))
         if labels is None:
             labels = [name for name, values in given.items() if name != COLOR and np.asarray(values).dtype.kind in "iu"]
-        object.__setattr__(self, "labels", frozenset(labels))
+        attributes = freeze_attributes(given, vertices=len(points))
+        self.__dict__.update(vertices=points, faces=corners, vertex_attributes=attributes, labels=frozenset(labels))
 
     def merged(self) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
         """The same surface with vertices of exactly equal position made one.

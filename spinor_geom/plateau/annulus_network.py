@@ -138,15 +138,12 @@ class AnnulusNetworkSolver:
             SingularMatrixError: the discrete annulus or the fit is degenerate.
         """
         start = self._started()
-        points = sum(map(len, self.loops))
         with self.clock.stage("fit"):
-            fitted = fit_and_refine(
-                start.stage, start.readout, start.slide, self.budget, (), points=points, offset=self.options.pole_offset
-            )
+            fitted = fit_and_refine(start.stage, start.readout, start.slide, self.budget)
         with self.clock.stage("surface"):
             surface, astray = fitted_surface(fitted)
             closed = replace(fitted.fit, readout=fitted.stage.network.readout.detach())
-            residual = independent_residual(fitted.stage, closed, points=points)
+            residual = independent_residual(fitted.stage, closed, points=self.budget.points)
         return Found(
             surface=surface,
             curves=tuple(self.curves[number] for number in start.order),

@@ -9,9 +9,8 @@ from jaxtyping import Float
 
 from spinor_geom.mesh.curve import BoundaryCurve
 
-# x of x·tanh x = 1: the catenoids around an axis, of all sizes, touch the cone with the radius sinh x at height 1.
-_CRITICAL = 1.1996786402577338
-_OPENING = float(np.sinh(_CRITICAL))
+# sinh x for x·tanh x = 1: the catenoids around an axis, of all sizes, touch the cone with this radius at height 1.
+_OPENING = float(np.sinh(1.1996786402577338))
 
 
 def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:

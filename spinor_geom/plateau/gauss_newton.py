@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -10,15 +10,9 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg.blas import dsyrk, zherk
 from torch import Tensor
 
-from spinor_geom.deadline import is_out_of_time
 from spinor_geom.plateau.problem import PlateauProblem
-from spinor_geom.plateau.solution import Iteration
+from spinor_geom.plateau.steps import Steps
 
-# Trials of a step, each damped five times as much: the last takes 10⁻⁸ of it and less.
-_MAX_TRIALS = 14
-# A linearisation serves for further steps while each brings the squared residual below this share: it costs many times
-# what a step costs.
-_KEEP = 0.4
 # Weight of the period around a hole against the RMS distance from Γ: a gap is a fault wherever the boundary slides.
 _PERIOD = 30.0
 
@@ -33,7 +27,6 @@ class Fit:
         slide: (nodes,), curve parameters of the nodes.
         amounts: (k,), how far Ω should move along its modulus fields, to first order; included in the residual.
         residual: RMS distance of r from Γ(slide) at the nodes, by arc length of ∂Ω.
-        history: a record of each iteration.
     """
 
     readout: Complex[Tensor, "n 2"]
@@ -41,7 +34,6 @@ class Fit:
     slide: Float[Tensor, " nodes"]
     amounts: Float[Tensor, " k"]
     residual: float
-    history: tuple[Iteration, ...]
 
 
 def gauss_newton(
@@ -51,10 +43,8 @@ def gauss_newton(
     *,
     goal: float,
     allowed: float,
-    max_iterations: int,
+    steps: Steps,
     stall: float,
-    first_index: int = 1,
-    on_iteration: Callable[[Iteration], None] | None = None,
 ) -> Fit:
     """Minimises ∮ |r − Γ(s)|² |dz| over read-outs, constant and slide by Levenberg-Marquardt.
 
@@ -69,26 +59,21 @@ def gauss_newton(
         slide: start, increasing around the circle.
         goal: RMS residual at which to stop.
         allowed: RMS residual below which only fast convergence goes on.
-        max_iterations: limit.
+        steps: gets those that lower the residual.
         stall: a step with a new linearisation that lowers the squared residual by less than this share is the last.
-        first_index: number of the first step in the records.
-        on_iteration: called after each accepted step.
     """
     root = problem.arc_weights.sqrt()[:, None]
     amounts = root.new_zeros(problem.fields.shape[1])
     state = _State.at(problem, readout, None, slide, amounts, root)
-    damping, history = 1e-2, []
+    damping = 1e-2
     linear, fresh = _Linear.at(problem, state, root), True
-    index = first_index
-    while index < first_index + max_iterations and state.energy > goal**2 and not is_out_of_time():
+    while state.energy > goal**2 and not steps.are_spent:
         before, started = state.energy, damping
         state, damping = _damped_step(problem, state, root, linear, damping)
         if state.energy < before:
-            history.append(Iteration(index=index, method="Gauss-Newton", residual=state.energy**0.5))
-            index += 1
-            if on_iteration is not None:
-                on_iteration(history[-1])
-        if state.energy > _KEEP * before:
+            steps.take("Gauss-Newton", state.energy**0.5)
+        # a linearisation costs many times what a step costs
+        if state.energy > 0.4 * before:
             # a step with an old linearisation that gains little asks for a new one; one with a new one is the last
             # a step that had to be damped says little about what the next ones will gain
             least = stall if damping <= started else stall / 10
@@ -104,7 +89,6 @@ def gauss_newton(
         slide=state.slide,
         amounts=state.amounts,
         residual=state.energy**0.5,
-        history=tuple(history),
     )
 
 
@@ -274,7 +258,7 @@ def _damped_step(
     gradient = linear.gradient(state, root)
     scale = linear.normal_matrix.diagonal().mean()
     speed2 = state.tangent.square().sum(1)
-    for _ in range(_MAX_TRIALS):
+    for _ in range(14):  # each damped five times as much: the last takes 10⁻⁸ of the step and less
         shifted = linear.normal_matrix.clone()
         shifted.diagonal().add_(scale * (damping + 1e-14))
         factor, info = torch.linalg.cholesky_ex(shifted)

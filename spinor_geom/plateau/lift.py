@@ -283,6 +283,14 @@ class _SampledBoundary:
     def lifts(self, placed: _Placed, is_lifted: Bool[Tensor, " b"]) -> tuple[Lift | None, ...]:
         """What is kept of surfaces, apart from each other."""
         r = placed.null_curve.real
+        misfits = Misfit.each(
+            r.mT,
+            placed.slide,
+            placed.error.square().sum(1).sqrt(),
+            placed.tangent.square().sum(1).sqrt(),
+            self.curves.local_edge(placed.slide),
+            alone=self.curves.alone,
+        )
         areas = 0.5 * (r * placed.velocity.imag).sum((1, 2)) / len(self.z)
         if self.form.kernel is None:
             series = _series(placed.values)
@@ -298,7 +306,7 @@ class _SampledBoundary:
                 else CauchyInterpolant(self.z[:: self.each], self.dz[:: self.each], placed.values[i].T),
                 null_curve=placed.null_curve[i].T,
                 slide=placed.slide[i],
-                misfit=Misfit.of(r[i].T, placed.slide[i], self.curves.alone(i)),
+                misfit=misfits[i],
                 area=area,
             )
             for i, (whole, area) in enumerate(zip(is_lifted.tolist(), areas.tolist(), strict=True))

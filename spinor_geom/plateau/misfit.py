@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,15 +48,47 @@ class Misfit:
             curve: Γ.
         """
         point, tangent = curve.point_and_derivative(slide)
-        step, chord = torch.diff(slide, append=slide[:1] + 1), r.roll(-1, 0) - r
-        distance, speed = (r - point).norm(dim=-1), tangent.norm(dim=-1)
-        arc = step * (speed + speed.roll(-1)) / 2
-        over = step * torch.maximum(speed, speed.roll(-1)) > _PASSED_OVER * chord.norm(dim=-1) + distance
-        span = torch.maximum(arc, chord.norm(dim=-1)).where(~over, 0.0)
-        passed = _passed_over(r, slide, over.nonzero()[:, 0], curve)
-        where, missed = torch.cat([slide, passed.slide]), torch.cat([distance, passed.distance])
-        weights = torch.cat([(span + span.roll(1)) / 2, passed.weights])
-        return cls.from_distances(missed, where, weights, curve, length=float(arc.sum()))
+        known = r, slide, (r - point).norm(dim=-1), tangent.norm(dim=-1), curve.local_edge(slide)
+        (misfit,) = cls.each(*(part[None] for part in known), alone=lambda _: curve)
+        return misfit
+
+    @classmethod
+    def each(
+        cls,
+        r: Float[Tensor, "b n 3"],
+        slide: Float[Tensor, "b n"],
+        distance: Float[Tensor, "b n"],
+        speed: Float[Tensor, "b n"],
+        local_edge: Float[Tensor, "b n"],
+        *,
+        alone: Callable[[int], TensorCurve],
+    ) -> tuple[Misfit, ...]:
+        """The misfits of several boundaries from their own curves; see `of`.
+
+        Args:
+            r: points of the boundaries.
+            slide: parameters of the points of Γ near them.
+            distance: from those.
+            speed: |Γ′| there.
+            local_edge: of the loop there.
+            alone: gives the curve of one of them.
+        """
+        step, chord = torch.diff(slide, append=slide[:, :1] + 1), (r.roll(-1, 1) - r).norm(dim=-1)
+        arc = step * (speed + speed.roll(-1, 1)) / 2
+        over = step * torch.maximum(speed, speed.roll(-1, 1)) > _PASSED_OVER * chord + distance
+        span = torch.maximum(arc, chord).where(~over, 0.0)
+        squares = ((span + span.roll(1, 1)) / 2 * distance.square()).sum(-1)
+        largest, local = distance.amax(-1), (distance / local_edge).amax(-1)
+        for i in over.any(-1).nonzero()[:, 0].tolist():
+            curve = alone(i)
+            parameters, missed, weights = _passed_over(r[i], slide[i], over[i].nonzero()[:, 0], curve)
+            squares[i] += weights @ missed.square()
+            largest[i] = torch.maximum(largest[i], missed.max())
+            local[i] = torch.maximum(local[i], (missed / curve.local_edge(parameters)).max())
+        return tuple(
+            cls(rms=(square / length) ** 0.5, max=far, max_per_local_edge=ratio, length=length)
+            for square, far, ratio, length in torch.stack([squares, largest, local, arc.sum(-1)], dim=1).tolist()
+        )
 
     @classmethod
     def from_distances(
@@ -106,19 +138,10 @@ class Misfit:
         return replace(self, rms=float(np.hypot(self.rms, distance)), max=max(self.max, distance))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _PassedOver:
-    """Points of Γ on the parts that a boundary near to it leaves out, their distances from it, and arc lengths."""
-
-    slide: Float[Tensor, " k"]
-    distance: Float[Tensor, " k"]
-    weights: Float[Tensor, " k"]
-
-
 def _passed_over(
     r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], over: Int[Tensor, " j"], curve: TensorCurve
-) -> _PassedOver:
-    """The parts of Γ beside pieces of the boundary that are much shorter.
+) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"], Float[Tensor, " k"]]:
+    """Points of Γ on its parts beside pieces of the boundary that are much shorter: parameters, distances, arc lengths.
 
     The boundary's points tell how far it is from Γ. Where Γ has a finger that ∂Ω does not resolve the boundary passes
     over that, near to Γ everywhere.
@@ -133,4 +156,4 @@ def _passed_over(
     along = (away * beside).sum(-1) / beside.square().sum(-1).clamp_min(torch.finfo(step.dtype).tiny)
     missed = (away - along.clamp(0, 1)[..., None] * beside).norm(dim=-1)
     arcs = step[:, None] / _POINTS_PASSED * tangent.norm(dim=-1).reshape(len(over), _POINTS_PASSED)
-    return _PassedOver(slide=parameters, distance=missed.flatten(), weights=arcs.flatten())
+    return parameters, missed.flatten(), arcs.flatten()

@@ -19,14 +19,9 @@ from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.hole_field import HoleField
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, WayAcross
 
-# Equations per unknown: with 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and
-# the iteration wanders off; from 4 on both agree.
-_EQUATIONS = 4.0
 # Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
 # time grows with the cube.
 _MAX_FEATURES = 420
-# Degree of the polynomials in the fields that move Ω.
-_FIELD_DEGREE = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,7 +101,9 @@ class Discretisation:
     ) -> Discretisation:
         device = curves[0].breaks.device
         unknowns = 4 * (degree + 1 + len(poles.positions))
-        order = int(np.ceil(_EQUATIONS * unknowns / (2 * sum(len(some) - 1 for some in breaks))))
+        # four equations per unknown: with 1.5 the residual at the nodes of a rough loop can be a hundredth of that
+        # between them, and the iteration wanders off
+        order = int(np.ceil(4 * unknowns / (2 * sum(len(some) - 1 for some in breaks))))
         panels = Panels.around(domain, breaks, order)
         way = WayAcross.through(domain)
         network = CauchyNetwork.orthonormal_on(
@@ -198,7 +195,7 @@ class Discretisation:
             torch.as_tensor(self.panels.arc_weights),
             poles=torch.as_tensor(poles.positions),
             scales=torch.as_tensor(poles.scales),
-            degree=_FIELD_DEGREE,
+            degree=8,
         )
         return ModulusFields.of(self.domain, self.panels, smooth.features(torch.as_tensor(self.panels.z)).numpy())
 

@@ -6,15 +6,13 @@ area included.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk
 from spinor_geom.domain.flattening import flatten
@@ -31,31 +29,16 @@ from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual
-from spinor_geom.plateau.roughness import roughness
-from spinor_geom.plateau.solution import Iteration
+from spinor_geom.plateau.roughness import ROUGH_TURN, roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
+from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
-# Rounds of a fit, each with up to three poles for one where the residual is.
-_MAX_ROUNDS = 3
 # Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
 _PATH_ORDER = 16
-# ∂Ω is checked for crossings at so many points of each piece.
-_POINTS_OF_A_PIECE = 4
-# A loop counts as ragged or as rough where one of its points in ten turns by more.
-_RAGGED_TURN = np.radians(60.0)
-_ROUGH_TURN = np.radians(25.0)
-# A round ends when a step gains less than this share of the squared residual.
-_STALL = 0.05
-# A move of Ω shorter than this share of the residual changes nothing: Ω's scale is near to 1.
-_LEAST_MOVE = 0.01
-# Newton steps to a closed period.
-_CLOSING_STEPS = 4
-# The fit may go on to this share of the tolerance: while it converges fast, steps cost little and every digit is real.
-_BELOW_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,17 +85,17 @@ class NetworkSolver:
     device: torch.device
     clock: Clock
 
-    def found_from(self, disk: Disk, history: tuple[Iteration, ...]) -> Found:
+    def found_from(self, disk: Disk) -> Found:
         """The minimal disk that a discrete one leads to.
 
         Raises:
             DomainError: its flattening gives no simple domain.
             SingularMatrixError: the discrete disk or the fit is degenerate.
         """
-        fitted = self._fitted_from(disk, history)
-        missed = fitted.residual.misfit.excess(allowed=self.budget.allowed, tolerance=self.budget.tolerance) > 1
-        # another start does not help where the loop's roughness is too much for the network
-        if missed and self._turning <= _RAGGED_TURN and not self.budget.is_spent(fitted.history):
+        fitted = self._fitted_from(disk)
+        missed = self.budget.excess(fitted.residual) > 1
+        # another start does not help where one point of a loop in ten turns by more
+        if missed and self._turning <= np.radians(60) and not self.budget.steps.are_spent:
             fitted = self._improved(fitted, disk)
         with self.clock.stage("surface"):
             surface, astray = fitted_surface(fitted)
@@ -136,13 +119,12 @@ class NetworkSolver:
         try:
             with self.clock.stage("first fill"):
                 finer = finer_disk(disk, len(self.rim))
-            again = self._fitted_from(finer, fitted.history)
+            again = self._fitted_from(finer)
         except (DomainError, SingularMatrixError):  # what a second try fails at must not cost the first one's result
             return fitted
-        best = again if again.residual.misfit.rms < fitted.residual.misfit.rms else fitted
-        return replace(best, history=again.history)
+        return again if again.residual.misfit.rms < fitted.residual.misfit.rms else fitted
 
-    def _fitted_from(self, disk: Disk, history: tuple[Iteration, ...]) -> Fitted:
+    def _fitted_from(self, disk: Disk) -> Fitted:
         """The fit that starts from a discrete disk: its flattening gives Ω, its frames p and q."""
         rim, curve, device = self.rim, self.curve, self.device
         with self.clock.stage("flattening"):
@@ -151,7 +133,7 @@ class NetworkSolver:
                 disk.vertices,
                 disk.faces,
                 len(rim),
-                drawn=lambda polygon: sampled(SplineBoundary.through(polygon, corners), _POINTS_OF_A_PIECE),
+                drawn=lambda polygon: sampled(SplineBoundary.through(polygon, corners), each=4),
             )
             domain = PlaneDomain.from_boundary(flat.boundary, corners, flat.log_scale)
         with self.clock.stage("features"):
@@ -161,7 +143,7 @@ class NetworkSolver:
                 (CurveTensors.of(curve, device),),
                 pairs,
                 degree=self.options.degree,
-                offset=self.options.pole_offset,
+                offset=self.budget.offset,
                 tolerance=self.budget.allowed / self.loop.mean_edge_length,
             )
         with self.clock.stage("fit"):
@@ -171,15 +153,7 @@ class NetworkSolver:
             readout = stage.readout_of(spinors[torch.as_tensor(edge, device=device)])
             knots = np.append(curve.breaks[rim], curve.breaks[rim[0]] + 1)
             slide = torch.as_tensor(np.interp(stage.panels.t, domain.boundary.parameters, knots), device=device)
-            return fit_and_refine(
-                stage,
-                readout,
-                slide,
-                self.budget,
-                history,
-                points=len(self.loop),
-                offset=self.options.pole_offset,
-            )
+            return fit_and_refine(stage, readout, slide, self.budget)
 
 
 def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
@@ -193,7 +167,7 @@ def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fitted:
-    """The best round: its discretisation, its fit, its residual at unit size, its number, and the steps of all.
+    """The best round: its discretisation, its fit, its residual at unit size, and its number.
 
     `folds` says that Ω would fold if it moved to the conformal moduli that a fit asked for.
     """
@@ -202,42 +176,38 @@ class Fitted:
     fit: Fit
     residual: Residual
     rounds: int
-    history: tuple[Iteration, ...]
     folds: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Budget:
-    """What a fit may cost: RMS distance allowed at unit size and in mean edges, steps, and who hears of them."""
+    """What a fit may cost, and how near it shall come.
+
+    Attributes:
+        allowed: RMS distance at unit size.
+        tolerance: that in mean edges.
+        points: of all loops.
+        offset: of the poles, in local edges.
+        steps: all that are taken, and their limit.
+    """
 
     allowed: float
     tolerance: float
-    max_iterations: int
-    on_iteration: Callable[[Iteration], None] | None
+    points: int
+    offset: float
+    steps: Steps
 
-    def is_spent(self, history: tuple[Iteration, ...]) -> bool:
-        """Whether steps or time are used up."""
-        return len(history) >= self.max_iterations or is_out_of_time()
-
-    def fit(
-        self,
-        stage: Discretisation,
-        readout: Complex[Tensor, "n 2"],
-        slide: Float[Tensor, " nodes"],
-        history: tuple[Iteration, ...],
-    ) -> Fit:
-        """Gauss-Newton with what the history leaves of the steps."""
+    def fit(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fit:
+        """Gauss-Newton with what is left of the steps."""
+        # while it converges fast, steps cost little and every digit is real
+        goal = 1e-6 * self.allowed
         return gauss_newton(
-            stage.problem,
-            readout,
-            slide,
-            goal=_BELOW_TOLERANCE * self.allowed,
-            allowed=self.allowed,
-            max_iterations=self.max_iterations - len(history),
-            stall=_STALL,
-            first_index=len(history) + 1,
-            on_iteration=self.on_iteration,
+            stage.problem, readout, slide, goal=goal, allowed=self.allowed, steps=self.steps, stall=0.05
         )
+
+    def excess(self, residual: Residual) -> float:
+        """How many times farther from Γ than it may be: 1 or less where the tolerance is met."""
+        return residual.misfit.excess(allowed=self.allowed, tolerance=self.tolerance)
 
 
 def limit_of(fitted: Fitted, budget: Budget, turning: float) -> str:
@@ -250,7 +220,7 @@ def limit_of(fitted: Fitted, budget: Budget, turning: float) -> str:
     """
     stage = fitted.stage
     features = stage.network.mixing.shape[1]
-    if budget.is_spent(fitted.history):
+    if budget.steps.are_spent:
         return "the limit on steps or on time was reached"
     if fitted.folds:
         return (
@@ -260,7 +230,7 @@ def limit_of(fitted: Fitted, budget: Budget, turning: float) -> str:
     at_corners = stage.share_at_corners(fitted.residual.energy)
     if at_corners > 0.5:
         where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
-    elif turning > _ROUGH_TURN:
+    elif turning > ROUGH_TURN:
         where = f"the loop is rough: one point in ten turns by more than {np.degrees(turning):.0f}°"
     else:
         where = "more units bring it no nearer"
@@ -270,39 +240,29 @@ def limit_of(fitted: Fitted, budget: Budget, turning: float) -> str:
 
 
 def fit_and_refine(
-    stage: Discretisation,
-    readout: Complex[Tensor, "n 2"],
-    slide: Float[Tensor, " nodes"],
-    budget: Budget,
-    history: tuple[Iteration, ...],
-    *,
-    points: int,
-    offset: float,
+    stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"], budget: Budget
 ) -> Fitted:
     """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
     best: Fitted | None = None
     folds = False
     if stage.domain.holes:
         # the modulus of a mesh is never quite right
-        first = _with_right_moduli(stage, readout, slide, history, budget, points=points, offset=offset)
-        stage, history, folds = first.stage, first.history, first.folds
-        readout, slide = first.fit.readout, first.fit.slide
-    for remaining in reversed(range(_MAX_ROUNDS)):
-        fit = budget.fit(stage, readout, slide, history)
-        history += fit.history
-        residual = independent_residual(stage, fit, points=points)
+        first = _with_right_moduli(stage, readout, slide, budget)
+        stage, folds, readout, slide = first.stage, first.folds, first.fit.readout, first.fit.slide
+    for number in range(1, 4):
+        fit = budget.fit(stage, readout, slide)
+        residual = independent_residual(stage, fit, points=budget.points)
         # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
         if best is None and residual.misfit.rms > budget.allowed and stage.has_moduli and not stage.domain.holes:
-            corrected = _with_right_moduli(stage, readout, slide, history, budget, points=points, offset=offset)
-            history, folds = corrected.history, corrected.folds
+            corrected = _with_right_moduli(stage, readout, slide, budget)
+            folds = corrected.folds
             if corrected.residual.misfit.rms < residual.misfit.rms:
                 stage, fit, residual = corrected.stage, corrected.fit, corrected.residual
         if best is not None and residual.misfit.rms >= best.residual.misfit.rms:
-            return replace(best, history=history)
-        rounds = _MAX_ROUNDS - remaining
-        best = Fitted(stage=stage, fit=fit, residual=residual, rounds=rounds, history=history, folds=folds)
-        excess = residual.misfit.excess(allowed=budget.allowed, tolerance=budget.tolerance)
-        if excess <= 1 or budget.is_spent(history):
+            break
+        best = Fitted(stage=stage, fit=fit, residual=residual, rounds=number, folds=folds)
+        excess = budget.excess(residual)
+        if excess <= 1 or budget.steps.are_spent:
             break
         finer = stage.refined(residual.energy, residual.misfit.rms / excess)
         if finer is None:
@@ -314,36 +274,29 @@ def fit_and_refine(
 
 
 def _with_right_moduli(
-    stage: Discretisation,
-    readout: Complex[Tensor, "n 2"],
-    slide: Float[Tensor, " nodes"],
-    history: tuple[Iteration, ...],
-    budget: Budget,
-    *,
-    points: int,
-    offset: float,
+    stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"], budget: Budget
 ) -> Fitted:
     """A fit in which Ω may move, so that its corners can meet Γ's; the moves are made, and it is fitted again."""
     last, folds = np.inf, False
     while True:
-        fit = budget.fit(stage.flexible(), readout, slide, history)
-        history += fit.history
+        fit = budget.fit(stage.flexible(), readout, slide)
         readout, slide = fit.readout, fit.slide
-        if stage.length_of_move(fit) < _LEAST_MOVE * fit.residual:
+        # a shorter move changes nothing: Ω's scale is near to 1
+        if stage.length_of_move(fit) < 0.01 * fit.residual:
             break
         try:
-            moved = stage.moved(fit, offset=offset)
+            moved = stage.moved(fit, offset=budget.offset)
         except DomainError:  # what is fitted so far stands
             folds = True
             break
         readout, slide = moved.transferred(stage, fit)
         stage = moved  # whatever the fit gained by the move, it is lost without it
-        if fit.residual > last / 2 or budget.is_spent(history):
+        if fit.residual > last / 2 or budget.steps.are_spent:
             break
         last = fit.residual
-    fit = budget.fit(stage, readout, slide, history)
-    residual = independent_residual(stage, fit, points=points)
-    return Fitted(stage=stage, fit=fit, residual=residual, rounds=1, history=history + fit.history, folds=folds)
+    fit = budget.fit(stage, readout, slide)
+    residual = independent_residual(stage, fit, points=budget.points)
+    return Fitted(stage=stage, fit=fit, residual=residual, rounds=1, folds=folds)
 
 
 def fitted_surface(fitted: Fitted) -> tuple[SpinorSurface, float]:
@@ -378,7 +331,7 @@ def close_period(surface: SpinorSurface) -> None:
     with torch.no_grad():
         features = network.features(torch.as_tensor(panels.z, device=device))
         step = torch.as_tensor(panels.dz * panels.weights, device=device)[:, None]
-        for _ in range(_CLOSING_STEPS):
+        for _ in range(4):
             p, q = (features @ network.readout).unbind(-1)
             gap = (step * phi(p, q)).sum(0).real
             by_p, by_q = ((2 * value[:, None] * step * features).sum(0) for value in (p, q))

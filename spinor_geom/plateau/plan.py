@@ -26,7 +26,7 @@ from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, Ri
 from spinor_geom.plateau.solutions import Beside, find_disks, leave_unstable
 from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.trained_route import Trainer
-from spinor_geom.plateau.vertex_route import VertexSolver
+from spinor_geom.plateau.vertex_route import disk_through_points
 
 # Rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³.
 _MOST_POINTS = 1500
@@ -87,14 +87,9 @@ class ThroughPoints:
         """The disk next to a discrete one, or the surface next to that over averages of several loops."""
         if not task.is_disk:
             return task.rims.through_points()
-        solver = VertexSolver(
-            loop=task.unit,
-            allowed=task.allowed,
-            steps=task.steps,
-            device=task.options.device,
-            clock=task.clock,
+        return disk_through_points(
+            task.unit, allowed=task.allowed, steps=task.steps, device=task.options.device, clock=task.clock
         )
-        return solver.found()
 
 
 @dataclass(frozen=True)
@@ -150,7 +145,7 @@ class ByNetwork:
         else:
             with task.clock.stage("first fill"):
                 start = first_disk(task.unit.points[task.network.rim])
-        return task.network.found_from(start, tuple(task.steps.history))
+        return task.network.found_from(start)
 
 
 @dataclass(frozen=True)

@@ -120,8 +120,7 @@ class CurveTensors:
     ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
         """Γ(s), Γ'(s) and Γ''(s); s is taken modulo 1, of shape (*batch, n) for a batch."""
         s = torch.remainder(s, 1.0)
-        piece = torch.minimum((torch.searchsorted(self.breaks, s, right=True) - 1).clamp(min=0), self._last_piece)
-        piece = piece + self._first_piece
+        piece = self._piece(s)
         h = s - self._starts[piece]
         value, first, second = _horner(self._pieces, piece, h)
         if self._slope_pieces is None:
@@ -135,15 +134,25 @@ class CurveTensors:
         return point, first
 
     def local_edge(self, s: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
-        """Mean length of an edge and its two neighbours, for the edge at each parameter of one curve.
+        """Mean length of an edge and its two neighbours, for the edge at each parameter.
 
         Over three edges, so that a single tiny one among others is not taken for the size of what is to be resolved.
         """
-        vertices = self.coefficients[-1]
-        edge = (vertices.roll(-1, 0) - vertices).norm(dim=-1)
-        local: Float[Tensor, " m"] = (edge.roll(1) + edge + edge.roll(-1)) / 3
-        piece = torch.searchsorted(self.breaks, torch.remainder(s, 1.0), right=True) - 1
-        return local[piece.clamp(0, len(edge) - 1)]
+        return self._local_edges.flatten()[self._piece(torch.remainder(s, 1.0))]
+
+    @cached_property
+    def _local_edges(self) -> Float[Tensor, "*batch m"]:
+        vertices, count = self.coefficients[-1], self._last_piece + 1
+        place = torch.arange(vertices.shape[-2], device=vertices.device)
+        after, before = (place + 1) % count, (place - 1) % count
+        edge = (torch.take_along_dim(vertices, after[..., None], -2) - vertices).norm(dim=-1)
+        mean: Tensor = (edge.gather(-1, before) + edge + edge.gather(-1, after)) / 3
+        return mean
+
+    def _piece(self, s: Float[Tensor, "*pts"]) -> Int[Tensor, "*pts"]:
+        """Number of the piece at each parameter in [0, 1) among those of all curves."""
+        piece = torch.minimum((torch.searchsorted(self.breaks, s, right=True) - 1).clamp(min=0), self._last_piece)
+        return piece + self._first_piece
 
 
 def _by_piece(coefficients: Float[Tensor, "d1 *batch m 3"]) -> Float[Tensor, "k d1 3"]:

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Literal, TypeAlias, overload
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict, overload
 
 import torch
 
@@ -23,61 +23,46 @@ from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.trained_route import Optimizer
 
-# Loops that are taken at a time.
-_TOGETHER = 64
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Planned: TypeAlias = tuple[Task, tuple[Route, ...]]
+
+
+class _Rest(TypedDict, total=False):
+    """The options of `solve_plateau` on which its type does not depend."""
+
+    model: Model
+    tolerance: float
+    max_iterations: int
+    unstable: Literal["leave", "keep"]
+    between: Literal["smooth", "free"]
+    device: str | torch.device
+    on_iteration: Callable[[Iteration], None] | None
 
 
 @overload
 def solve_plateau(
     loop: BoundaryLoop | ClosedCurve,
     *,
-    model: Model = "auto",
     optimizer: Optimizer | None = None,
     warm_start: bool = True,
-    tolerance: float = 1e-3,
-    max_iterations: int = 400,
-    unstable: Literal["leave", "keep"] = "leave",
-    between: Literal["smooth", "free"] = "smooth",
     all_solutions: Literal[False] = False,
-    device: str | torch.device = "cpu",
-    on_iteration: Callable[[Iteration], None] | None = None,
+    **options: Unpack[_Rest],
 ) -> PlateauSolution: ...
-
-
 @overload
 def solve_plateau(
     loop: BoundaryLoop | ClosedCurve | Sequence[BoundaryLoop | ClosedCurve],
     *,
-    model: Model = "auto",
     optimizer: Optimizer | None = None,
     warm_start: bool = True,
-    tolerance: float = 1e-3,
-    max_iterations: int = 400,
-    unstable: Literal["leave", "keep"] = "leave",
-    between: Literal["smooth", "free"] = "smooth",
     all_solutions: Literal[True],
-    device: str | torch.device = "cpu",
-    on_iteration: Callable[[Iteration], None] | None = None,
+    **options: Unpack[_Rest],
 ) -> tuple[PlateauSolution, ...]: ...
-
-
 @overload
 def solve_plateau(
-    loop: Sequence[BoundaryLoop | ClosedCurve],
-    *,
-    model: Model = "auto",
-    tolerance: float = 1e-3,
-    max_iterations: int = 400,
-    unstable: Literal["leave", "keep"] = "leave",
-    between: Literal["smooth", "free"] = "smooth",
-    all_solutions: Literal[False] = False,
-    device: str | torch.device = "cpu",
-    on_iteration: Callable[[Iteration], None] | None = None,
+    loop: Sequence[BoundaryLoop | ClosedCurve], *, all_solutions: Literal[False] = False, **options: Unpack[_Rest]
 ) -> PlateauSolution | NoConnectedSurface: ...
-
-
 def solve_plateau(
     loop: BoundaryLoop | ClosedCurve | Sequence[BoundaryLoop | ClosedCurve],
     *,
@@ -247,7 +232,8 @@ def solve_plateau_batch(
 def _side_by_side(
     loops: Iterator[BoundaryLoop], options: Options, seconds: float
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
-    while chunk := list(itertools.islice(loops, _TOGETHER)):
+    # so many loops are held in memory
+    while chunk := list(itertools.islice(loops, 64)):
         with one_thread():
             answers = [_planned(loop, options) for loop in chunk]
             _fit_together(answers, seconds)

@@ -14,9 +14,6 @@ from spinor_geom.domain.delaunay import Rims, rim_successors
 from spinor_geom.mesh.operators import mollified_laplacian
 from spinor_geom.surface.frames import phi_from_frames, spinors_from_phi
 
-# Weight of a step between parallel frames: an edge of no weight would be none.
-_LEAST_TURN = 1e-9
-
 
 def images_in_plane(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary: Complex[np.ndarray, " m"]
@@ -59,7 +56,8 @@ def lifted_spinors(
     inner = torch.stack(spinors_from_phi(phi_from_frames(*frames)), dim=-1).numpy()
     face, side = np.nonzero((beside := np.asarray(igl.triangle_triangle_adjacency(faces)[0])) >= 0)
     agreement = np.nan_to_num((inner[face].conj() * inner[beside[face, side]]).sum(axis=1).real / 2)
-    turned = 1 + _LEAST_TURN - np.abs(agreement)
+    # an edge of no weight would be none
+    turned = 1 + 1e-9 - np.abs(agreement)
     graph = csr_array((turned, (face, beside[face, side])), shape=(len(faces), len(faces)))
     _, before = breadth_first_order(minimum_spanning_tree(graph), 0, directed=False)
     before[0] = 0

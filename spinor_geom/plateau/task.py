@@ -192,8 +192,9 @@ class Task:
         return Budget(
             allowed=self.allowed,
             tolerance=self.options.tolerance,
-            max_iterations=self.steps.limit,
-            on_iteration=lambda step: self.steps.take(step.method, step.residual),
+            points=sum(map(len, self.units)),
+            offset=self.options.cauchy.pole_offset,
+            steps=self.steps,
         )
 
     def is_met(self, found: Found) -> bool:

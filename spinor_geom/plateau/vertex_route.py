@@ -49,9 +49,9 @@ from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Gauss-Legendre nodes on each edge while p and q are sought: poles lie at least 0.35 edges away, so the first integrate
-# φ to 1e-4 where p and q are tame, which is told with the last; where that does not do, the next.
-_NODES, _NODES_TOLD = (10, 16, 24), 32
+# Gauss-Legendre nodes on each edge while p and q are sought; with twice as many it is told how near the surface comes,
+# and sought again where that is not near enough: 1 rim in 25 of those cut along triangles, with 10 nodes every third.
+_NODES = 14
 # Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
 _NORM_DEGREE = 6
 # Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
@@ -66,111 +66,57 @@ _FAR = 4.0
 _LARGEST_BULGE = 2.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class VertexSolver:
-    """One rough loop on its way to a surface through its points.
+def disk_through_points(
+    loop: BoundaryLoop, *, allowed: float, steps: Steps, device: torch.device, clock: Clock
+) -> Found:
+    """The minimal disk through the points of a rough loop, as nearly as they can be met.
 
-    Attributes:
-        loop: the loop at unit size.
+    Args:
+        loop: at unit size.
         allowed: RMS distance of its points from the surface to reach.
-        steps: of Newton's method.
+        steps: gets those of Newton's method.
         device: where the linear algebra runs.
         clock: of the stages.
+
+    Raises:
+        FirstFillError: no discrete disk over the loop was found.
+        DomainError: it has no simple flattening, or one with an edge of no length.
+        SingularMatrixError: the discrete disk is degenerate.
+        SurfaceError: no surface near the discrete one comes near to the points.
     """
-
-    loop: BoundaryLoop
-    allowed: float
-    steps: Steps
-    device: torch.device
-    clock: Clock
-
-    def found(self) -> Found:
-        """The surface through the points, as nearly as they can be met.
-
-        Raises:
-            FirstFillError: no discrete disk over the loop was found.
-            DomainError: it has no simple flattening, or one with an edge of no length.
-            SingularMatrixError: the discrete disk is degenerate.
-            SurfaceError: no surface near the discrete one comes near to the points.
-        """
-        points = self.loop.points
-        with self.clock.stage("first fill"):
-            disk = first_disk(points)
-        with self.clock.stage("flattening"):
-            flat = flatten(disk.vertices, disk.faces, len(points))
-            images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
-            domain = _domain(disk.faces, images, flat)
-            spinors = lifted_spinors(disk.vertices, disk.faces, images, len(points), self.device)
-        wanted = torch.tensor(points, device=self.device)
-        raw = None
-        for nodes in _NODES:
-            with self.clock.stage("features"):
-                basis = _Basis.on(flat.boundary, nodes, self.device)
-            with self.clock.stage("fit"):
-                raw = self._fitted(basis, basis.nearest(spinors), raw, wanted)
-            with self.clock.stage("surface"):
-                network = basis.network(raw)
-                rim = RimPrimitive.along(domain.boundary, partial(_phi_of, network), _NODES_TOLD)
-                error = rim.at_breaks[:-1].real - points
-                error -= error.mean(axis=0)
-            if rms(torch.from_numpy(error)) <= self.allowed or is_out_of_time():
-                break
-        with self.clock.stage("surface"):
-            return self._found(network, rim, error, domain)
-
-    def _fitted(
-        self,
-        basis: _Basis,
-        start: Complex[Tensor, "k 2"],
-        raw: Complex[Tensor, "k 2"] | None,
-        points: Float[Tensor, "n 3"],
-    ) -> Complex[Tensor, "k 2"]:
-        """Newton's method for the read-outs nearest to a start, in the norm of the basis, that meet the points.
-
-        Args:
-            basis: of p and q.
-            start: orthonormal read-outs.
-            raw: read-outs of the features themselves to set out from; none for the start.
-            points: to be met.
-        """
-        readout = start if raw is None else basis.norm.mH @ raw
-        here = _Passing(basis=basis, points=points, rim=basis.rim(readout))
-        in_edges = rms(here.error) / self.loop.mean_edge_length
-        if not in_edges <= _FAR:
-            raise SurfaceError(
-                "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
-                f"{in_edges:.0f} edges away from the points"
-            )
-
-        def told(distance: float) -> bool:
-            self.steps.take("Newton", distance)
-            return self.steps.left > 0
-
-        if self.steps.left:
-            enough = _BELOW_ALLOWED * self.allowed
-            readout = nearest_through(here, readout, start=start, enough=enough, on_step=told)
-        return basis.raw(readout)
-
-    def _found(
-        self,
-        network: CauchyNetwork,
-        rim: RimPrimitive,
-        error: Float[np.ndarray, "n 3"],
-        domain: PlaneDomain,
-    ) -> Found:
-        points = self.loop.points
+    points = loop.points
+    with clock.stage("first fill"):
+        disk = first_disk(points)
+    with clock.stage("flattening"):
+        flat = flatten(disk.vertices, disk.faces, len(points))
+        images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
+        domain = _domain(disk.faces, images, flat)
+        spinors = lifted_spinors(disk.vertices, disk.faces, images, len(points), device)
+    raw: Complex[Tensor, "k 2"] | None = None
+    for nodes in (_NODES, 2 * _NODES):
+        with clock.stage("features"):
+            basis = _Basis.on(flat.boundary, nodes, device)
+        with clock.stage("fit"):
+            raw = _fitted(basis, spinors, raw, loop, allowed, steps)
+        with clock.stage("surface"):
+            network = basis.network(raw)
+            rim = RimPrimitive.along(domain.boundary, partial(_phi_of, network), 2 * nodes)
+            error = rim.at_breaks[:-1].real - points
+            error -= error.mean(axis=0)
+        if np.linalg.norm(error) <= allowed * len(points) ** 0.5 or is_out_of_time():
+            break
+    with clock.stage("surface"):
         velocity = rim.velocity.real.reshape(len(points), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
         curve = curve_through(points, velocity, error)
-        bulge = curve.bulge() / self.loop.mean_edge_length
+        bulge = curve.bulge() / loop.mean_edge_length
         if not bulge <= _LARGEST_BULGE:
             raise SurfaceError(
                 f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
             )
         root = domain.root
         at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
-        surface = SpinorSurface(network, domain, points[0] + error[0] + at_root.real).to(self.device)
         return Found(
-            surface=surface,
+            surface=SpinorSurface(network, domain, points[0] + error[0] + at_root.real).to(device),
             curves=(curve,),
             matchings=(np.column_stack([domain.boundary.parameters[:-1], curve.breaks[:-1]]),),
             misfit=misfit_at_points(curve, error),
@@ -178,6 +124,44 @@ class VertexSolver:
             route="vertices",
             limit="no minimal surface near the discrete one passes through the loop's points more nearly",
         )
+
+
+def _fitted(
+    basis: _Basis,
+    spinors: Complex[Tensor, "n 2"],
+    raw: Complex[Tensor, "k 2"] | None,
+    loop: BoundaryLoop,
+    allowed: float,
+    steps: Steps,
+) -> Complex[Tensor, "k 2"]:
+    """Read-outs of the features that meet the loop's points, nearest to p and q of a start in the norm of the basis.
+
+    Args:
+        basis: of p and q.
+        spinors: p and q of the start in the middle of each edge.
+        raw: read-outs to set out from; none for the start's.
+        loop: at unit size.
+        allowed: RMS distance of its points.
+        steps: gets those that are done.
+    """
+    start = basis.nearest(spinors)
+    readout = start if raw is None else basis.norm.mH @ raw
+    wanted = torch.tensor(loop.points, device=start.device)
+    here = _Passing(basis=basis, points=wanted, rim=basis.rim(readout))
+    in_edges = rms(here.error) / loop.mean_edge_length
+    if not in_edges <= _FAR:
+        raise SurfaceError(
+            "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
+            f"{in_edges:.0f} edges away from the points"
+        )
+
+    def told(distance: float) -> bool:
+        steps.take("Newton", distance)
+        return steps.left > 0
+
+    if steps.left:
+        readout = nearest_through(here, readout, start=start, enough=_BELOW_ALLOWED * allowed, on_step=told)
+    return basis.raw(readout)
 
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:

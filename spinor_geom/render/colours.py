@@ -6,15 +6,6 @@ FRONT_COLOUR, BACK_COLOUR, GRID_COLOUR = "#f6bd68", "#86b3dd", "#5a4a3c"
 PLAIN_COLOUR, UNKNOWN_COLOUR = "#8fb3d9", "#bebebe"
 # from low to high, perceptually uniform
 VIRIDIS = (
-    "#440154",
-    "#482475",
-    "#414487",
-    "#355f8d",
-    "#2a788e",
-    "#21918c",
-    "#22a884",
-    "#44bf70",
-    "#7ad151",
-    "#bddf26",
-    "#fde725",
+    *("#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c"),
+    *("#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"),
 )

@@ -25,7 +25,7 @@ from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR
-from spinor_geom.render.layers import Camera, Dots, Faces, Layer, Lines
+from spinor_geom.render.layers import ALWAYS, Camera, Dots, Faces, Layer, Lines
 from spinor_geom.render.scene import facing, whole_mesh
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -68,7 +68,7 @@ class LoopViews:
         z = self.patch.points
         return np.stack([z.real, z.imag, np.zeros(len(z))], axis=1)
 
-    def _grid(self, vertices: Float[np.ndarray, "n 3"], **shown: str) -> Lines:
+    def _grid(self, vertices: Float[np.ndarray, "n 3"], *, switch: str | None = None, loop: str = ALWAYS) -> Lines:
         """The image of a square grid in Ω on the patch with its vertices at some place."""
         z, most = self.patch.points, _GRID_LINES // 2 - 1
         step = max(np.ptp(z.real), np.ptp(z.imag)) / _GRID_LINES
@@ -77,7 +77,9 @@ class LoopViews:
             levels = (x.min() + x.max()) / 2 + step * np.arange(-most, most + 1)
             ends, pairs, _ = igl.isolines(*igl_arrays(vertices, self.patch.faces), x, levels)
             points, edges = np.concatenate([points, ends]), np.concatenate([edges, pairs + len(points)])
-        return Lines(vertices=points, edges=edges, colour="#ffffff", halo=_GRID_COLOUR, width=1.6, **shown)
+        return Lines(
+            vertices=points, edges=edges, colour="#ffffff", halo=_GRID_COLOUR, width=1.6, switch=switch, loop=loop
+        )
 
     @property
     def _rim(self) -> Int[np.ndarray, "m 2"]:
@@ -218,12 +220,10 @@ def surroundings(result: FillResult) -> tuple[list[Layer], int]:
     """The open mesh and its rims, and how many triangles, far from all loops, are left out of a very large one."""
     mesh, loops = result.original, [outcome.loop for outcome in result.loops]
     faces, left_out = mesh.faces, max(len(mesh.faces) - MOST_FACES, 0)
-    if left_out and loops:
-        tree = cKDTree(np.concatenate([loop.points for loop in loops]))
-        distance = tree.query(mesh.vertices[mesh.faces].mean(axis=1))[0]
+    if left_out:
+        near = np.concatenate([loop.points for loop in loops]) if loops else mesh.vertices[:1]
+        distance = cKDTree(near).query(mesh.vertices[faces].mean(axis=1))[0]
         faces = faces[np.sort(np.argpartition(distance, MOST_FACES)[:MOST_FACES])]
-    elif left_out:
-        faces = faces[:MOST_FACES]
     used, renumbered = np.unique(faces, return_inverse=True)
     layers: list[Layer] = [
         Faces(
@@ -236,7 +236,7 @@ def surroundings(result: FillResult) -> tuple[list[Layer], int]:
     ]
     if loops:
         points = np.concatenate([loop.points for loop in loops])
-        edges = np.stack([np.arange(len(points)), rim_successors([len(loop) for loop in loops])], axis=1)
+        edges = np.stack([np.arange(len(points)), rim_successors(tuple(len(loop) for loop in loops))], axis=1)
         layers.append(Lines(vertices=points, edges=edges, width=2.5))
     return layers, left_out
 

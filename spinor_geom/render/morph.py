@@ -101,9 +101,9 @@ def _write_gif(pictures: Sequence[Path], path: Path) -> None:
     beside = Image.new("RGB", (_SIZE[0] * len(some), _SIZE[1]))
     for place, frame in enumerate(some):
         beside.paste(frame, (place * _SIZE[0], 0))
+    table = beside.quantize(_COLOURS)
     # each is the middle of several, and those almost white would be taken for the white paper
-    rows: list[list[int]] = np.reshape(beside.quantize(_COLOURS).getpalette() or [], (-1, 3)).tolist()
-    table = Image.new("P", (1, 1))
+    rows: list[list[int]] = np.reshape(table.getpalette() or [], (-1, 3)).tolist()
     table.putpalette([x for row in rows for x in (row if min(row) < _PAPER else [255, 255, 255])])
     few = [frame.quantize(palette=table, dither=Image.Dither.NONE) for frame in frames]
     few[0].save(path, save_all=True, append_images=few[1:], duration=1000 // _PER_SECOND, loop=0, optimize=True)

@@ -35,11 +35,11 @@ from spinor_geom.render.loop_views import (
 from spinor_geom.render.page import document, picture, table
 from spinor_geom.render.plots import inline_svg, log_log
 from spinor_geom.render.scene import camera_on, shown_loop
-from spinor_geom.render.viewer import STYLE, Scene, Views
+from spinor_geom.render.viewer import STYLE, Scene, Views, panel
 
 # of how many filled loops, the longest first, Ω and its functions are shown
 MOST_LOOPS = 8
-_PANEL = "fill"
+_KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to start again."
 _COLOURS = {
     "": "one colour",
     MEAN: "mean curvature |H| of the mesh",
@@ -155,56 +155,45 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
     cameras = {"": camera_on(used, shown_loop(result.loops))} | {
         str(i): camera_on(used, result.loops[i]) for i in patches
     }
+    follow: dict[str, Any] = {"scales": scales, "panel": True}
     scene = Scene(
         title="The filled mesh: patches orange, loops blue",
         layers=layers,
-        scales=scales,
-        panel=_PANEL,
         cameras=cameras,
         unit="mesh units",
         shape="wide",
+        **follow,
     )
-    panel = Views.panel(
-        _PANEL,
+    plane = Scene(
+        title="Ω and its grid; poles of the network violet, zeros of p black, of q white",
+        layers=[layer for one in details for layer in one.in_plane()],
+        cameras={str(one.outcome.index): one.plane_camera for one in details},
+        unit="units of Ω",
+        flat=True,
+        shape="square",
+        **follow,
+    )
+    sphere = Scene(
+        title="The Gauss map: normals of the patch on the unit sphere",
+        layers=[layer for one in details for layer in one.on_sphere()],
+        cameras={str(one.outcome.index): one.sphere_camera for one in details},
+        shape="square",
+        **follow,
+    )
+    controls = panel(
         colours={name: label for name, label in _COLOURS.items() if name in ("", *scales)},
-        switches={WIREFRAME: False, GRID: False, NORMALS: False} if details else {WIREFRAME: False},
-        loops={
-            str(one.outcome.index): f"loop {one.outcome.index}: {len(one.outcome.loop)} vertices" for one in details
-        },
+        switches=[WIREFRAME, GRID, NORMALS] if details else [WIREFRAME],
+        loops={str(o.index): f"loop {o.index}: {len(o.loop)} vertices" for o in (one.outcome for one in details)},
     )
-    parts = [
-        panel,
-        "<p><small>Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to start again."
-        "</small></p>",
-    ]
+    parts = [controls, f"<p><small>{_KEYS}</small></p>"]
     if left_out:
         parts.append(f"<p>{left_out} triangles of the mesh that are far from its loops are not shown.</p>")
     if len(patches) > len(details):
         parts.append(
             f"<p>Ω, functions, colours and switches are of the {len(details)} longest loops with exact surfaces.</p>"
         )
-    beside = [
-        Scene(
-            title="Ω and its grid; poles of the network violet, zeros of p black, of q white",
-            layers=[layer for one in details for layer in one.in_plane()],
-            scales=scales,
-            panel=_PANEL,
-            cameras={str(one.outcome.index): one.plane_camera for one in details},
-            unit="units of Ω",
-            flat=True,
-            shape="square",
-        ),
-        Scene(
-            title="The Gauss map: normals of the patch on the unit sphere",
-            layers=[layer for one in details for layer in one.on_sphere()],
-            scales=scales,
-            panel=_PANEL,
-            cameras={str(one.outcome.index): one.sphere_camera for one in details},
-            shape="square",
-        ),
-    ]
-    figures = "".join(map(views.figure, beside)) if details else ""
-    return [*parts, f'<div class="beside">{views.figure(scene)}<div>{figures}</div></div>']
+    beside = f"<div>{views.figure(plane)}{views.figure(sphere)}</div>" if details else ""
+    return [*parts, f'<div class="beside">{views.figure(scene)}{beside}</div>']
 
 
 def _loop_table(outcomes: Sequence[LoopOutcome]) -> str:
@@ -273,7 +262,7 @@ def _loop_section(one: LoopViews, comparison: Comparison | None) -> str:
     if comparison is not None:
         figures["comparison"] = comparison.to_dict()
     return (
-        f'<section data-panel-of="{_PANEL}" data-loop="{outcome.index}">'
+        f'<section data-loop="{outcome.index}">'
         f"<h2>Loop {outcome.index}</h2><p>p, q, f = −2q² and g = −p/q on Ω. The hue is the argument (red: positive), "
         "the lightness the modulus beside its median: black is 0, white is infinite; it steps back at every power of "
         "two.</p>"

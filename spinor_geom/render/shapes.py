@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -26,7 +26,6 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR, UNKNOWN_COLOUR, VIRIDIS
 from spinor_geom.render.layers import Faces, Layer, Lines, Scale
 from spinor_geom.render.page import document
-from spinor_geom.render.portrait import Portrait, plain_portrait
 from spinor_geom.render.viewer import STYLE, Scene, Views
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -206,18 +205,6 @@ def shape_page(shape: Shape, *, title: str) -> str:
     views = Views()
     scene = Scene(title=title, layers=layers, scales=scales, unit="units", shape="wide")
     return document(title, [views.figure(scene), views.script()], style=STYLE + _FRAME_STYLE)
-
-
-def portrait_of(shape: Shape, *, curvature: bool, up: Literal["y", "z"]) -> Portrait:
-    """The picture of a shape with its rims.
-
-    Args:
-        shape: what to draw.
-        curvature: whether colours tell the curvature, over its `Scale`; else each side has a colour of its own.
-        up: the axis that points upwards.
-    """
-    portrait = plain_portrait(shape.vertices, shape.faces, shape.told if curvature else None)
-    return portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "y" else portrait
 
 
 def _minimal(patch: Patch, surface: SpinorSurface) -> Shape:

@@ -19,15 +19,11 @@
     }
     return arrays[place];
   }
-  function coloured(values, { low, high }) {
-    const colours = new Float32Array(3 * values.length), colour = new THREE.Color();
-    values.forEach((value, k) => {
-      const x = Math.min(Math.max((value - low) / (high - low || 1), 0), 1) * (STOPS.length - 1);
-      const step = Math.min(Math.floor(x), STOPS.length - 2);
-      if (Number.isFinite(value)) colour.lerpColors(STOPS[step], STOPS[step + 1], x - step); else colour.copy(UNKNOWN);
-      colour.toArray(colours, 3 * k);
-    });
-    return new THREE.BufferAttribute(colours, 3);
+  const mixed = new THREE.Color();
+  function colourOf(value, { low, high }) {
+    const x = Math.min(Math.max((value - low) / (high - low || 1), 0), 1) * (STOPS.length - 1);
+    const step = Math.min(Math.floor(x), STOPS.length - 2);
+    return Number.isFinite(value) ? mixed.lerpColors(STOPS[step], STOPS[step + 1], x - step) : UNKNOWN;
   }
   function told(value) {
     const size = Math.abs(value);
@@ -42,6 +38,30 @@
     make("b", element, {}, `${told(high)} ${unit}`);
     element.append(`${told(low)} ${unit}`);
   }
+
+  // one small program for all surfaces, light from the eye and from above; those of three.js take seconds to compile
+  // where a processor draws
+  const surface = (lit) => new THREE.ShaderMaterial({
+    uniforms: { inside: { value: new THREE.Vector4() }, lit: { value: lit } },
+    vertexShader: `varying vec3 n, c;
+      void main() {
+        n = normalMatrix * normal;
+        c = color;
+        gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+      }`,
+    fragmentShader: `varying vec3 n, c; uniform vec4 inside; uniform float lit;
+      void main() {
+        vec3 m = normalize(n) * (n.z < 0.0 ? -1.0 : 1.0);
+        float light = 0.42 + 0.4 * m.z + 0.26 * max(dot(m, vec3(-0.4, 0.6, 0.69)), 0.0);
+        vec3 tint = mix(c, inside.rgb, gl_FrontFacing ? 0.0 : inside.a);
+        gl_FragColor = vec4(tint * mix(1.0, light, lit), 1.0);
+      }`,
+    vertexColors: true,
+    side: THREE.DoubleSide,
+    polygonOffset: true,  // behind the lines on it
+    polygonOffsetFactor: 1,
+    polygonOffsetUnits: 1,
+  });
 
   // lines of a width in pixels with round ends, which three.js does not have; a point is a line without length
   const stroke = (colour, width, nearer) => new THREE.ShaderMaterial({
@@ -81,18 +101,13 @@
       if (data.kind === "faces") this.buildFaces(); else this.buildStrokes();
     }
     buildFaces() {
-      const geometry = this.geometry = new THREE.BufferGeometry(), flat = this.view.flat;
-      const behind = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 };  // lines on it
+      const geometry = this.geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", new THREE.BufferAttribute(this.points(0), 3));
       geometry.setIndex(new THREE.BufferAttribute(this.elements, 1));
       geometry.computeVertexNormals();
-      const sides = this.inside ? [[THREE.FrontSide, this.colour], [THREE.BackSide, this.inside]] : [];
-      this.painted = (sides.length ? sides : [[THREE.DoubleSide, this.colour]]).map(([side, plain]) => {
-        const look = { side, ...behind };
-        const material = flat ? new THREE.MeshBasicMaterial(look) : new THREE.MeshLambertMaterial(look);
-        this.group.add(new THREE.Mesh(geometry, material));
-        return [material, plain];
-      });
+      this.material = surface(this.view.flat ? 0 : 1);
+      this.group.add(new THREE.Mesh(geometry, this.material));
+      this.paint("");
       const thin = { wireframe: true, color: "#383d4a", transparent: true, opacity: 0.45 };
       this.wires = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial(thin));
       this.group.add(this.wires);
@@ -131,13 +146,13 @@
       buffer.needsUpdate = true;
     }
     paint(field, range) {
-      const place = this.fields[field];
-      if (place !== undefined) this.geometry.setAttribute("color", coloured(array(place, Float32Array), range));
-      for (const [material, plain] of this.painted) {
-        material.color.set(place === undefined ? plain : "#ffffff");
-        material.vertexColors = place !== undefined;
-        material.needsUpdate = true;
-      }
+      const place = this.fields[field], plain = new THREE.Color(this.colour);
+      const values = place === undefined ? null : array(place, Float32Array), shown = !values && this.inside;
+      const colours = array(this.vertices, Float32Array).slice();
+      for (let k = 0; 3 * k < colours.length; k++)
+        (values ? colourOf(values[k], range) : plain).toArray(colours, 3 * k);
+      this.geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
+      this.material.uniforms.inside.value.set(...new THREE.Color(shown || plain).toArray(), shown ? 1 : 0);
     }
   }
 
@@ -149,12 +164,7 @@
       this.scene = new THREE.Scene();
       this.pivot = new THREE.Group();  // turns about the point in the middle of the picture
       this.world = new THREE.Group();
-      this.scene.add(this.pivot.add(this.world), new THREE.AmbientLight("#ffffff", 0.42));
-      for (const [strength, ...place] of [[0.4, 0, 0, 1], [0.26, -0.4, 0.6, 0.69]]) {
-        const light = new THREE.DirectionalLight("#ffffff", strength);
-        light.position.set(...place);
-        this.scene.add(light);
-      }
+      this.scene.add(this.pivot.add(this.world));
       this.camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -8, 8);
       this.parts = this.layers.map((layer) => new Layer(layer, this));
       for (const part of this.parts) this.world.add(part.group);
@@ -173,7 +183,7 @@
         [this.rule, this.length] = [make("i", ruler), make("span", ruler)];
       }
       const names = Object.keys(this.scales);
-      if (this.panel === null && names.length) {
+      if (!this.panel && names.length) {
         const choice = make("select", this.host, { "aria-label": "colours" });
         for (const name of names) choice.add(new Option(name, name));
         choice.addEventListener("change", () => this.show(choice.value));
@@ -203,7 +213,6 @@
         this.world.position.set(...camera.focus.map((x, k) => (this.middle[k] - x) / this.reach));
         this.camera.zoom = 0.92 * this.reach / camera.radius;
       }
-      this.draw();
     }
     // by angles, or by shares of the picture's half height where the plane does not turn
     drag(x, y, moves) {
@@ -230,13 +239,13 @@
       on("contextmenu", (event) => event.preventDefault());
       const wheel = (event) => { event.preventDefault(); this.grow(Math.exp(-event.deltaY / 600)); };
       on("wheel", wheel, { passive: false });
-      on("dblclick", () => this.reset());
+      on("dblclick", () => { this.reset(); this.draw(); });
       on("keydown", (event) => {
         const arrow = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
         const factor = { "+": 1.15, "=": 1.15, "-": 1 / 1.15 }[event.key];
         if (arrow) this.drag(arrow[0] / 10, arrow[1] / 10, this.flat || event.shiftKey);
         else if (factor) this.grow(factor);
-        else if (event.key === "0") this.reset();
+        else if (event.key === "0") { this.reset(); this.draw(); }
         else return;
         event.preventDefault();
       });
@@ -261,7 +270,8 @@
       }
       this.field = field;
       if (this.note && range) bar(this.note, range);
-      if (other) this.reset(); else this.draw();
+      if (other) this.reset();
+      this.draw();
     }
 
     // all views are drawn in one place and copied: browsers give a page few places to draw in
@@ -273,9 +283,7 @@
       if (drawn.width < width || drawn.height < height)
         renderer.setSize(Math.max(drawn.width, width), Math.max(drawn.height, height), false);
       Object.assign(camera, { left: -right, right, top, bottom: -top }).updateProjectionMatrix();
-      this.world.traverse(({ material }) => {
-        if (material && material.uniforms) material.uniforms.pixels.value.set(width / 2, height / 2, fine);
-      });
+      this.world.traverse(({ material }) => material?.uniforms?.pixels?.value.set(width / 2, height / 2, fine));
       renderer.setViewport(0, 0, width, height);
       renderer.render(this.scene, camera);
       Object.assign(canvas, { width, height });  // empties it
@@ -292,14 +300,13 @@
   }
 
   function follow(form, views) {
-    const name = form.dataset.panel, output = form.querySelector("output");
+    const output = form.querySelector("output");
     const update = () => {
       const said = new FormData(form), field = said.get("colour") || "", loop = said.get("loop") || "";
       for (const view of views) view.show(field, new Set(said.getAll("show")), loop);
       const range = views.map((view) => view.scales[field]).find(Boolean);
       if (range) bar(output, range); else output.replaceChildren();
-      for (const part of document.querySelectorAll(`[data-panel-of="${name}"]`))
-        part.hidden = part.dataset.loop !== loop;
+      for (const part of document.querySelectorAll("[data-loop]")) part.hidden = part.dataset.loop !== loop;
     };
     form.addEventListener("change", update);
     form.addEventListener("submit", (event) => event.preventDefault());
@@ -315,9 +322,8 @@
     const views = renderer ? data.map((one) => new View(one, renderer)) : [];
     if (!renderer)
       for (const { place } of data) document.getElementById(place).textContent = "this browser has no WebGL";
-    for (const view of views) if (view.panel === null) view.show(Object.keys(view.scales)[0] || "");
-    for (const form of document.querySelectorAll("form[data-panel]"))
-      follow(form, views.filter((view) => view.panel === form.dataset.panel));
+    for (const view of views) if (!view.panel) view.show(Object.keys(view.scales)[0] || "");
+    for (const form of document.querySelectorAll("form.panel")) follow(form, views.filter((view) => view.panel));
     document.title = (renderer ? "ready: " : "no WebGL: ") + document.title;
   });
 })();

@@ -41,8 +41,8 @@ class Scene:
     Attributes:
         title: below which it stands.
         layers: what is shown.
-        scales: of the layers' fields, by name; without a panel the view has a list of them, the first shown first.
-        panel: name of the controls that it follows, see `Views.panel`.
+        scales: of the layers' fields, by name; without the panel the view has a list of them, the first shown first.
+        panel: whether it follows the page's controls, see `panel`.
         cameras: from where it is looked at first, by loop of the panel; `ALWAYS` for the others.
         unit: of lengths, for the ruler; none is drawn without.
         flat: whether it lies in the plane of the picture, and is moved and not turned.
@@ -53,7 +53,7 @@ class Scene:
     title: str
     layers: Sequence[Layer]
     scales: Mapping[str, Scale] = field(default_factory=dict)
-    panel: str | None = None
+    panel: bool = False
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     unit: str | None = None
     flat: bool = False
@@ -90,48 +90,6 @@ class Views:
         }
         self._views.append(data)
         return f'<figure class="view {scene.shape}" id="{place}"></figure>'
-
-    @staticmethod
-    def panel(
-        name: str,
-        *,
-        colours: Mapping[str, str],
-        switches: Mapping[str, bool],
-        loops: Mapping[str, str],
-    ) -> str:
-        """Controls that several views follow.
-
-        Args:
-            name: theirs, for the views' `Scene.panel`.
-            colours: labels by name of the field that surfaces are coloured by; the first, "" for none, is chosen.
-            switches: whether the layers of a switch are shown at first, by label, which is the switch's name.
-            loops: labels by name of the loop that is shown; the first is chosen. Parts of the page with
-                `data-panel-of` the panel and `data-loop` another loop are hidden.
-        """
-        radios = "".join(
-            f'<label><input type="radio" name="colour" value="{html.escape(field)}"{" checked" * (k == 0)}> '
-            f"{html.escape(label)}</label>"
-            for k, (field, label) in enumerate(colours.items())
-        )
-        boxes = "".join(
-            f'<label><input type="checkbox" name="show" value="{html.escape(switch)}"{" checked" * on}> '
-            f"{html.escape(switch)}</label>"
-            for switch, on in switches.items()
-        )
-        options = "".join(
-            f'<option value="{html.escape(loop)}">{html.escape(label)}</option>' for loop, label in loops.items()
-        )
-        choice = (
-            f'<fieldset><legend>Loop</legend><select name="loop" aria-label="loop">{options}</select></fieldset>'
-            if loops
-            else ""
-        )
-        return (
-            f'<form class="panel" data-panel="{html.escape(name)}" autocomplete="off">{choice}'
-            f"<fieldset><legend>Colour of the patches</legend>{radios}"
-            f'<output class="bar" aria-live="polite"></output></fieldset>'
-            f"<fieldset><legend>Show</legend>{boxes}</fieldset></form>"
-        )
 
     def script(self) -> str:
         """The data of all views and the program that shows them."""
@@ -178,6 +136,34 @@ class Views:
         """The place of an array: its little-endian bytes in base 64."""
         text = base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
         return self._places.setdefault(text, len(self._places))
+
+
+def panel(*, colours: Mapping[str, str], switches: Sequence[str], loops: Mapping[str, str]) -> str:
+    """Controls that the views of a page follow whose scenes say so.
+
+    Args:
+        colours: labels by name of the field that surfaces are coloured by; the first, "" for none, is chosen.
+        switches: of layers, which are not shown at first.
+        loops: labels by name of the loop that is shown; the first is chosen. Parts of the page with `data-loop` another
+            loop are hidden.
+    """
+    radios = (_choice("radio", "colour", field, label, k == 0) for k, (field, label) in enumerate(colours.items()))
+    boxes = (_choice("checkbox", "show", switch, switch, False) for switch in switches)
+    options = (f'<option value="{html.escape(loop)}">{html.escape(label)}</option>' for loop, label in loops.items())
+    choice = f'<legend>Loop</legend><select name="loop" aria-label="loop">{"".join(options)}</select>'
+    return (
+        f'<form class="panel" autocomplete="off">{f"<fieldset>{choice}</fieldset>" if loops else ""}'
+        f"<fieldset><legend>Colour of the patches</legend>{''.join(radios)}"
+        f'<output class="bar" aria-live="polite"></output></fieldset>'
+        f"<fieldset><legend>Show</legend>{''.join(boxes)}</fieldset></form>"
+    )
+
+
+def _choice(kind: str, name: str, value: str, label: str, checked: bool) -> str:
+    return (
+        f'<label><input type="{kind}" name="{name}" value="{html.escape(value)}"{" checked" * checked}> '
+        f"{html.escape(label)}</label>"
+    )
 
 
 def three_js() -> str:

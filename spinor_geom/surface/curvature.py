@@ -58,12 +58,12 @@ def fundamental_forms(position: Position, x: Float[Tensor, "*pts"], y: Float[Ten
     with warnings.catch_warnings():
         # torch compiles some rules of forward mode on first use, by a function that it has itself deprecated
         warnings.filterwarnings("ignore", message=".*torch.jit.script", category=DeprecationWarning)
-        r_x, r_xx = jvp(slope, (x, y), along_x)
+        r_x, r_xx, *_ = jvp(slope, (x, y), along_x)
         r_xy = jvp(slope, (x, y), along_y)[1]
-        r_y, r_yy = jvp(lambda x, y: jvp(position, (x, y), along_y)[1], (x, y), along_y)
+        r_y, r_yy, *_ = jvp(lambda x, y: jvp(position, (x, y), along_y)[1], (x, y), along_y)
     normal = torch.nn.functional.normalize(torch.linalg.cross(r_x, r_y), dim=-1)
     tangents, bends = torch.stack([r_x, r_y], dim=-2), torch.stack([r_xx, r_xy, r_xy, r_yy], dim=-2)
-    second = (bends * normal[..., None, :]).sum(-1).unflatten(-1, (2, 2))
+    second = (bends * normal[..., None, :]).sum(-1).reshape(*x.shape, 2, 2)
     return FundamentalForms(first=tangents @ tangents.mT, second=second, normal=normal)
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from spinor_geom.surface.spinor_surface import SpinorSurface
 
 FORMAT = "spinor_geom.surface"
-VERSION = 6
+VERSION = 7
 
 
 def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:

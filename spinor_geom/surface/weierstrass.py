@@ -61,35 +61,17 @@ class WeierstrassSurface(torch.nn.Module):
         self.quadrature: RuleName = quadrature
         self.order = order
 
-    def weierstrass_data(
-        self, z: Complex[np.ndarray, "*pts"]
-    ) -> tuple[Complex[np.ndarray, "*pts"], Complex[np.ndarray, "*pts"]]:
-        """The values of f and g."""
-        data = self._data(self._tensor(z)).cpu().resolve_conj().numpy()
-        return data[..., 0], data[..., 1]
-
     def position(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Positions r(z), shape (*pts, 3)."""
         chosen = rule(self.quadrature, self.order)
         nodes, weights = (torch.tensor(a).to(self.constant.device) for a in chosen)
-        flat = self._tensor(z).reshape(-1)
+        flat = torch.tensor(z, dtype=torch.complex128, device=self.constant.device).reshape(-1)
         parts = []
         for some in torch.split(flat, max(1, _BLOCK // len(nodes))):
             phi = weierstrass_phi(*self._data(some[:, None] * nodes).unbind(-1))
             parts.append(((phi * weights[:, None]).sum(1) * some[:, None]).real)
         r = self.constant.detach() + torch.cat(parts)
         return np.asarray(r.cpu().numpy()).reshape(*np.shape(z), 3)
-
-    def normal(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        """Unit normals (2 Re g, 2 Im g, |g|² − 1)/(|g|² + 1), shape (*pts, 3)."""
-        _, g = self.weierstrass_data(z)
-        square = np.abs(g) ** 2
-        return np.asarray(np.stack([2 * g.real, 2 * g.imag, square - 1], axis=-1) / (square + 1)[..., None])
-
-    def conformal_factor(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """λ = ½|f|(1 + |g|²): length in space per length in Ω, shape (*pts)."""
-        f, g = self.weierstrass_data(z)
-        return np.asarray(np.abs(f) * (1 + np.abs(g) ** 2) / 2)
 
     def branch_points(self) -> tuple[BranchPoint, ...]:
         """Zeros of f in Ω, where the surface is not an immersion; those of odd order are not removable.
@@ -99,9 +81,6 @@ class WeierstrassSurface(torch.nn.Module):
         """
         zeros = find_zeros(lambda z: self._data_on_cpu(z)[..., 0], self.domain)
         return with_invariants(zeros, lambda z: weierstrass_phi(*self._data_on_cpu(z).unbind(-1)), self.domain)
-
-    def _tensor(self, z: Complex[np.ndarray, "*pts"]) -> Complex[Tensor, "*pts"]:
-        return torch.from_numpy(np.array(z, dtype=np.complex128)).to(self.constant.device)
 
     def _data_on_cpu(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         return self._data(z.to(self.constant.device)).cpu()

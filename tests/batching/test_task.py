@@ -27,6 +27,7 @@ from spinor_geom.batching.store import STAGING
 from spinor_geom.batching.summary import write_summary
 from spinor_geom.errors import BatchError, OptionError
 from spinor_geom.gallery import noisy_loop
+from spinor_geom.isolate import FaultError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.batching.files import circle, curve_text, holed_text, packed_zip, record, results, vertex_lines, write_curves
 from tests.fill.shapes import cylinder
@@ -359,6 +360,29 @@ def test_harm_costs_only_the_file_that_does_it(process: Callable[..., dict[str, 
     stopped = process(paths, tmp_path / "other", token="that of another run")
     assert "another run" in stopped["stop"]
     assert len(process(paths, tmp_path / "other")["finished"]) == 2
+
+
+def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Solver:
+        def run(self, job: dict[str, Any], heard: Callable[[dict[str, Any]], None], **_: Any) -> None:
+            told: Told = []
+            if len(job["sources"]) == 1:
+                solver.work(job, heard, archives=ArchiveReader())
+                return
+            with monkeypatch.context() as patch:
+                patch.setattr(solver, "_answers", lambda *_: 1 / 0)
+                solver.work(job, told.append, archives=ArchiveReader())
+            raise FaultError("took too long", kind="time", last=told[-1], said="")
+
+    monkeypatch.setattr(worker, "solver", Solver)
+    options, output = BatchOptions(), tmp_path / "out"
+    with opened_journal(output, options, resume=False) as journal:
+        sources = [
+            source.to_dict() for source in Inputs(write_curves(tmp_path / "in", 3), output=output, limits=LIMITS)
+        ]
+        job = {"sources": sources, "options": options.to_dict(), "store": asdict(journal.store)}
+        done = worker.run_block(job, asdict(LIMITS))
+    assert [one["status"] for one in done["finished"]] == ["done"] * 3
 
 
 def test_a_file_as_a_whole_has_a_limit_too(

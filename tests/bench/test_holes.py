@@ -136,6 +136,9 @@ def test_every_peer_that_is_installed_takes_a_mesh_and_gives_one_back(name):
     hole = hole_over("plane", (case := known_case("plane-square")).loop(16), case.area)
     fill, finish = tool.prepare(hole)
     filled = finish(fill())
+    # not views of what goes with the tool's mesh
+    assert filled.vertices.flags.owndata
+    assert filled.faces.flags.owndata
     figures = hole_figures(filled, hole, known_case("plane-square"))
     if name == "trimesh":
         assert figures["open_rim_edges"] == 16

@@ -11,8 +11,8 @@ from PIL import Image
 
 import spinor_geom
 from spinor_geom import gallery
+from spinor_geom.cli import view
 from spinor_geom.cli.main import main
-from spinor_geom.render import window
 
 MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
 
@@ -90,7 +90,7 @@ def test_without_a_display_view_says_what_to_do(
 def test_a_display_that_does_not_answer_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if not window.sys.platform.startswith("linux"):
+    if not view.sys.platform.startswith("linux"):
         pytest.skip("displays have names on X only")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("DISPLAY", ":4711")
@@ -103,7 +103,7 @@ def test_a_window_gets_the_mesh_its_rims_and_its_curvature(
 ) -> None:
     shown: list[tuple[Any, ...]] = []
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(window, "draw_apart", lambda *job, time_limit: shown.append(job))
+    monkeypatch.setattr(view, "draw_apart", lambda *job, time_limit: shown.append(job))
     assert main(["view", str(saved), "--curvature"]) == 0
     mesh, rims = shown[0][0][0].layers
     assert shown[0][-1] == "enneper.safetensors, gauss curvature"

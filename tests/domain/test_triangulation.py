@@ -183,8 +183,9 @@ def test_graded_size_is_the_local_edge_at_the_boundary_and_grows():
         [0, 2, 2 + 2j, 1, 2j],
         [0, 1, np.nan, 1j],
         [0, 1, 2],
+        np.exp(4j * np.pi * np.arange(5) / 5),
     ],
-    ids=["two", "clockwise", "crossing", "repeated", "touching", "nan", "no area"],
+    ids=["two", "clockwise", "crossing", "repeated", "touching", "nan", "no area", "to the left, twice around"],
 )
 def test_polygon_that_is_not_simple_is_refused(boundary):
     with pytest.raises(DomainError):

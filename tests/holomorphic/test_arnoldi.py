@@ -1,4 +1,4 @@
-"""Orthogonal polynomials by Arnoldi's recurrence, and their Newton form."""
+"""Orthogonal polynomials by Arnoldi's recurrence, and their interpolation at Leja points."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ import torch
 
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.domain.panels import Panels
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials
-from spinor_geom.holomorphic.newton import leja_points, newton_derivative, newton_matrix, newton_value
+from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials, barycentric_weights, leja_points
+from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 
 DEGREE = 40
 
@@ -73,32 +73,32 @@ def test_leja_points_are_distinct_and_begin_at_the_far_end():
 
 @pytest.mark.parametrize("ratio", [1, 8])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_newton_form_has_the_same_values(ratio, scale):
+def test_interpolation_has_the_same_values(ratio, scale):
     z, weight = nodes(ratio)
     z = z * scale
     hessenberg = arnoldi_hessenberg(z, weight, DEGREE)
     points = leja_points(z, DEGREE + 1)
-    matrix = newton_matrix(points, arnoldi_polynomials(points, hessenberg))
     coefficients = torch.from_numpy(np.random.default_rng(0).normal(size=(DEGREE + 1, 2)) + 0j)
+    values = arnoldi_polynomials(points, hessenberg) @ coefficients
     for where in (z, 0.7 * z, 0.1 * z):
         expected = arnoldi_polynomials(where, hessenberg) @ coefficients
-        found = newton_value(where, points, matrix @ coefficients)
+        found = interpolated(where, points, barycentric_weights(points), values)
         assert float((found - expected).abs().max()) < 1e-10 * float(expected.abs().max().clamp(min=1))
 
 
-def test_newton_derivative_equals_difference_quotient():
+def test_slope_of_the_interpolation_equals_difference_quotient():
     z, weight = nodes(3)
     points = leja_points(z, 21)
-    coefficients = newton_matrix(points, arnoldi_polynomials(points, arnoldi_hessenberg(z, weight, 20)))
+    values = arnoldi_polynomials(points, arnoldi_hessenberg(z, weight, 20))[:, 15:17]
     where, h = 0.8 * z, 1e-6
-    quotient = (newton_value(where + h, points, coefficients) - newton_value(where - h, points, coefficients)) / (2 * h)
-    derivative = newton_derivative(where, points, coefficients)
+    of = (points, barycentric_weights(points), values)
+    quotient = (interpolated(where + h, *of) - interpolated(where - h, *of)) / (2 * h)
+    derivative = interpolated_slope(where, *of)
     assert float((quotient - derivative).abs().max() / derivative.abs().max()) < 1e-7
 
 
-def test_newton_form_of_a_constant():
+def test_interpolation_of_a_constant():
     z, _ = nodes(1)
-    points = leja_points(z, 1)
-    coefficients = newton_matrix(points, torch.ones(1, 1, dtype=torch.complex128)) * 3
-    assert (newton_value(z, points, coefficients) == 3).all()
-    assert (newton_derivative(z, points, coefficients) == 0).all()
+    of = (points := leja_points(z, 1), barycentric_weights(points), torch.full((1, 2), 3, dtype=torch.complex128))
+    torch.testing.assert_close(interpolated(z, *of), torch.full((len(z), 2), 3 + 0j, dtype=z.dtype), rtol=0, atol=1e-15)
+    assert interpolated_slope(0.5 * z, *of).abs().max() < 1e-14

@@ -11,6 +11,7 @@ from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.plateau.gauss_newton import gauss_newton
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.steps import Steps
 
 KNOWN = gallery.enneper(0.8)
 LOOP = KNOWN.rim(96)
@@ -62,14 +63,15 @@ def fitted(stage, disturbance, **options):
     rng = np.random.default_rng(0)
     readout = exact_readout(stage)
     noise = torch.from_numpy(rng.normal(size=readout.shape) + 1j * rng.normal(size=readout.shape))
-    given = {"goal": 1e-9, "allowed": 1e-7, "max_iterations": 40, "stall": 0.05} | options
+    given = {"goal": 1e-9, "allowed": 1e-7, "steps": Steps(limit=40), "stall": 0.05} | options
     slide = torch.from_numpy(stage.panels.t)
     return gauss_newton(stage.problem, readout + disturbance * noise, slide, **given)
 
 
 def test_iteration_finds_the_known_surface_from_a_disturbed_start(stage):
-    fit = fitted(stage, 1e-3)
-    residuals = [step.residual for step in fit.history]
+    steps = Steps(limit=40)
+    fit = fitted(stage, 1e-3, steps=steps)
+    residuals = [step.residual for step in steps.history]
     assert (np.diff(residuals) < 0).all()
     # what is left is the spline's distance from the exact rim
     assert fit.residual < 1e-6
@@ -85,11 +87,15 @@ def test_slide_stays_increasing(stage):
 
 
 def test_limit_on_steps_and_numbering(stage):
-    fit = fitted(stage, 1e-3, max_iterations=2, first_index=5)
-    assert [step.index for step in fit.history] == [5, 6]
+    steps = Steps(limit=6)
+    for _ in range(4):
+        steps.take("Newton", 1.0)
+    fitted(stage, 1e-3, steps=steps)
+    assert [(step.index, step.method) for step in steps.history[4:]] == [(5, "Gauss-Newton"), (6, "Gauss-Newton")]
 
 
 def test_goal_that_is_met_at_the_start_takes_no_step(stage):
-    fit = fitted(stage, 0.0, goal=1e-2)
-    assert fit.history == ()
+    steps = Steps(limit=40)
+    fit = fitted(stage, 0.0, goal=1e-2, steps=steps)
+    assert not steps.history
     assert fit.residual < 1e-2

@@ -14,8 +14,9 @@ from spinor_geom.gallery.surfaces import enneper
 from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.steps import Steps
-from spinor_geom.plateau.vertex_route import VertexSolver
+from spinor_geom.plateau.vertex_route import disk_through_points
 
 
 def cap(subdivisions: int, height: float) -> tuple[np.ndarray, np.ndarray]:
@@ -127,21 +128,21 @@ def test_steps_are_told_and_bounded() -> None:
 def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = rim_of(3, 0.7)
     unit = BoundaryLoop.from_points((loop.points - loop.centroid) / loop.diagonal, corners=[])
-    solver = VertexSolver(
-        loop=unit,
-        allowed=1e-3 * unit.mean_edge_length,
-        steps=Steps(limit=100),
-        device=torch.device("cpu"),
-        clock=Clock(),
-    )
-    assert solver.found().misfit.rms < 1e-3 * unit.mean_edge_length
+    allowed = 1e-3 * unit.mean_edge_length
+
+    def solved() -> Found:
+        return disk_through_points(
+            unit, allowed=allowed, steps=Steps(limit=20), device=torch.device("cpu"), clock=Clock()
+        )
+
+    assert solved().misfit.rms < allowed
     monkeypatch.setattr("spinor_geom.plateau.vertex_route._FAR", 1e-3)
     with pytest.raises(SurfaceError, match="edges away from the points"):
-        solver.found()
+        solved()
     monkeypatch.undo()
     monkeypatch.setattr("spinor_geom.plateau.vertex_route._LARGEST_BULGE", 1e-3)
     with pytest.raises(SurfaceError, match="from the edges between them"):
-        solver.found()
+        solved()
 
 
 def test_poles_beside_a_polygon_keep_every_edge_at_a_distance() -> None:

@@ -11,6 +11,7 @@ from spinor_geom.errors import RenderError
 from spinor_geom.render.layers import Faces, Scale
 from spinor_geom.render.page import document, picture
 from spinor_geom.render.viewer import Scene, Views, three_js
+from tests.browser import browser, visit
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]])
 FACES = np.array([[0, 1, 2]])
@@ -89,3 +90,19 @@ def test_a_page_without_the_library_is_a_typed_error(monkeypatch):
     monkeypatch.setattr("trimesh.viewer.scene_to_html", lambda _: "<html></html>")
     with pytest.raises(RenderError, match=r"three\.js.*not found in trimesh"):
         three_js()
+
+
+def test_the_first_of_very_many_views_is_still_drawn(tmp_path):
+    views = Views()
+    figures = [views.figure(shown("", Faces(vertices=VERTICES, faces=FACES))) for _ in range(20)]
+    path = tmp_path / "many.html"
+    path.write_text(document("many", [*figures, views.script()]), encoding="utf-8")
+    with browser() as chromium, visit(chromium, path.as_uri(), ready=True) as opened:
+        colours = opened.page.evaluate(
+            """[...document.querySelectorAll("canvas")].map((canvas) => {
+            const seen = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+            return new Set(new Uint32Array(seen.buffer)).size; })"""
+        )
+        assert len(colours) == 20
+        assert min(colours) > 1
+        assert opened.errors == []

@@ -31,10 +31,6 @@ def test_it_agrees_with_the_spinor_form():
     z = points()
     difference = spinors.position(z) - other.position(z)
     np.testing.assert_allclose(difference, np.broadcast_to(difference[0], difference.shape), atol=1e-13)
-    np.testing.assert_allclose(spinors.normal(z), other.normal(z), atol=1e-13)
-    np.testing.assert_allclose(spinors.conformal_factor(z), other.conformal_factor(z), atol=1e-13)
-    for one, same in zip(spinors.weierstrass_data(z), other.weierstrass_data(z), strict=True):
-        np.testing.assert_allclose(one, same, atol=1e-13)
 
 
 def test_zeros_of_f_are_branch_points_with_their_orders():
