@@ -236,9 +236,11 @@ class Slides:
         angle = 2 * torch.pi * torch.arange(n, dtype=self.slide.dtype, device=self.slide.device) / n
         fields = torch.stack([torch.ones_like(angle), angle.cos(), angle.sin()], dim=-1)
         if not self.form.is_disk:
-            return torch.linalg.qr(fields)[0].expand(len(self.slide), -1, -1)
-        velocity = self.speed * (self._increments + self._increments.roll(1, -1))
-        return torch.linalg.qr(velocity[..., None] * fields)[0]
+            fields = fields.expand(len(self.slide), -1, -1)
+        else:
+            fields = (self.speed * (self._increments + self._increments.roll(1, -1)))[..., None] * fields
+        columns: Tensor = torch.linalg.qr(fields)[0]
+        return columns
 
     def _in_gauge(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
         part: Tensor = (self.gauge @ (u[:, None] @ self.gauge).mT)[..., 0]

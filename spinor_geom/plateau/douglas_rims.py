@@ -202,7 +202,8 @@ class _AsBatch:
     def _by_moduli(self) -> Float[Tensor, "p p"]:
         """The second derivative by the moduli, without what bends downwards."""
         values, vectors = torch.linalg.eigh(self.here.moduli.hessian)
-        return (vectors * values.clamp(min=_FLAT_MODULUS * self.here.energy)) @ vectors.T
+        raised: Tensor = (vectors * values.clamp(min=_FLAT_MODULUS * self.here.energy)) @ vectors.T
+        return raised
 
     @cached_property
     def _inverse(self) -> Float[Tensor, "p p"]:
@@ -219,7 +220,8 @@ class _AsBatch:
             image = (here.unit * here.form(here.unit * u[..., None])).sum(-1) + bends * u
             slides = image.flatten() + here.mixed.T @ x[count:]
             whole = torch.cat([slides, here.mixed @ x[:count] + self._by_moduli @ x[count:]])
-            return (whole + here.stiffness * (here.rotation @ x) * here.rotation)[None]
+            held: Tensor = whole + here.stiffness * (here.rotation @ x) * here.rotation
+            return held[None]
 
         return applied
 
