@@ -13,11 +13,13 @@ The way of a loop, from a module to the next, in one direction:
   lead to
 """
 
+from spinor_geom.plateau.misfit import BoundaryResidual
 from spinor_geom.plateau.network_route import Cauchy
 from spinor_geom.plateau.options import Laurent
-from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, NoConnectedSurface, PlateauSolution
+from spinor_geom.plateau.solution import Annulus, NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 from spinor_geom.plateau.stability import Stability
+from spinor_geom.plateau.steps import Iteration
 
 __all__ = [
     "Annulus",

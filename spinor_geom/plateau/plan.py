@@ -222,7 +222,8 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
 
     Raises:
         OutOfTimeError: the time is over, and no surface was found.
-        DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route leads to one; that of the last one.
+        DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route leads to one; the first
+            SurfaceError, or else that of the last route.
         NoneBetweenError: a route says that there is none.
     """
     best: Found | None = None
@@ -233,7 +234,8 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
         try:
             found = route.surface(task)
         except (DomainError, FirstFillError, SingularMatrixError, SurfaceError) as failure:
-            error = failure
+            # what is known of a surface says more than that no domain was found
+            error = error if isinstance(error, SurfaceError) else failure
             continue
         if best is None or found.misfit.rms < best.misfit.rms:
             best = found

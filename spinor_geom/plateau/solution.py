@@ -17,8 +17,9 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.evidence import Evidence
-from spinor_geom.plateau.misfit import LOCAL_TOLERANCES, Misfit
+from spinor_geom.plateau.misfit import BoundaryResidual
 from spinor_geom.plateau.stability import Stability
+from spinor_geom.plateau.steps import Iteration
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -35,96 +36,6 @@ RouteName = Literal[
     "network",
     "trained",
 ]
-
-
-Method = Literal["Newton", "Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Iteration:
-    """One step of a solver.
-
-    Attributes:
-        index: from 1.
-        method: of the step.
-        residual: what the steps bring towards 0: Newton's RMS distance from the loop's points, in diagonals;
-            Gauss-Newton's RMS distance from Γ at the nodes after it, in units of the loop's diagonal; Douglas-Newton's
-            RMS gradient of the energy before it, relative to its two factors. In the training of a network: the RMS
-            error of p and q ("distillation"), the RMS distance from Γ in diagonals ("polishing"), an epoch's mean loss
-            ("RMSprop").
-    """
-
-    index: int
-    method: Method
-    residual: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class BoundaryResidual:
-    """Distance between the surface's boundary and Γ, on points that are not the nodes of the fit; mesh units.
-
-    Attributes:
-        rms: root of the mean squared distance by arc length.
-        max: largest distance.
-        max_per_local_edge: largest ratio of the distance to the mean length of the loop's three edges beside it.
-        mean_edge: mean edge length of the loop.
-        diagonal: diagonal of the loop's bounding box.
-    """
-
-    rms: float
-    max: float
-    max_per_local_edge: float
-    mean_edge: float
-    diagonal: float
-
-    @classmethod
-    def of(cls, misfit: Misfit, *, mean_edge: float, diagonal: float) -> BoundaryResidual:
-        """A misfit in mesh units, of loops of that size."""
-        return cls(
-            rms=misfit.rms,
-            max=misfit.max,
-            max_per_local_edge=misfit.max_per_local_edge,
-            mean_edge=mean_edge,
-            diagonal=diagonal,
-        )
-
-    def verdict(self, tolerance: float, *, steps: int, limit: str) -> tuple[bool, str]:
-        """Whether a tolerance is met, and a sentence that says by how much or why not.
-
-        Args:
-            tolerance: RMS distance in mean loop edges; a hundred times as much is allowed for the largest distance in
-                the edges beside it.
-            steps: that were taken.
-            limit: what keeps the surface from coming nearer, as the end of a sentence.
-        """
-        reached = f"residual {self.rms_per_edge:.1e} of the mean edge after {steps} steps"
-        if not self.rms_per_edge <= tolerance:
-            return False, f"{reached}, above the tolerance {tolerance:.1e}: {limit}"
-        local = LOCAL_TOLERANCES * tolerance
-        if not self.max_per_local_edge <= local:
-            missed = f"a part of the loop is missed by {self.max_per_local_edge:.1e} of its own edges"
-            return False, f"{reached}, but {missed}, above {local:.1e}: {limit}"
-        return True, reached
-
-    @property
-    def rms_per_edge(self) -> float:
-        """`rms` in mean loop edges."""
-        return self.rms / self.mean_edge
-
-    @property
-    def max_per_edge(self) -> float:
-        """`max` in mean loop edges."""
-        return self.max / self.mean_edge
-
-    @property
-    def rms_per_diagonal(self) -> float:
-        """`rms` in diagonals of the loop."""
-        return self.rms / self.diagonal
-
-    @property
-    def max_per_diagonal(self) -> float:
-        """`max` in diagonals of the loop."""
-        return self.max / self.diagonal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

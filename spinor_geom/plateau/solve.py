@@ -18,7 +18,8 @@ from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Cauchy
 from spinor_geom.plateau.options import Model, Options
 from spinor_geom.plateau.plan import OnUnitDisk, Route, all_surfaces, minimal_disk, plan, surface_between
-from spinor_geom.plateau.solution import Iteration, NoConnectedSurface, PlateauSolution
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
+from spinor_geom.plateau.steps import Iteration
 from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.trained_route import Optimizer

@@ -4,9 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.plateau.solution import Iteration, Method
+
+Method = Literal["Newton", "Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Iteration:
+    """One step of a solver.
+
+    Attributes:
+        index: from 1.
+        method: of the step.
+        residual: what the steps bring towards 0: Newton's RMS distance from the loop's points, in diagonals;
+            Gauss-Newton's RMS distance from Γ at the nodes after it, in units of the loop's diagonal; Douglas-Newton's
+            RMS gradient of the energy before it, relative to its two factors. In the training of a network: the RMS
+            error of p and q ("distillation"), the RMS distance from Γ in diagonals ("polishing"), an epoch's mean loss
+            ("RMSprop").
+    """
+
+    index: int
+    method: Method
+    residual: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

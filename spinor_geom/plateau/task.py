@@ -19,12 +19,13 @@ from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_fit import Fit
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
+from spinor_geom.plateau.misfit import BoundaryResidual
 from spinor_geom.plateau.network_route import Budget, NetworkSolver, rim_indices
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.rims import RimsSolver
-from spinor_geom.plateau.solution import Annulus, BoundaryResidual, Iteration, PlateauSolution, RimDisks, RimMatch
+from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch
 from spinor_geom.plateau.solutions import Rim
-from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.steps import Iteration, Steps
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

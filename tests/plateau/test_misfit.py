@@ -6,9 +6,8 @@ import torch
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.solution import BoundaryResidual
 
 CPU = torch.device("cpu")
 OFF = 1e-3

@@ -159,6 +159,11 @@ def test_a_poor_disk_stands_where_the_next_route_fails(failure):
         nearest_surface((Fake(DomainError("crowded")), Fake(failure)), task_of(SMOOTH))
 
 
+def test_of_failures_that_of_a_surface_is_told():
+    with pytest.raises(SurfaceError, match="branched"):
+        nearest_surface((Fake(SurfaceError("branched")), Fake(DomainError("folded"))), task_of(SMOOTH))
+
+
 @pytest.mark.parametrize("farther", [(1e9, 1e8), (1e8, 1e9)])
 def test_the_nearest_surface_is_taken_where_none_meets_the_tolerance(farther):
     task = task_of(SMOOTH)
