@@ -15,7 +15,7 @@ from spinor_geom.deadline import require_time
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.douglas import resampled, smoothed
-from spinor_geom.plateau.newton import minimised
+from spinor_geom.plateau.newton import MOST_STEPS, minimised
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface
 
@@ -23,7 +23,7 @@ from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface
 MOST_MODULUS = 40.0
 # Modulus of a ring with several holes inside it beyond which rounding errors move these against each other.
 _MOST_AROUND_SEVERAL = 20.0
-_MOST_STEPS, _MOST_TRIES = 60, 30
+_MOST_TRIES = 30
 # Damping of the first step, in units of the metric, and how it grows and falls.
 _DAMPING, _MORE_DAMPING, _LESS_DAMPING, _LEAST_DAMPING = 1e-2, 4.0, 8.0, 1e-10
 # Gradients at which nothing but rounding errors is left, and fall of the energy that is none.
@@ -55,7 +55,7 @@ class RimsProblem:
         return EnergyPoint.of(self.curves, slides, domain, self.negligible).surface
 
     def descended(
-        self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False, max_steps: int = _MOST_STEPS
+        self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False, max_steps: int = MOST_STEPS
     ) -> HarmonicSurface | None:
         """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
 
@@ -108,7 +108,7 @@ class RimsProblem:
     def critical(self, near: HarmonicSurface, *, tolerance: float = _ROUNDING) -> HarmonicSurface:
         """The critical point next to a surface, a minimum or not, by plain Newton steps while the gradient falls."""
         here = self.point(near)
-        for _ in range(_MOST_STEPS):
+        for _ in range(MOST_STEPS):
             if self.on_step is not None:
                 self.on_step(here.surface.size)
             if here.surface.size <= tolerance:

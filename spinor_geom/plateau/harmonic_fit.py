@@ -18,10 +18,9 @@ from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled
 from spinor_geom.plateau.lift import Lift, lifted_together
+from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.problem import CurveTensors
 
-# Newton steps of one solve.
-_MOST_STEPS = 60
 # How many times more nodes come next: on rough loops the distance falls not much faster than their number grows.
 _MORE_NODES, _MOST_MORE = 1.5, 3.0
 # Where so many times more nodes do not halve the residual, it is not their number that limits it.
@@ -133,7 +132,7 @@ def _advance(fits: Sequence[Fit]) -> None:
         form,
         torch.stack([resampled(fit.slide, nodes) for fit in fits]),
         tolerances=[fit.gradient for fit in fits],
-        max_steps=[min(_MOST_STEPS, fit.steps_left()) for fit in fits],
+        max_steps=[min(MOST_STEPS, fit.steps_left()) for fit in fits],
         near=fits[0].is_near,
         negligible=[fit.negligible for fit in fits],
         on_step=[fit.on_step for fit in fits],

@@ -30,7 +30,7 @@ from spinor_geom.plateau.harmonic_fit import Fit, even, fit_together
 from spinor_geom.plateau.lift import surface_of
 from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.roughness import is_rough
+from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import Steps
 
@@ -50,11 +50,9 @@ _MOST_FOR_MODES = 512
 # them a solve goes on to a share of the distance allowed in edges: a small one on smooth loops, where each step doubles
 # the digits.
 _COARSE, _ROUNDING = 1e-3, 1e-13
-_FINE_ROUGH, _FINE_SMOOTH = 3e-2, 1e-4
+_FINE_SMOOTH = 1e-4
 # RMS distance from Γ, in diagonals, that is rounding error.
 _ROUNDED = 1e-14
-# On rough loops it stops too where the energy falls by less than this share of that of the distance allowed.
-_NEGLIGIBLE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -164,7 +162,7 @@ class HarmonicSolver:
         """At which a slide along Γ itself stops."""
         if self.to_rounding:
             return _ROUNDING
-        share = _FINE_ROUGH if self._is_rough else _FINE_SMOOTH
+        share = ROUGH_GRADIENT if self._is_rough else _FINE_SMOOTH
         return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _ROUNDING, _COARSE))
 
     @property
@@ -176,8 +174,8 @@ class HarmonicSolver:
 
     @property
     def _negligible_energy(self) -> float:
-        """Of a rough loop: a small share of what waves as long as an edge and as high as the distance allowed have."""
-        return _NEGLIGIBLE * 2 * np.pi * len(self.loop) * self.allowed**2 if self._is_rough else 0.0
+        """At a fall below which a slide stops, too."""
+        return negligible_energy(len(self.loop), self.allowed) if self._is_rough else 0.0
 
     def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], route: RouteName) -> Found:
         """The minimal disk on the smooth Ω next to a polygon, and on what its own flattening makes of that.

@@ -12,6 +12,8 @@ from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
 
+# Newton steps of one solve, where nothing else is said.
+MOST_STEPS = 60
 _MAX_CG_STEPS = 60
 _MAX_HALVINGS = 12
 # A step may raise the energy up to the highest of so many last ones: valleys of the energy are bent, and Newton's

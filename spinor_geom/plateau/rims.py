@@ -29,18 +29,19 @@ from spinor_geom.plateau.lift_rims import Lift, lifted, lifted_surface
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.network_route import Budget
+from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between, start_over
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.rims_through_points import surface_through
-from spinor_geom.plateau.roughness import is_rough
+from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.steps import Steps
 
-# Nodes on each rim where an annulus is sought, most for which matrices are factored, most of all, and most an edge.
-_COARSE_NODES, _DENSE_NODES, _MOST_NODES, _MOST_PER_EDGE = 64, 256, 1 << 15, 200
+# Nodes on each rim where an annulus is sought, most for which matrices are factored, and most of all.
+_COARSE_NODES, _DENSE_NODES, _MOST_NODES = 64, 256, 1 << 15
 # Nodes on each of three rims or more where a surface is sought, and on all together for which matrices are factored.
 _FEWEST_NODES, _DENSE_IN_ALL = 32, 1536
 # Most nodes on smooth rims: their distance falls exponentially, unless the nodes crowd.
@@ -49,13 +50,10 @@ _MOST_SMOOTH = 2048
 _NODES_PER_GAP = 4
 # Nodes for each edge of rough rims to begin with, and how many times more come next.
 _PER_EDGE, _MORE_NODES = 6, 2
-# Of rough rims: gradient to stop at, as a share of the distance allowed in edges; fall of the energy that is none, as a
-# share of that of waves of that height; steps of one solve.
-_FINE_ROUGH, _NEGLIGIBLE, _MOST_STEPS = 3e-2, 1e-3, 60
 # Powers of one circle's coordinate on another that are left away over rough rims: far below what their nodes resolve.
 _NEGLIGIBLE_POWER = 1e-8
-# While so many nodes or fewer are enough, the distance is brought to this share of what is asked for.
-_CHEAP_NODES, _WELL_BELOW = 256, 1e-3
+# While nodes are so few that matrices are factored, the distance is brought to this share of what is asked for.
+_WELL_BELOW = 1e-3
 # The other direction of the second loop is tried too if its start has at most so many times the energy.
 _RIVAL = 1.3
 # Gradient at which a search stops, and above which it has found nothing.
@@ -64,11 +62,8 @@ _FOUND, _SETTLED = 1e-12, 1e-3
 _WORTHWHILE, _PATIENCE = 0.7, 2
 # Gradient above which the energy is brought down anew.
 _POOR = 1e-6
-# Why there is no annulus.
-_RUNS_AWAY = "the energy of surfaces between the rims falls with the modulus, however large that is"
-_FALLS_APART = "the energy of surfaces between the rims falls until they fall apart, whatever was tried"
+# Why there is no annulus where that is seen from the rims alone.
 PARTED = "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
-_BESIDE = "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
 # The smooth curve that leads to a rough one: its width, in points and at least as a share of the loop; and how many
 # curves there are between.
 _SMOOTHING, _NARROWEST_AVERAGE, _DEFORMATIONS = 3.0, 0.03, 4
@@ -82,7 +77,7 @@ _CROWDED, _EVEN, _FEW_NODES = 1200.0, 4.0, 128.0
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
     """Why there cannot be a surface of one piece between several loops at unit size, where that is certain."""
     if lie_beside(loops, curves):
-        return _BESIDE
+        return "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
     return PARTED if len(curves) == 2 and parted_by_cone(*curves) else None
 
 
@@ -126,7 +121,10 @@ class RimsSolver:
             if best is None and len(self.loops) == 2:
                 best = min(self._stable(), key=lambda placed: placed.surface.energy, default=None)
         if best is None:
-            raise NoneBetweenError(_RUNS_AWAY if len(self.loops) == 2 else _FALLS_APART)
+            until = "with the modulus, however large that is"
+            if len(self.loops) > 2:
+                until = "until they fall apart, whatever was tried"
+            raise NoneBetweenError(f"the energy of surfaces between the rims falls {until}")
         return self.fitted(best)
 
     def through_points(self) -> Found:
@@ -359,13 +357,11 @@ class RimsSolver:
         """Distance at which no more nodes are taken."""
         if self.options.is_series:
             return 0.0
-        return self.allowed * (_WELL_BELOW if surface.slides.shape[1] < _CHEAP_NODES else 1.0)
+        return self.allowed * (_WELL_BELOW if surface.slides.shape[1] < _DENSE_NODES else 1.0)
 
     @property
     def _most_nodes(self) -> int:
-        if not self.is_rough:
-            return _MOST_SMOOTH
-        return min(_MOST_NODES, max(_DENSE_NODES, _MOST_PER_EDGE * max(map(len, self.loops))))
+        return _MOST_NODES if self.is_rough else _MOST_SMOOTH
 
     def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
         """The surface over the loops' own curves, and with more and more nodes."""
@@ -398,10 +394,10 @@ class RimsSolver:
         return problem.settled(
             surface,
             n,
-            tolerance=_FINE_ROUGH * self.options.tolerance if self.is_rough else _FOUND,
-            max_steps=min(_MOST_STEPS, self.steps.left),
+            tolerance=ROUGH_GRADIENT * self.options.tolerance if self.is_rough else _FOUND,
+            max_steps=min(MOST_STEPS, self.steps.left),
             near=near,
-            negligible=_NEGLIGIBLE * 2 * math.pi * edges * self.allowed**2 if self.is_rough else 0.0,
+            negligible=negligible_energy(edges, self.allowed) if self.is_rough else 0.0,
         )
 
     def _found(self, lift: Lift, harmonic: HarmonicSurface, *, placed: Placement, limit: str) -> Found:

@@ -10,6 +10,8 @@ from spinor_geom.mesh.interpolation import DEGREES
 
 # Angle by which one point in ten turns where a loop bends at many of its points: noise of a twentieth of an edge.
 ROUGH_TURN = np.radians(12.0)
+# Gradient of the energy at which slides along rough loops stop, as a share of the distance allowed in edges.
+ROUGH_GRADIENT = 3e-2
 
 
 def roughness(loop: BoundaryLoop) -> float:
@@ -21,6 +23,16 @@ def roughness(loop: BoundaryLoop) -> float:
 def roundest(points: int) -> float:
     """Angle by which a loop of so many points turns at some of them however smooth it is."""
     return 3 * np.pi / points
+
+
+def negligible_energy(edges: int, allowed: float) -> float:
+    """A fall of the energy that is none on a rough loop: a thousandth of that of waves as long as an edge, and as high.
+
+    Args:
+        edges: of the loop.
+        allowed: RMS distance from Γ, at unit size.
+    """
+    return 1e-3 * 2 * np.pi * edges * allowed**2
 
 
 def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
