@@ -275,7 +275,7 @@ def test_a_bad_file_gives_one_sentence_and_status_2(
         (["fill"], "IN"),
         (["fill", "mesh.obj"], "--output"),
         (["fill", "mesh.obj", "-o", "o.obj", "--loop", "first"], "not a list of numbers"),
-        (["fill", "mesh.obj", "-o", "o.obj", "--loop=-1"], "negative"),
+        (["fill", "mesh.obj", "-o", "o.obj", "--loop=-1"], "numbered from 0"),
         (["fill", "mesh.obj", "-o", "o.obj", "--tolerance", "0"], "not a positive number"),
         (["fill", "mesh.obj", "-o", "o.obj", "--edge-length", "nan"], "not a positive number"),
         (["fill", "mesh.obj", "-o", "o.obj", "--max-perimeter", "long"], "not a positive number"),

@@ -29,7 +29,7 @@ from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual
-from spinor_geom.plateau.roughness import ROUGH_TURN, roughness
+from spinor_geom.plateau.roughness import roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.formulas import phi
@@ -230,7 +230,7 @@ def limit_of(fitted: Fitted, budget: Budget, turning: float) -> str:
     at_corners = stage.share_at_corners(fitted.residual.energy)
     if at_corners > 0.5:
         where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
-    elif turning > ROUGH_TURN:
+    elif turning > np.radians(25.0):  # beyond the turns of round loops of some 30 points
         where = f"the loop is rough: one point in ten turns by more than {np.degrees(turning):.0f}°"
     else:
         where = "more units bring it no nearer"

@@ -35,7 +35,6 @@ def fit_of(stage, p, q):
         slide=torch.from_numpy(stage.panels.t),
         amounts=torch.zeros(0, dtype=torch.float64),
         residual=1.0,
-        history=(),
     )
 
 
