@@ -29,7 +29,7 @@ from spinor_geom.surface.formulas import null_vector, phi
 
 # The Newton equations' diagonal is raised by this share of its mean: an equation that no read-out can meet is not met
 # at any price. With 1e-7 600 points with 30 % noise keep 3e-3 of an edge; with 1e-9 teeth of 10° keep 1e-3.
-_DAMPING = 3e-8
+_DAMPING = 1e-8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

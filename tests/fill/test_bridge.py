@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import LoopIndexError, OptionError
-from spinor_geom.fill.bridge import find_islands
+from spinor_geom.fill.bridge import _lies_in, find_islands
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -135,6 +136,14 @@ def test_pieces_elsewhere_are_no_islands() -> None:
     for other in (ring(0.2, 0.4, height=2.0), (ring(0.2, 0.4)[0] + [3.0, 0, 0], ring(0.2, 0.4)[1])):
         mesh = TriangleMesh(*together(ring(1.0, 1.5), other))
         assert find_islands(mesh, find_boundary_loops(mesh)) == {}
+
+
+def test_a_piece_that_touches_the_hole_is_no_island() -> None:
+    # seen from its shared corner the L lies in three quarters of all directions
+    hole = BoundaryLoop.from_points([(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0), (1, 2, 0), (0, 2, 0)], corners=())
+    piece = np.array([(1, 1, 0), (0.4, 0.9, 0), (0.9, 0.4, 0)])
+    assert not _lies_in(BoundaryLoop.from_points(piece, corners=()), hole)
+    assert _lies_in(BoundaryLoop.from_points(piece - [0.1, 0.1, 0.0], corners=()), hole)
 
 
 def test_several_islands_in_one_hole_are_joined() -> None:
