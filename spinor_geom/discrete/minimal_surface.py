@@ -17,7 +17,8 @@ from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.triangulation import MOST_POINTS, SizeFunction, graded_size, triangulate_polygon
+from spinor_geom.domain.sizes import SizeFunction, graded_size
+from spinor_geom.domain.triangulation import MOST_POINTS, triangulate_polygon
 from spinor_geom.errors import DomainError, FirstFillError, OptionError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian

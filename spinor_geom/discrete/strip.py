@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import Disk, descend_from_plane, harmonic_extension
-from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, size_bounds, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size, size_bounds
+from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 
 # Longer loops are thinned to so many points for the search of the strip.

@@ -16,7 +16,8 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
-from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.interpolation import piecewise_cubic
 

@@ -271,7 +271,11 @@ def _along(
     first, turned = _starts(share), np.mod(t, 1.0)
     side = np.asarray(np.searchsorted(first, turned, side="right") - 1)
     start, edge = (torch.tensor(some[side]) for some in (corners, np.roll(corners, -1, axis=0) - corners))
-    function: SmoothMap = lambda u: image(start + u[..., None] * edge)  # noqa: E731
+
+    def along(u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+        return image(start + u[..., None] * edge)
+
+    function: SmoothMap = along
     for _ in range(order):
         function = partial(_slope, function)
     value = function(torch.tensor((turned - first[side]) / share[side]))

@@ -7,7 +7,7 @@ from jaxtyping import Complex, Float
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import Rims, plane_coordinates
-from spinor_geom.domain.triangulation import SizeFunction, size_bounds
+from spinor_geom.domain.sizes import SizeFunction, size_bounds
 
 # change of the edge length per unit of distance from the boundary, upwards and downwards
 GROWTH = 0.35

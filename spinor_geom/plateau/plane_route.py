@@ -10,12 +10,14 @@ import numpy as np
 import torch
 from jaxtyping import Complex, Float
 
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.intersections import crossings_between, loop_crossings
+from spinor_geom.mesh.operators import winding_numbers
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import normals_of
@@ -138,7 +140,8 @@ def _frame_of(curves: Sequence[BoundaryCurve], loop: BoundaryLoop) -> _PlaneFram
 
 def _is_inside(inner: BoundaryCurve, outer: BoundaryCurve, frame: _PlaneFrame) -> bool:
     points = frame.coordinates(_between(outer, _PER_PIECE))
-    return _winding(points, complex(frame.coordinates(inner.coefficients[-1][0]))) != 0
+    inside = frame.coordinates(inner.coefficients[-1][:1])
+    return bool(np.rint(winding_numbers(plane_coordinates(points), plane_coordinates(inside)))[0] != 0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,9 +192,3 @@ def _misfit(surface: SpinorSurface, boundary: SplineBoundary, curve: BoundaryCur
     away, slide, weights = (torch.as_tensor(part.ravel()) for part in (distance, t, arcs))
     tensors = CurveTensors.of(curve, torch.device("cpu"))
     return Misfit.from_distances(away, slide, weights, tensors, length=float(arcs.sum()))
-
-
-def _winding(polygon: Complex[np.ndarray, " m"], z: complex) -> int:
-    """How often a closed polygon runs around a point."""
-    away = polygon - z
-    return round(float(np.angle(np.roll(away, -1) / away).sum()) / (2 * np.pi))

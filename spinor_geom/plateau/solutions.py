@@ -19,7 +19,8 @@ from scipy.interpolate import LinearNDInterpolator
 from spinor_geom.discrete.area_descent import Disk, descend_area, harmonic_extension
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.delaunay import plane_coordinates
-from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas

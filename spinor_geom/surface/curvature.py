@@ -36,8 +36,10 @@ class FundamentalForms:
     @property
     def mean(self) -> Float[Tensor, "*pts"]:
         """Mean curvature H = ½ tr(I⁻¹ II), in 1/length; positive where the surface bends towards n."""
-        (e, f, _, g), (l, m, _, n) = (form.flatten(-2).unbind(-1) for form in (self.first, self.second))  # noqa: E741
-        return (e * n - 2 * f * m + g * l) / (2 * (e * g - f * f))
+        (g_xx, g_xy, _, g_yy), (b_xx, b_xy, _, b_yy) = (
+            form.flatten(-2).unbind(-1) for form in (self.first, self.second)
+        )
+        return (g_xx * b_yy - 2 * g_xy * b_xy + g_yy * b_xx) / (2 * (g_xx * g_yy - g_xy * g_xy))
 
 
 def fundamental_forms(position: Position, x: Float[Tensor, "*pts"], y: Float[Tensor, "*pts"]) -> FundamentalForms:

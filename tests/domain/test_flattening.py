@@ -18,7 +18,8 @@ from spinor_geom.domain.flattening import (
     outer_clearance,
     untangled,
 )
-from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError
 from tests.loops import L_SHAPE, noisy_ellipse, planar, ramp
 from tests.strategies import SEEDS, smooth_loops

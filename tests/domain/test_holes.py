@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from spinor_geom.domain import FourierBoundary, PlaneDomain
-from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
 
 ANGLE = 2 * np.pi * np.arange(40) / 40

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.domain.triangulation import PlaneTriangulation, graded_size, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
 
 

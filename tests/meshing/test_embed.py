@@ -3,7 +3,8 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.measures.quality import smallest_angles

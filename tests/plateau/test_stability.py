@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from spinor_geom import gallery
-from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.stability import assess_stability, gauss_image_areas, lowest_modes
 from tests.loops import noisy_ellipse

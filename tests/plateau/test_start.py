@@ -11,7 +11,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from spinor_geom import gallery
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.triangulation import graded_size, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.solve import solve_plateau
 from spinor_geom.plateau.start import images_in_plane, lifted_frames, lifted_spinors
