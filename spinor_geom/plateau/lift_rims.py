@@ -80,7 +80,7 @@ class Lift:
         return Misfit.together([rim.misfit for rim in self.rims])
 
 
-def lifted(surface: HarmonicSurface, curves: tuple[CurveTensors, ...], *, allowed: float) -> Lift:
+def lifted(surface: HarmonicSurface, together: CurveTensors, *, allowed: float) -> Lift:
     """The minimal surface next to a harmonic one, and its distance from the curves at the nodes and between them.
 
     φ = 2∂X/∂z is known on all circles from X and ΛX. p and q are its spinors there, divided by √(z − c_j) for each hole
@@ -98,6 +98,7 @@ def lifted(surface: HarmonicSurface, curves: tuple[CurveTensors, ...], *, allowe
             point of odd order.
     """
     points, slides = surface.points, surface.slides
+    curves = tuple(together.alone(k) for k in range(len(slides)))
     form = DirichletForm.of(surface.domain, points.shape[1])
     best: Lift | None = None
     for _ in range(_MOST_LIFTS):

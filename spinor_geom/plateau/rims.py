@@ -297,9 +297,13 @@ class RimsSolver:
 
     def _problem(self, placed: Placement, step: int = 0) -> RimsProblem:
         rims = self._rims[step]
-        curves = tuple(rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True))
+        ways = [rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True)]
         negligible = _NEGLIGIBLE_POWER if self.is_rough else ROUND_OFF
-        return RimsProblem(curves=curves, negligible=negligible, on_step=partial(self.steps.take, "Douglas-Newton"))
+        return RimsProblem(
+            curves=CurveTensors.batch(ways),
+            negligible=negligible,
+            on_step=partial(self.steps.take, "Douglas-Newton"),
+        )
 
     def all_critical(self) -> list[Placement]:
         """Critical points: over two rims all with the second loop in the direction whose start has less energy.
