@@ -15,11 +15,10 @@ from torch import Tensor
 
 from spinor_geom.discrete.strip import discrete_annulus, minimum_area_strip, nodes_on_cylinder
 from spinor_geom.domain.delaunay import plane_coordinates
-from spinor_geom.domain.flattening_annulus import AnnularFlattening, flatten_annulus
+from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.lattice import lattice_inside
-from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
+from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, sampled
 from spinor_geom.domain.triangulation import PlaneTriangulation
-from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
@@ -168,15 +167,21 @@ class AnnulusNetworkSolver:
     def _started(self) -> _Start:
         rims, (plane, vertices) = self._rims, self._discrete
         with self.clock.stage("flattening"):
-            sizes = len(rims[0]), len(rims[1])
-            annuli = _both_ways(vertices, plane.faces, sizes)
-            order, annulus, flat = _least_distorted(annuli, sizes)
-            boundaries = SplineBoundary.through(flat.outer), SplineBoundary.through(flat.inner)
+            lengths = [loop.perimeter for loop in self.loops]
+            order = (0, 1) if lengths[0] >= lengths[1] else (1, 0)
+            number = np.arange(len(vertices))
+            m, rim = len(rims[0]), len(rims[0]) + len(rims[1])
+            if order[0]:
+                number[:rim] = np.roll(number[:rim], rim - m)
+                vertices = np.concatenate([vertices[m:rim], vertices[:m], vertices[rim:]])
+            annulus = vertices, number[plane.faces]
+            flat = flatten(*annulus, rim, holes=(len(rims[order[1]]),), drawn=_drawn)
+            boundaries = tuple(map(SplineBoundary.through, flat.rims))
             domain = PlaneDomain.inside(boundaries[0], flat.log_scale, holes=(boundaries[1],))
         curves = tuple(self.curves[k] for k in order)
         with self.clock.stage("features"):
-            phi = lifted_frames(*annulus, domain.vertices, self.device, sizes=(len(flat.outer), len(flat.inner)))
-            branch = _middle(flat.inner) if self._is_antiperiodic(phi, len(flat.outer)) else None
+            phi = lifted_frames(*annulus, domain.vertices, self.device, sizes=(len(flat.rims[0]), len(flat.rims[1])))
+            branch = _middle(flat.rims[1]) if self._is_antiperiodic(phi, len(flat.rims[0])) else None
             stage = Discretisation.first(
                 domain,
                 tuple(CurveTensors.of(curve, self.device) for curve in curves),
@@ -214,36 +219,8 @@ class _Start:
     is_antiperiodic: bool
 
 
-def _both_ways(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], sizes: tuple[int, int]
-) -> tuple[Mesh, Mesh]:
-    """A discrete annulus with its first rim's vertices first, and with its second rim's."""
-    m, rim = sizes[0], sum(sizes)
-    order = np.concatenate([np.arange(m, rim), np.arange(m), np.arange(rim, len(vertices))])
-    number = np.empty_like(order)
-    number[order] = np.arange(len(order))
-    return (vertices, faces), (vertices[order], number[faces])
-
-
-def _least_distorted(
-    annuli: tuple[Mesh, Mesh], sizes: tuple[int, int]
-) -> tuple[tuple[int, int], Mesh, AnnularFlattening]:
-    """The rim that goes outside, then the other; the mesh so ordered, and its flattening.
-
-    Raises:
-        DomainError: there is none either way.
-    """
-    tries = [
-        (order, mesh, flatten_annulus(*mesh, (sizes[order[0]], sizes[order[1]])))
-        for mesh, order in zip(annuli, ((0, 1), (1, 0)), strict=True)
-    ]
-    found = [(order, mesh, flat) for order, mesh, flat in tries if flat is not None]
-    if not found:
-        raise DomainError(
-            f"no simple plane domain was found for an annulus with rims of {sizes[0]} and {sizes[1]} vertices",
-            vertices=sum(sizes),
-        )
-    return min(found, key=lambda one: one[2].distortion)
+def _drawn(rims: tuple[Complex[np.ndarray, "_"], ...]) -> tuple[Complex[np.ndarray, "_"], ...]:
+    return tuple(sampled(SplineBoundary.through(rim), each=4) for rim in rims)
 
 
 def _start_readout(stage: Discretisation, phi: Complex[Tensor, "r 3"]) -> Complex[Tensor, "n 2"]:

@@ -133,7 +133,7 @@ class NetworkSolver:
                 disk.vertices,
                 disk.faces,
                 len(rim),
-                drawn=lambda polygon: sampled(SplineBoundary.through(polygon, corners), each=4),
+                drawn=lambda rims: (sampled(SplineBoundary.through(rims[0], corners), each=4),),
             )
             domain = PlaneDomain.from_boundary(flat.boundary, corners, flat.log_scale)
         with self.clock.stage("features"):
