@@ -16,7 +16,7 @@ from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
 from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.newton import FLAT, minimised
+from spinor_geom.plateau.newton import SMALL, minimised
 from spinor_geom.plateau.problem import CurveTensors
 
 # Nodes may be no farther apart on Γ than so many times their mean distance: beyond, ∂Ω crowds and nothing is resolved.
@@ -25,8 +25,6 @@ _CROWDED = 40.0
 _GAUGE_STIFFNESS = 1e-3
 # Distances along Γ, in diagonals, that a slide is moved from a stationary one in search of less energy.
 _AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))
-# Increments shrink at most to e⁻³ of themselves in a step.
-_LARGEST_SHRINKAGE = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,7 +140,7 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor
     here = Slides.of(CurveTensors.batch([curve]), form, slide[None])
     hessian = here.hessian(torch.zeros_like(here.energy))(torch.eye(len(slide), dtype=slide.dtype, device=slide.device))
     values, vectors = torch.linalg.eigh((hessian + hessian.mT) / 2)
-    if float(values[0]) >= -FLAT * float(values[-1]):
+    if float(values[0]) >= -SMALL * float(values[-1]):
         return None
     direction = vectors[None, :, 0] / vectors[:, 0].abs().max()
     trials = [here.stepped(direction, sign * amplitude) for sign in (1, -1) for amplitude in _AMPLITUDES]
@@ -284,7 +282,8 @@ def slid(slide: Float[Tensor, "b n"], direction: Float[Tensor, "b n"], length: f
     """Slides after a step of a given length along a direction, by factors of their increments: they increase."""
     increments = torch.diff(slide, append=slide[:, :1] + 1)
     change = length * torch.diff(direction, append=direction[:, :1]) / increments.clamp(min=1e-300)
-    factor = torch.where(change < 0, change.clamp(min=-_LARGEST_SHRINKAGE).exp(), 1 + change)
+    # of shrinking ones, too, 1 + change up to the third order
+    factor = torch.where(change < 0, 1 / (1 - change + change**2), 1 + change)
     scaled = increments * factor
     share = (scaled / scaled.sum(-1, keepdim=True)).cumsum(-1)[:, :-1]
     start = torch.nn.functional.pad(share, (1, 0))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.fft import next_fast_len
@@ -21,10 +21,6 @@ from spinor_geom.plateau.lift import Lift, lifted_together
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.problem import CurveTensors
 
-# How many times more nodes come next: on rough loops the distance falls not much faster than their number grows.
-_MORE_NODES, _MOST_MORE = 1.5, 3.0
-# Where so many times more nodes do not halve the residual, it is not their number that limits it.
-_PATIENCE = 3
 # Nodes of the loops that are fitted as one batch, 64 short ones: half as many take an eighth longer.
 _BATCH_NODES = 16384
 
@@ -69,7 +65,6 @@ class Fit:
     best: tuple[Lift, HarmonicDisk] | None = None
     limit: str = ""
     attempt: int = 0
-    last_gain: int = 0
 
     def take(self, disk: HarmonicDisk, lift: Lift | None) -> None:
         """Takes the disk that was found with the nodes that were asked for, and its lift, if it has one."""
@@ -77,15 +72,13 @@ class Fit:
             self.limit = "the nodes crowd on the domain's boundary"
             return
         self.slide = disk.slide
-        if lift is not None and (self.best is None or lift.misfit.rms < self.best[0].misfit.rms):
-            if self.best is None or lift.misfit.rms < self.best[0].misfit.rms / 2:
-                self.last_gain = self.attempt
-            self.best = lift, disk
+        before = math.inf if self.best is None else self.best[0].misfit.rms
         # without a lift more nodes may tell the sheets apart
-        short = 1.0 if lift is None else self._excess(lift, self.allowed)
-        more = float(np.clip(short, _MORE_NODES, _MOST_MORE if self.is_rough else _MORE_NODES))
+        is_better = self.attempt == 0 or (lift is not None and lift.misfit.rms < before / 2)
+        if lift is not None and lift.misfit.rms < before:
+            self.best = lift, disk
         is_met = self.best is not None and self._excess(self.best[0], self.enough) <= 1
-        if is_met or self.attempt - self.last_gain >= _PATIENCE:
+        if is_met or not is_better:
             self.limit = "more nodes on the domain's boundary do not help"
         elif self.nodes >= self.most_nodes:
             self.limit = f"{self.nodes} nodes are the most that are tried"
@@ -93,7 +86,7 @@ class Fit:
             self.limit = "the limit on steps or on time was reached"
         else:
             self.attempt += 1
-            self.nodes = even(min(self.most_nodes, int(more * self.nodes)))
+            self.nodes = even(min(self.most_nodes, 2 * self.nodes))
 
     @property
     def is_near(self) -> bool:
@@ -104,15 +97,14 @@ class Fit:
         return lift.misfit.excess(allowed=allowed, tolerance=allowed / self.mean_edge)
 
 
-def fit_together(fits: Sequence[Fit], *, most_nodes: int | None = None) -> None:
+def fit_together(fits: Sequence[Fit]) -> None:
     """Goes on with fits until they are over, those on the unit disk with as many nodes as one batch.
 
     Args:
         fits: they do not know of each other.
-        most_nodes: fits that ask for more are left as they are; none for no limit.
     """
     left = list(fits)
-    while left := [fit for fit in left if not fit.limit and (most_nodes is None or fit.nodes <= most_nodes)]:
+    while left := [fit for fit in left if not fit.limit]:
         alike: dict[tuple[object, ...], list[Fit]] = defaultdict(list)
         for fit in left:
             alike["disk" if fit.form.is_disk else id(fit.form), fit.nodes, fit.is_near].append(fit)

@@ -42,8 +42,8 @@ _PER_EDGE_ROUGH = 9
 _FEWEST_POINTS, _POINTS = 32, 128
 # Most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing.
 _MOST_PER_EDGE = 64
-# Nodes of the shortest loops on the disk, for each edge and in all, and most nodes of fits that are made together.
-_FEWEST_PER_EDGE, _FEWEST_NODES, _BATCHED_NODES = 16, 256, 2048
+# Nodes of short loops on the disk: many loops have as many nodes, and are fitted together.
+_FEWEST_NODES = 256
 # Nodes at which the directions of an unstable slide are found: the cost is their number cubed.
 _MOST_FOR_MODES = 512
 # Gradient of the energy, relative to its factors, at which a coarse solve stops, and that is rounding error. Between
@@ -67,7 +67,7 @@ class HarmonicSolver:
         device: where the slide is found.
         clock: of the stages.
         to_rounding: whether steps go on until the gradient is rounding error.
-        begun: the fit on the unit disk, where it was made or begun together with others.
+        begun: the fit on the unit disk, where it was made together with others.
     """
 
     loop: BoundaryLoop
@@ -207,9 +207,8 @@ class HarmonicSolver:
         return self._fitted(self._fit(form, slide), route)
 
     def _begin(self) -> Fit:
-        """The fit on the unit disk from equal steps, of short loops a power of two: many have as many nodes."""
-        m = len(self.loop)
-        n = even(max(min(1 << (_FEWEST_PER_EDGE * m - 1).bit_length(), _FEWEST_NODES), m))
+        """The fit on the unit disk from equal steps."""
+        n = even(max(_FEWEST_NODES, len(self.loop)))
         return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.device) / n)
 
     def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
@@ -260,9 +259,9 @@ class HarmonicSolver:
 
     @staticmethod
     def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[Fit]:
-        """The fits on the unit disk, made together while they ask for few nodes."""
+        """The fits on the unit disk, made together."""
         fits = [solver._begin() for solver in solvers]
-        fit_together(fits, most_nodes=_BATCHED_NODES)
+        fit_together(fits)
         return fits
 
 

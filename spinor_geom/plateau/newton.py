@@ -12,19 +12,14 @@ from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
 
-# Newton steps of one solve, where nothing else is said.
+# Newton steps of one solve where nothing else is said, and of conjugate gradients in each.
 MOST_STEPS = 60
-_MAX_CG_STEPS = 60
-_MAX_HALVINGS = 12
 # A step may raise the energy up to the highest of so many last ones: valleys of the energy are bent, and Newton's
-# method follows them far faster if it may climb their sides a little.
+# method follows them far faster if it may climb their sides a little. What does not halve a small gradient is no step.
 _REMEMBERED = 6
-# A gradient below this that does not halve in so many steps is the discretisation's.
-_SMALL_GRADIENT, _PATIENCE = 1e-6, 4
-# The Newton systems of rough loops are solved less exactly above this gradient: many steps are to come.
-_LARGE_GRADIENT = 1e-4
-# Curvatures of the energy below this share of the metric's count as none.
-FLAT = 1e-6
+# A curvature of the energy counts as none below this share of the metric's, and a step below this share of Newton's; of
+# gradients so small the energy tells no more.
+SMALL = 1e-6
 # Where Γ curves against the step, the second derivative of the energy is reflected by this share at first, then less.
 _REFLECT_MORE, _LEAST_REFLECTION = 4.0, 1e-3
 
@@ -109,7 +104,7 @@ def minimised(
     most = torch.tensor(max_steps, device=energy.device)
     reflection = torch.full_like(limits, 0.0 if near else 1.0)
     stuck = torch.zeros_like(number, dtype=torch.bool)
-    recent = torch.full((count, _PATIENCE), torch.inf, dtype=energy.dtype, device=energy.device)
+    recent = torch.full((count, _REMEMBERED), torch.inf, dtype=energy.dtype, device=energy.device)
     # the last energies, and the least that had been reached before each of the last steps
     energies = energy[:, None].expand(-1, _REMEMBERED)
     lowest = torch.full((count, _REMEMBERED + 1), torch.inf, dtype=energy.dtype, device=energy.device)
@@ -117,9 +112,9 @@ def minimised(
     for steps in itertools.count():
         size = here.size
         # what is left once it stays as it is is rounding error
-        stays = (size < _SMALL_GRADIENT) & (size > recent.amin(-1) / 2)
+        stays = (size < SMALL) & (size > recent.amin(-1) / 2)
         # near a solution the energy has no more digits to tell
-        still = (size > _SMALL_GRADIENT) & (lowest[:, 0] - lowest[:, -1] < falls)
+        still = (size > SMALL) & (lowest[:, 0] - lowest[:, -1] < falls)
         finished = (size <= limits) | stays | still | stuck | here.is_over | (steps >= most)
         if is_out_of_time():
             finished[:] = True
@@ -137,8 +132,8 @@ def minimised(
                 on_step[i](value)
         recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
         recent[reflection != 0] = torch.inf
-        inexact = (size > _LARGE_GRADIENT) & (falls > 0)
-        forcing = torch.where(inexact, size.sqrt(), size).clamp(max=0.1)
+        # of the many steps that rough loops take the first need not be exact
+        forcing = torch.where(falls > 0, size.sqrt(), size).clamp(max=0.1)
         direction, downwards = _direction(here, reflection, forcing)
         here, moved, full = _line_search(here, direction, energies.amax(-1))
         energies = torch.cat([energies[:, 1:], here.energy[:, None]], dim=1)
@@ -164,11 +159,11 @@ def _direction(
     enough = forcing[:, None] ** 2 * size
     unfinished = torch.ones_like(size, dtype=torch.bool)
     downwards = torch.zeros_like(unfinished)
-    for step in range(_MAX_CG_STEPS):
+    for step in range(MOST_STEPS):
         image = hessian(along)
         curvature, scale = _dot(along, image), _dot(along, metric)
-        flat = unfinished & (curvature <= FLAT * scale)
-        downwards |= flat & (curvature < -FLAT * scale)
+        flat = unfinished & (curvature <= SMALL * scale)
+        downwards |= flat & (curvature < -SMALL * scale)
         unfinished &= ~flat
         if step == 0:
             x = torch.where(flat, z, x)
@@ -199,14 +194,16 @@ def _line_search(
         return trial, moved, full
     which = torch.arange(len(moved), device=moved.device)
     lower = moved
-    for halving in range(1, _MAX_HALVINGS + 1):
+    length = 1.0
+    while True:
         taken = which[lower]
         here = here.replaced(taken, trial.at(lower.nonzero()[:, 0]))
         moved = moved.index_fill(0, taken, value=True)
         which = which[~lower]
-        if not len(which) or halving == _MAX_HALVINGS:
+        length /= 2
+        if not len(which) or length < SMALL:
             break
-        trial = start.at(which).stepped(direction[which], 0.5**halving)
+        trial = start.at(which).stepped(direction[which], length)
         lower = trial.energy <= highest[which] + 1e-13 * highest[which].abs()
     return here, moved, full
 
