@@ -71,7 +71,7 @@ _PATH_ORDER = 16
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
     """Why there cannot be a surface of one piece between several loops at unit size, where that is certain."""
-    if lie_beside(loops, curves):
+    if lie_beside(loops):
         return "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
     return PARTED if len(curves) == 2 and parted_by_cone(*curves) else None
 
