@@ -24,7 +24,8 @@ from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
-from spinor_geom.plateau.lift_rims import Lift, lifted, lifted_surface
+from spinor_geom.plateau.harmonic_route import points_of_domain
+from spinor_geom.plateau.lift import Lift, circles_of, lifted_between, surface_of
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.newton import MOST_STEPS
@@ -65,8 +66,6 @@ PARTED = "the rims are so far apart that a cone parts them through which no conn
 # The smooth curve that leads to a rough one: its width, in points and at least as a share of the loop; and how many
 # curves there are between.
 _SMOOTHING, _NARROWEST_AVERAGE, _DEFORMATIONS = 3.0, 0.03, 4
-# Quadrature nodes on each piece of a path in Ω.
-_PATH_ORDER = 16
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
@@ -132,14 +131,14 @@ class RimsSolver:
             raise SurfaceError("no minimal surface was found between averages of the rims")
         problem = self._problem(placed)
         with self.clock.stage("lift"):
-            smooth = lifted(placed.surface, problem.curves, allowed=self.allowed)
-            circles = lifted_surface(smooth, order=_PATH_ORDER).domain.boundaries
+            smooth = lifted_between(placed.surface, problem.curves, allowed=self.allowed)
+            circles = self._circles(placed)
         points, starts = [], []
-        for rim, back, slide, circle in zip(placed.rims, placed.back, smooth.rims, circles, strict=True):
+        for rim, back, slide, circle in zip(placed.rims, placed.back, smooth.slides, circles, strict=True):
             loop, average = self.loops[rim.number], self._way[0][rim.number]
             if back:
                 loop, average = loop.reversed(), average.reversed()
-            match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide.slide))
+            match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
             starts.append(torch.as_tensor(match.points_in_domain(), device=self.options.device))
         with self.clock.stage("fit"):
@@ -155,7 +154,7 @@ class RimsSolver:
             area=passed.surface.area(),
             route="vertices",
             limit="no minimal surface near that over averages of the rims passes through their points more nearly",
-            between=_between(placed, smooth.model.antiperiodic, passed.period),
+            between=_between(placed, smooth.series.antiperiodic, passed.period),
         )
 
     def _newton_step(self, distance: float) -> bool:
@@ -257,9 +256,13 @@ class RimsSolver:
 
     def _problem(self, placed: Placement, step: int = 0) -> RimsProblem:
         rims = self._rims[step]
-        curves = tuple(rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True))
+        ways = [rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True)]
         negligible = _NEGLIGIBLE_POWER if self.is_rough else ROUND_OFF
-        return RimsProblem(curves=curves, negligible=negligible, on_step=partial(self.steps.take, "Douglas-Newton"))
+        return RimsProblem(
+            curves=CurveTensors.batch(ways),
+            negligible=negligible,
+            on_step=partial(self.steps.take, "Douglas-Newton"),
+        )
 
     def all_critical(self) -> list[Placement]:
         """Critical points: over two rims all with the second loop in the direction whose start has less energy.
@@ -296,7 +299,7 @@ class RimsSolver:
             goal = self._goal(finer)
             with self.clock.stage("lift"):
                 try:
-                    lift = lifted(finer, problem.curves, allowed=goal)
+                    lift = lifted_between(finer, problem.curves, allowed=goal)
                 except SurfaceError as failure:  # more nodes may tell the sheets apart
                     error = failure
                     continue
@@ -360,21 +363,25 @@ class RimsSolver:
             negligible=negligible_energy(edges, self.allowed) if self.is_rough else 0.0,
         )
 
+    def _circles(self, placed: Placement) -> list[FourierBoundary]:
+        counts = [points_of_domain(self.loops[rim.number]) for rim in placed.rims]
+        return circles_of(placed.surface.domain, counts)
+
     def _found(self, lift: Lift, harmonic: HarmonicSurface, *, placed: Placement, limit: str) -> Found:
         with self.clock.stage("surface"):
-            surface = lifted_surface(lift, order=_PATH_ORDER)
+            surface = surface_of(lift, *self._circles(replace(placed, surface=harmonic)))
         return Found(
             surface=surface,
             curves=tuple(
                 (self._reversed if back else self.curves)[rim.number]
                 for rim, back in zip(placed.rims, placed.back, strict=True)
             ),
-            matchings=tuple(_matching(rim.slide) for rim in lift.rims),
+            matchings=tuple(_matching(slide) for slide in lift.slides),
             misfit=lift.misfit,
             area=lift.area,
-            route="annulus" if len(lift.rims) == 2 else "circles",
+            route="annulus" if len(lift.slides) == 2 else "circles",
             limit=limit,
-            between=_between(replace(placed, surface=harmonic), lift.model.antiperiodic, lift.period),
+            between=_between(replace(placed, surface=harmonic), lift.series.antiperiodic, lift.period),
         )
 
 

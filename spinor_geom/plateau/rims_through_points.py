@@ -28,7 +28,7 @@ from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import power_table
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.gauss_newton import gram
-from spinor_geom.plateau.lift_rims import Lift, closed
+from spinor_geom.plateau.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.through_points import (
     EdgeIntegrals,
@@ -39,6 +39,7 @@ from spinor_geom.plateau.through_points import (
     nodes_on_edges,
     polygon_through,
 )
+from spinor_geom.plateau.traces import OnCircles, closed
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -102,7 +103,7 @@ def surface_through(
     unit = float(np.abs(places[0]).max()) + _MARGIN * edges[0]
     outer, *holes = (z / unit for z in places)
     domain = PlaneDomain.inside(polygon_through(outer), holes=tuple(map(polygon_through, holes)))
-    before = smooth.model.circles
+    before = smooth.series.circles
     centres = before.centres / unit
     radii = [
         float(np.abs(hole - centre).min()) - _MARGIN * edge / unit
@@ -111,8 +112,8 @@ def surface_through(
     if min(radii) <= 0:
         raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
     circles = CircularDomain(centres=centres, log_radii=before.radii.new_tensor(radii).log())
-    basis = _Basis.on(domain, circles, smooth.model.antiperiodic)
-    here = _Passing(basis=basis, points=tuple(wanted), coefficients=_continued(smooth.model, basis, unit))
+    basis = _Basis.on(domain, circles, smooth.series.antiperiodic)
+    here = _Passing(basis=basis, points=tuple(wanted), coefficients=_continued(smooth.series, basis, unit))
     start = basis.orthonormal(here.coefficients)
     readout = nearest_through(here, start, start=start, enough=_BELOW_ALLOWED * allowed, on_step=on_step)
     return here.at(readout).passed(domain)
@@ -123,8 +124,8 @@ def _nearest(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "
     z = start
     with torch.no_grad():
         for _ in range(_PLACINGS):
-            velocity = phi(*smooth.model.value(z).unbind(-1))
-            away = points - smooth.shift - null_vector(*smooth.model.primitive(z).unbind(-1)).real
+            velocity = phi(*smooth.series.value(z).unbind(-1))
+            away = points - smooth.shift - null_vector(*smooth.series.primitive(z).unbind(-1)).real
             z = z + 2 * (away * velocity.conj()).sum(-1) / velocity.abs().square().sum(-1)
     return z
 
@@ -177,18 +178,12 @@ class _Basis:
     @classmethod
     def on(cls, domain: PlaneDomain, circles: CircularDomain, antiperiodic: tuple[bool, ...]) -> _Basis:
         powers = [math.ceil(_POWERS * len(boundary.vertices)) for boundary in domain.boundaries]
-        odd = torch.tensor(antiperiodic, device=circles.radii.device)
-        first = np.cumsum([0, *powers]).tolist()
-
-        def squared_root(z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
-            product: Tensor = (z[..., None] - circles.centres[odd]).prod(-1)
-            return product
-
+        device, first = circles.radii.device, np.cumsum([0, *powers]).tolist()
         rims = []
         for number, boundary in enumerate(domain.boundaries):
-            polygon = torch.as_tensor(boundary.vertices, device=odd.device)
+            polygon = torch.as_tensor(boundary.vertices, device=device)
             z = nodes_on_edges(polygon, _NODES)
-            root, zeta = squared_root(z), circles.coordinates(z)
+            root, zeta = circles.squared_root(z, antiperiodic), circles.coordinates(z)
             largest = zeta.abs().amax((1, 2)).tolist()
             counts = [
                 most if j == number else min(most, 1 + math.ceil(math.log(_NEGLIGIBLE) / math.log(largest[j])))
@@ -198,7 +193,7 @@ class _Basis:
             norm = gram(_in_h1(parts[number], z, polygon, centre=circles.centres[number - 1] if number else None))
             norm *= root.abs().mean()
             norm.diagonal().add_(_RIDGE * norm.diagonal().real.mean())
-            on_way, dz = _way(domain, number, odd.device)
+            on_way, dz = _way(domain, number, device)
             zeta = circles.coordinates(on_way)
             rims.append(
                 _OnRim(
@@ -210,7 +205,7 @@ class _Basis:
                     ),
                     norm=torch.linalg.cholesky(norm),
                     way=torch.cat([_own_powers(zeta[j], most, of_hole=j > 0) for j, most in enumerate(powers)], dim=-1),
-                    weights=dz * squared_root(on_way),
+                    weights=dz * circles.squared_root(on_way, antiperiodic),
                 )
             )
         return cls(circles=circles, antiperiodic=antiperiodic, powers=powers, rims=tuple(rims))
@@ -228,8 +223,12 @@ class _Basis:
     def model(self, coefficients: Complex[Tensor, "k 2"]) -> LaurentSeries:
         """The series, with the residues of φ made real."""
         outward, *inward = torch.split(coefficients, list(self.powers))
-        together = torch.nn.utils.rnn.pad_sequence(inward, batch_first=True)
-        return closed(LaurentSeries(outward, together, self.circles, antiperiodic=self.antiperiodic))
+        # a hole's own powers begin with the first
+        rows = [outward, *(torch.nn.functional.pad(part, (0, 0, 1, 0)) for part in inward)]
+        own = torch.nn.utils.rnn.pad_sequence(rows, batch_first=True).permute(2, 0, 1)[None]
+        traces = OnCircles(domain=self.circles, nodes=2 * own.shape[-1], antiperiodic=self.antiperiodic)
+        (spinors,), _, _ = closed(traces, own, traces.weights(2 * traces.nodes))
+        return traces.laurent(spinors)
 
 
 def _own_powers(zeta: Complex[Tensor, "*pts"], count: int, *, of_hole: bool) -> Complex[Tensor, "*pts k"]:
