@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.interpolate import LinearNDInterpolator
 
 from spinor_geom.discrete.area_descent import Disk, descend_area, harmonic_extension
-from spinor_geom.discrete.minimal_surface import first_disk
+from spinor_geom.discrete.minimal_surface import FINE_CHANGE, first_disk
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
@@ -30,20 +30,13 @@ from spinor_geom.plateau.steps import Steps
 
 # Growth of the triangles inwards: finer than a first fill, whose area may have no descent where the surface's has.
 _GROWTH = 0.1
-# Relative change of the area at which its descent ends: what a disk and its neighbour differ by is far more.
-_CHANGE = 1e-8
 # Displacements along an eigenvector, in diagonals, among which the least area is sought. Where that leads nowhere some
 # large ones are tried: from beyond a new disk Newton's method goes to it, from short of it back to the old one.
 _AMPLITUDES = 0.5 ** np.arange(1, 7, 0.5)
-# Unstable disks that are left for a better one, one after the other: seams and Enneper's disks take one.
-_MOST_DEPARTURES = 4
-# Harmonic steps take the average of two disks near to a minimal one; more of them would slide off the ridge.
-_RIDGE_STEPS = 3
 # Two disks of one area and of one normal along Γ are the same (a minimal surface is determined by its normal along a
-# curve); what exact fits may differ by, and how many residuals per edge the normals of poor ones do.
-_SAME_AREA = 1e-6
-_SAME_NORMAL, _NORMAL_PER_RESIDUAL = 0.03, 15.0
-# Starts in all: a bound, not a number that loops come near to.
+# curve): as many radians normals differ by, as RMS, where they are not.
+_SAME_NORMAL = 0.1
+# Starts in all, and unstable disks that are left one after the other: a bound, not a number that loops come near to.
 _MOST_STARTS = 24
 # What a start may fail at.
 _FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
@@ -142,7 +135,7 @@ def leave_unstable(
         A disk that is not unstable, or one that could not be left; its reason says what was left.
     """
     left: list[float] = []
-    while solution.stability.verdict == "unstable" and len(left) < _MOST_DEPARTURES:
+    while solution.stability.verdict == "unstable" and len(left) < _MOST_STARTS:
         better = lower(solution)
         if better is None:
             break
@@ -289,8 +282,7 @@ class _Search:
     def _are_one(self, a: _Entry, b: _Entry) -> bool:
         apart = abs(a.solution.area - b.solution.area)
         turned = self.rim.mean(((a.normals - b.normals) ** 2).sum(axis=1)) ** 0.5
-        allowed = _SAME_NORMAL + _NORMAL_PER_RESIDUAL * (a.residual + b.residual)
-        return apart <= _area_error(a.solution, b.solution) and turned <= allowed
+        return apart <= _area_error(a.solution, b.solution) and turned <= _SAME_NORMAL
 
     def leave_all(self) -> None:
         """Starts to both sides of every unstable disk along its eigenvectors, and of those that this finds."""
@@ -314,11 +306,12 @@ class _Search:
     def ridge(self, first: _Entry, second: _Entry) -> Disk:
         """The average of two disks, nearly minimal."""
         positions = [self.rim.round_positions(entry.solution) for entry in (first, second)]
-        return self._descended((positions[0] + positions[1]) / 2, _RIDGE_STEPS)
+        # more steps than one would slide off the ridge
+        return self._descended((positions[0] + positions[1]) / 2, steps=1)
 
     def _descended(self, vertices: Float[np.ndarray, "n 3"], steps: int = 100) -> Disk:
         mesh = self.rim.round_mesh
-        return descend_area(vertices, mesh.faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=steps)
+        return descend_area(vertices, mesh.faces, mesh.boundary_size, relative_change=FINE_CHANGE, max_iterations=steps)
 
     def open_pairs(self) -> Iterator[tuple[_Entry, _Entry]]:
         """Pairs of stable disks, nearest in area to the least first, while the list is not complete."""
@@ -372,7 +365,7 @@ def _beside(
     if areas.min() < face_areas(x, faces).sum():
         start = x + _AMPLITUDES[areas.argmin()] * displacement
         try:
-            descent = descend_area(start, faces, mesh.boundary_size, relative_change=_CHANGE)
+            descent = descend_area(start, faces, mesh.boundary_size, relative_change=FINE_CHANGE)
         except SingularMatrixError:  # triangles collapsed on the way
             pass
         else:
@@ -388,8 +381,8 @@ def _is_lower(solution: PlateauSolution, other: PlateauSolution) -> bool:
 
 def _area_error(a: PlateauSolution, b: PlateauSolution) -> float:
     """Difference of area that two fits of one disk may have: the first variation of area is at most ∮ |δr| ds."""
-    residuals = a.boundary_residual.rms + b.boundary_residual.rms
-    return _SAME_AREA * max(a.area, b.area) + residuals * a.loop.perimeter
+    quadrature = float(np.finfo(np.float64).eps) ** 0.5 * max(a.area, b.area)
+    return quadrature + (a.boundary_residual.rms + b.boundary_residual.rms) * a.loop.perimeter
 
 
 def _harmonic(mesh: PlaneTriangulation, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
