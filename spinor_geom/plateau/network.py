@@ -17,7 +17,7 @@ from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place
 from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.hole_field import HoleField
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, WayAcross
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 
 # Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
 # time grows with the cube.
@@ -31,7 +31,6 @@ class Discretisation:
     Attributes:
         domain: Ω.
         pairs: corners of Ω and Γ.
-        way: through Ω to its hole; none without one.
         poles: poles outside Ω.
         degree: of the polynomials.
         at_corner: number of poles that are clustered at each corner.
@@ -42,7 +41,6 @@ class Discretisation:
 
     domain: PlaneDomain
     pairs: CornerPairs
-    way: WayAcross | None
     poles: Poles
     degree: int
     at_corner: int
@@ -105,7 +103,6 @@ class Discretisation:
         # between them, and the iteration wanders off
         order = int(np.ceil(4 * unknowns / (2 * sum(len(some) - 1 for some in breaks))))
         panels = Panels.around(domain, breaks, order)
-        way = WayAcross.through(domain)
         network = CauchyNetwork.orthonormal_on(
             torch.as_tensor(panels.z, device=device),
             torch.as_tensor(panels.arc_weights, device=device),
@@ -117,13 +114,12 @@ class Discretisation:
         return cls(
             domain=domain,
             pairs=pairs,
-            way=way,
             poles=poles,
             degree=degree,
             at_corner=at_corner,
             panels=panels,
             network=network,
-            problem=PlateauProblem.on_panels(panels, network, curves, pairs, way),
+            problem=PlateauProblem.on_panels(domain, panels, network, curves, pairs),
         )
 
     def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:

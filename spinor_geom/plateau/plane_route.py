@@ -77,8 +77,11 @@ def plane_region(
         misfits = []
         for boundary, curve in zip(boundaries, rims, strict=True):
             t = _parameters(curve)
-            r = torch.as_tensor(surface.position(boundary.point(t)))
-            misfits.append(Misfit.of(r, torch.as_tensor(t), CurveTensors.of(curve, r.device)))
+            away = np.linalg.norm(surface.position(boundary.point(t)) - curve.point(t), axis=1)
+            arcs = np.linalg.norm(curve.derivative(t), axis=1) * np.repeat(np.diff(curve.breaks), 4) / 4
+            told = map(torch.as_tensor, (away, t, arcs))
+            tensors = CurveTensors.of(curve, torch.device("cpu"))
+            misfits.append(Misfit.from_distances(*told, tensors, length=float(arcs.sum())))
         between = None
         if len(curves) > 1:
             between = Between(

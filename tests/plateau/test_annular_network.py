@@ -13,7 +13,7 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.plateau.hole_field import HoleField
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, WayAcross
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, way_across
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 
@@ -121,12 +121,12 @@ def problem_on_annulus(branch=None):
         CurveTensors.of(BoundaryCurve.from_loop(sampled(ring(r, 0.0), 24)), torch.device("cpu")) for r in (1.0, 0.4)
     )
     pairs = CornerPairs(t=np.zeros(0), s=np.zeros(0))
-    return panels, PlateauProblem.on_panels(panels, network, curves, pairs, WayAcross.through(DOMAIN)), network
+    return panels, PlateauProblem.on_panels(DOMAIN, panels, network, curves, pairs), network
 
 
 def test_integrals_go_along_both_boundaries_and_across():
     panels, problem, _ = problem_on_annulus()
-    z = torch.from_numpy(np.append(panels.z, WayAcross.through(DOMAIN).z))
+    z = torch.from_numpy(np.append(panels.z, way_across(DOMAIN)[0]))
     integral = problem.integrate((z**3 * problem.dz)[:, None])[:, 0]
     expected = torch.from_numpy(panels.z) ** 4 / 4
     difference = integral - expected
