@@ -171,7 +171,7 @@ class _Basis:
             rims.append(
                 _OnRim(
                     polygon=polygon,
-                    features=features * sign_changing(z, branches)[..., None],
+                    features=features.mul_(sign_changing(z, branches)[..., None]),
                     own=own,
                     norm=norm,
                     start=torch.linalg.solve_triangular(
