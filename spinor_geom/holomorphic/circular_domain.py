@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -67,6 +68,12 @@ class CircularDomain:
         own = torch.arange(self.rims)
         zeta[own, own] = circles[0]
         return zeta
+
+    def squared_root(self, z: Complex[Tensor, "*pts"], antiperiodic: Sequence[bool]) -> Complex[Tensor, "*pts"]:
+        """The product of z − c_j over the holes around which spinors change their sign."""
+        odd = torch.tensor(antiperiodic, dtype=torch.bool, device=z.device)
+        product: Tensor = (z[..., None] - self.centres[odd]).prod(-1)
+        return product
 
     @cached_property
     def gaps(self) -> Float[Tensor, "m m"]:

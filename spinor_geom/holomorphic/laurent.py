@@ -16,7 +16,7 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.series import power_sums, power_table
 
 # Powers that are smaller on a circle are rounding errors.
-_ROUND_OFF = 1e-17
+ROUND_OFF = 1e-17
 
 
 class LaurentSeries(torch.nn.Module):
@@ -136,24 +136,30 @@ class LaurentSeries(torch.nn.Module):
         ahead = 2 * k - 1 + sum(self.antiperiodic)
         lead, lag = max(ahead, 2 * j + 2), self._lagging
         n = next_fast_len(lead + 2 * lag + 2)
-        products = []
-        for number, values in enumerate(self.on_circles(n)):
-            p, q = values.unbind(-1)
-            root = self._squared_root(self.circles.circles(n)[number])
-            spectrum = torch.fft.fft(torch.stack([p * p, q * q, p * q], dim=-1) * root[:, None], dim=0) / n
-            products.append(spectrum[:ahead] if number == 0 else spectrum[1 : 2 * (j + 1)])
-        return products
+        p, q = self.on_circles(n).unbind(-1)
+        root = self.circles.squared_root(self.circles.circles(n), self.antiperiodic)
+        spectra = torch.fft.fft(torch.stack([p * p, q * q, p * q], dim=-1) * root[..., None], dim=1) / n
+        return [spectra[0, :ahead], *spectra[1:, 1 : 2 * (j + 1)]]
 
     @property
     def _lagging(self) -> int:
         """Powers of other circles' coordinates that are no rounding errors on a circle."""
         if len(self.inward) == 1:
             return max(len(self.outward), self.inward.shape[1])
-        return math.ceil(math.log(_ROUND_OFF) / math.log(self.circles.nearness))
+        return math.ceil(math.log(ROUND_OFF) / math.log(self.circles.nearness))
 
     def on_circles(self, n: int) -> Complex[Tensor, "m n 2"]:
         """P and q without their roots at n equal steps of every circle, as `CircularDomain.circles` runs."""
-        return sums_on_circles(self.circles, self.outward, self.inward, n)
+        return sums_on_circles(self.circles, self.own, n).permute(1, 2, 0)
+
+    @property
+    def own(self) -> Complex[Tensor, "2 m k"]:
+        """The coefficients of every circle's own powers, from the zeroth on: that of a hole is 0."""
+        outward, inward = self.outward.T[:, None], self.inward.movedim(-1, 0)
+        count = max(outward.shape[-1], inward.shape[-1] + 1)
+        pad = torch.nn.functional.pad
+        rows = pad(outward, (0, count - outward.shape[-1])), pad(inward, (1, count - 1 - inward.shape[-1]))
+        return torch.cat(rows, dim=1)
 
     def config(self) -> dict[str, Any]:
         """Numbers of terms, holes and periodicity."""
@@ -186,48 +192,38 @@ class LaurentSeries(torch.nn.Module):
                 root = root * torch.sqrt(z - centre)
         return root
 
-    def _squared_root(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
-        odd = torch.tensor(self.antiperiodic, device=z.device)
-        product: Tensor = (z[..., None] - self.circles.centres[odd]).prod(-1)
-        return product
+
+def sums_on_circles(domain: CircularDomain, own: Complex[Tensor, "*rows m k"], n: int) -> Complex[Tensor, "*rows m n"]:
+    """Σ_j Σ_k c_jk ζ_j^k at n > k equal steps of every circle, from the coefficients of all circles' own powers."""
+    return parts_on_circles(domain, own, n).sum(-2)
 
 
-def sums_on_circles(
-    domain: CircularDomain, outward: Complex[Tensor, "k c"], inward: Complex[Tensor, "holes l c"], n: int
-) -> Complex[Tensor, "m n c"]:
-    """Σ_k a_k z^k + Σ_j Σ_k b_jk ζ_j^k at n equal steps of every circle, n larger than the numbers of terms."""
-    return torch.stack([parts_on_circle(domain, outward, inward, n, k).sum(0) for k in range(domain.rims)])
-
-
-def parts_on_circle(
-    domain: CircularDomain, outward: Complex[Tensor, "k c"], inward: Complex[Tensor, "holes l c"], n: int, number: int
-) -> Complex[Tensor, "m n c"]:
-    """The sums of every circle's own powers at n equal steps of one circle.
-
-    The circle's own powers, and those of a concentric one, are frequencies there.
-    """
-    count, columns = max(len(outward), inward.shape[1] + 1), outward.shape[1]
-    own = outward.new_zeros(domain.rims, count, columns)
-    own[0, : len(outward)] = outward
-    own[1:, 1 : inward.shape[1] + 1] = inward
-    spectrum = outward.new_zeros(domain.rims, n, columns)
-    spectrum[number, :count] = own[number]
-    others = [k for k in range(domain.rims) if k != number]
-    if number < 2:
-        other = others.pop(0)
-        gap = float(domain.gaps[number, other])
-        part = own[other] * gap ** torch.arange(count, dtype=outward.real.dtype, device=outward.device)[:, None]
-        spectrum[other, 0] = part[0]
-        spectrum[other, n - count + 1 :] = part[1:].flip(0)
-    values: Tensor = torch.fft.ifft(spectrum, dim=1) * n
-    if others:
-        terms = math.ceil(math.log(_ROUND_OFF) / math.log(float(domain.gaps[number].max()))) + 1
-        zeta = domain.coordinates(domain.circles(n)[number])[others, :, None]
-        total = torch.zeros_like(values[others])
-        for coefficients in own[others, :terms].unbind(1)[::-1]:
-            total = total * zeta + coefficients[:, None]
-        values[others] = total
-    return values
+def parts_on_circles(
+    domain: CircularDomain, own: Complex[Tensor, "*rows m k"], n: int
+) -> Complex[Tensor, "*rows m m n"]:
+    """The sum of every circle's own powers, the last but one index, at n > k equal steps of every circle."""
+    m, count = own.shape[-2:]
+    spectrum = own.new_zeros(*own.shape[:-2], m, m, n)
+    torch.diagonal(spectrum, dim1=-3, dim2=-2)[..., :count, :] = own.mT
+    if m > 1:
+        # the powers of one of two concentric circles are frequencies on the other, too
+        k = torch.arange(count, dtype=own.real.dtype, device=own.device)
+        for there, here in ((0, 1), (1, 0)):
+            lagging = own[..., there, :] * domain.radii[0] ** k
+            spectrum[..., here, there, 0] = lagging[..., 0]
+            spectrum[..., here, there, n - count + 1 :] = lagging[..., 1:].flip(-1)
+    parts: Tensor = torch.fft.ifft(spectrum) * n
+    if m > 2:
+        apart = torch.ones(m, m, dtype=torch.bool, device=own.device).fill_diagonal_(False)
+        apart[:2, :2] = False
+        here, there = apart.nonzero().T
+        zeta = domain.coordinates(domain.circles(n))[there, here]
+        terms = math.ceil(math.log(ROUND_OFF) / math.log(float(domain.gaps[apart].max()))) + 1
+        total = parts.new_zeros(*own.shape[:-2], len(here), n)
+        for coefficients in own[..., there, :terms].unbind(-1)[::-1]:
+            total = total * zeta + coefficients[..., None]
+        parts[..., here, there, :] = total
+    return parts
 
 
 def _sums(

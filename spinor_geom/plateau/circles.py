@@ -16,9 +16,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-
-# Powers of the coordinates that are smaller on every other circle are rounding errors.
-ROUND_OFF = 1e-17
+from spinor_geom.holomorphic.laurent import ROUND_OFF
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,24 +55,24 @@ class DirichletForm:
         error = float((coupling - coupling.T).abs().max()) / (count / 4)
         return cls(domain=domain, steps=n, own=own, other=None, correction=(coupling + coupling.T) / 2, error=error)
 
-    def __call__(self, x: Float[Tensor, "m n c"]) -> Float[Tensor, "m n c"]:
+    def __call__(self, x: Float[Tensor, "*batch m n c"]) -> Float[Tensor, "*batch m n c"]:
         """Λ of each column, on all circles."""
         n = self.steps
         spectrum = torch.fft.rfft(x, dim=-2)
         result = self.own[:, None] * spectrum
         if self.other is not None:
-            result = result + self.other[:, None] * spectrum.flip(0).conj()
+            result = result + self.other[:, None] * spectrum.flip(-3).conj()
         if self.correction is None:
             values: Tensor = torch.fft.irfft(result, n=n, dim=-2)
             return values
-        m, columns = len(x), x.shape[-1]
+        m = x.shape[-3]
         count = len(self.correction) // m
-        low = x if count == n else torch.fft.irfft(spectrum[:, : count // 2], n=count, dim=-2) * (count / n)
-        change = (self.correction @ low.reshape(m * count, columns)).reshape(m, count, columns)
+        low = x if count == n else torch.fft.irfft(spectrum[..., : count // 2, :], n=count, dim=-2) * (count / n)
+        change = (self.correction @ low.flatten(-3, -2)).unflatten(-2, (m, count))
         if count == n:
             own: Tensor = torch.fft.irfft(result, n=n, dim=-2)
             return own + change
-        result[:, : count // 2] += torch.fft.rfft(change, dim=-2)[:, : count // 2] * (n / count)
+        result[..., : count // 2, :] += torch.fft.rfft(change, dim=-2)[..., : count // 2, :] * (n / count)
         together: Tensor = torch.fft.irfft(result, n=n, dim=-2)
         return together
 
@@ -180,7 +178,8 @@ def derivative(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
     n = x.shape[-2]
     k = 1j * torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)
     k[-1] = 0
-    values: Tensor = torch.fft.irfft(k[:, None] * torch.fft.rfft(x, dim=-2), n=n, dim=-2)
+    # along rows: of columns side by side some processors round one otherwise when others are beside it
+    values: Tensor = torch.fft.irfft(k * torch.fft.rfft(x.mT.contiguous()), n=n).mT
     return values
 
 

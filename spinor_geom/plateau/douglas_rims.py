@@ -41,12 +41,12 @@ class RimsProblem:
     """Douglas's problem for curves that run as the boundary of Ω does, the outer one first.
 
     Attributes:
-        curves: two or more.
+        curves: two or more, as a batch.
         negligible: as for `DirichletForm.of`.
         on_step: is called with the gradient at each Newton step; None for silence.
     """
 
-    curves: tuple[CurveTensors, ...]
+    curves: CurveTensors
     negligible: float = ROUND_OFF
     on_step: Callable[[float], None] | None = None
 

@@ -1,8 +1,15 @@
-"""From a harmonic disk to p and q: the lift of its null curve along ∂Ω, and where its boundary really lies."""
+"""From a harmonic surface to p and q: the lift of its null curve along ∂Ω, and where its boundary really lies.
+
+φ = 2∂X/∂z on ∂Ω comes from X and its conjugate; p and q are its spinors there, continued into Ω: one power series for
+each circle, or Cauchy's formula on other domains. Where X is not quite conformal φ is not quite null, and the surface
+of p and q is off X. While that leaves it too far from Γ, powers are added to p and q by Gauss-Newton, which takes away
+the slow part of the distance, and what is left of it is taken from X before the next lift. Around holes Re ∮ φ dz = 0
+is kept by the least change of the same powers. A disk is the case of one rim: nothing closes, and no sign is open.
+"""
 
 from __future__ import annotations
 
-import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -14,35 +21,32 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import SurfaceError
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials
+from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.plateau.circles import DirichletForm as CirclesForm
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, resampled
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.surface.formulas import phi
+from spinor_geom.plateau.rims_energy import HarmonicSurface
+from spinor_geom.plateau.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
+from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# coefficients of a power series below this share of the largest are rounding errors
-_ROUND_OFF = 1e-17
 # Newton steps by which the constant of r and the nearest points of Γ are found, and what keeps the former from running
 # along a curve that is hardly wider than a line
 _PLACING_STEPS, _STIFFNESS = 2, 1e-3
-# Gauss-Newton with polynomials: their degree, its steps, points that its equations are taken at, and its damping: it is
-# singular where maps of Ω onto itself move the boundary along Γ
-_SETTLING_DEGREE, _SETTLING_STEPS, _SETTLING_ROWS, _SETTLING_DAMPING = 16, 3, 4096, 1e-10
+# share of the last one's distance that a new lift or a step of Gauss-Newton must come below
+_WORTHWHILE = 0.5
+# points for each node: with p and q, of up to half as many frequencies as nodes, the square of the distance has twice
+# as many as nodes
+_EACH = 4
 # largest turn of ∂Ω from one of its vertices to the next
 _TURN_OF_AN_EDGE = np.radians(25.0)
-# lifts in all, and the share of the last one's distance that a new one must come below
-_MOST_LIFTS, _WORTHWHILE = 8, 0.9
-# points for each node: while a surface is sought, and where its distance is told: with p and q, of up to half as many
-# frequencies as nodes, the square of the distance has twice as many as nodes
-_POINTS_PER_NODE, _POINTS_TOLD = 2, 4
-# so few nodes that more points cost less than placing the surface once more
-_FEW_NODES = 512
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,17 +55,34 @@ class Lift:
 
     Attributes:
         model: p and q.
-        null_curve: (4n, 3), ∫ φ dz along ∂Ω at t = j/(4n); its real part is the boundary, where it should be on Γ.
-        slide: (4n,), the parameter of the point of Γ near each.
+        null_curve: (m, 4n, 3), ∫ φ dz along each rim at equal steps of its parameter, without what is imaginary of
+            logarithms; its real part is the boundary, where it should be on Γ.
+        slides: (m, 4n), the parameter of the point of its curve near each.
         misfit: distance between the boundary and Γ.
         area: ½∮ r·Im(φ dz).
+        period: the largest |Re ∮ φ dz| around a hole.
     """
 
-    model: PowerSeries | CauchyInterpolant
-    null_curve: Complex[Tensor, "m 3"]
-    slide: Float[Tensor, " m"]
+    model: PowerSeries | LaurentSeries | CauchyInterpolant
+    null_curve: Complex[Tensor, "m k 3"]
+    slides: Float[Tensor, "m k"]
     misfit: Misfit
     area: float
+    period: float
+
+    @property
+    def series(self) -> LaurentSeries:
+        """P and q over several rims."""
+        assert isinstance(self.model, LaurentSeries)
+        return self.model
+
+    @cached_property
+    def shift(self) -> Float[Tensor, "3"]:
+        """The constant beside Re ∫ φ dz in closed form, on circles."""
+        assert not isinstance(self.model, CauchyInterpolant)  # has none
+        with torch.no_grad():
+            start = self.model.primitive(self.null_curve.new_ones(1))
+        return self.null_curve[0, 0].real - null_vector(*start.unbind(-1))[0].real
 
 
 def lifted(disk: HarmonicDisk, form: DirichletForm, curve: CurveTensors, *, allowed: float) -> Lift:
@@ -71,24 +92,32 @@ def lifted(disk: HarmonicDisk, form: DirichletForm, curve: CurveTensors, *, allo
         SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
     """
     (lift,) = lifted_together([disk], form, CurveTensors.batch([curve]), allowed=[allowed])
-    if lift is None:
-        raise SurfaceError(
-            "the harmonic disk over the loop has a branch point of odd order, p and q change sign around it; no "
-            "immersed minimal surface was found near it"
-        )
-    return lift
+    return _required(lift)
+
+
+def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: float) -> Lift:
+    """The minimal surface next to a harmonic one between several rims.
+
+    Args:
+        surface: X.
+        curves: of the rims, as a batch.
+        allowed: RMS distance from Γ that is near enough.
+
+    Raises:
+        SurfaceError: the signs of p and q around the rims do not fit each other: this harmonic surface has a branch
+            point of odd order.
+    """
+    points, slides = surface.points, surface.slides
+    form = CirclesForm.of(surface.domain, points.shape[1])
+    traces = OnCircles.of(surface.domain, slopes(form, points))
+    (lift,) = _lifted(traces, form, points[None], slides[None], curves, slides.new_tensor([allowed]))
+    return _required(lift)
 
 
 def lifted_together(
     disks: Sequence[HarmonicDisk], form: DirichletForm, curves: CurveTensors, *, allowed: Sequence[float]
 ) -> tuple[Lift | None, ...]:
     """The minimal surfaces next to harmonic disks on one Ω, and their distances from Γ at the nodes and between them.
-
-    φ = 2∂X/∂z on ∂Ω comes from X and its conjugate; p and q are its spinors there, and the model continues them into Ω:
-    a power series on the unit disk, Cauchy's formula elsewhere. Where X is not quite conformal φ is not quite null, and
-    the surface of p and q is off X. While that leaves it too far from Γ, polynomials are added to p and q by
-    Gauss-Newton, which takes away the slow part of the distance, and what is left of it is taken from X before the next
-    lift.
 
     Args:
         disks: X of each curve, all with the same number of nodes; they do not know of each other.
@@ -99,56 +128,73 @@ def lifted_together(
     Returns:
         Of each disk its surface; None where p and q change sign around ∂Ω, around a branch point of odd order.
     """
-    slides = torch.stack([disk.slide for disk in disks])
-    points = torch.stack([disk.points for disk in disks])
-    limits = slides.new_tensor(allowed)
-    each = _POINTS_TOLD if slides.shape[1] <= _FEW_NODES else _POINTS_PER_NODE
-    every = sampled = _SampledBoundary.of(form, slides, each, curves)
+    slides, points = (torch.stack(rows)[:, None] for rows in zip(*((d.slide, d.points) for d in disks), strict=True))
+    none = slides.new_zeros(0)
+    disk = CircularDomain(centres=none.to(torch.complex128), log_radii=none)
+    n = slides.shape[-1]
+    if form.kernel is None:
+        return _lifted(OnCircles(domain=disk, nodes=n), form, points, slides, curves, slides.new_tensor(allowed))
+    traces = OnCurve(boundary=form.boundary, kernel=form.kernel, nodes=n)
+    return _lifted(traces, form, points, slides, curves, slides.new_tensor(allowed))
+
+
+def _required(lift: Lift | None) -> Lift:
+    if lift is None:
+        raise SurfaceError(
+            "the harmonic surface has a branch point of odd order, p and q change sign around it or around an odd "
+            "number of rims; no immersed minimal surface was found near it"
+        )
+    return lift
+
+
+def _lifted(
+    traces: OnCircles | OnCurve,
+    form: CirclesForm | DirichletForm,
+    points: Float[Tensor, "b m n 3"],
+    slides: Float[Tensor, "b m n"],
+    curves: CurveTensors,
+    allowed: Float[Tensor, " b"],
+) -> tuple[Lift | None, ...]:
+    every = sampled = _SampledBoundary.of(traces, form, slides, curves)
     number = torch.arange(len(slides), device=slides.device)
     best: _Placed | None = None
     is_lifted = torch.zeros_like(number, dtype=torch.bool)
-    for _ in range(_MOST_LIFTS):
-        values, is_immersed = sampled.spinors(points)
-        placed = sampled.placed(values, sampled.slide)
-        far = (is_immersed & (placed.rms > limits[number])).nonzero()[:, 0]
+    while True:
+        spinors, better = sampled.spinors(points)
+        placed = sampled.placed(spinors, sampled.slides)
+        far = (better & (placed.rms > allowed[number])).nonzero()[:, 0]
         if len(far):
             placed = placed.replaced(far, sampled.at(far).settled(placed.at(far)))
-        better = is_immersed
         if best is None:
             best = placed
         else:
             better = better & (placed.rms < _WORTHWHILE * best.rms[number])
             best = best.replaced(number[better], placed.at(better.nonzero()[:, 0]))
         is_lifted[number[better]] = True
-        left = (better & (placed.rms > limits[number])).nonzero()[:, 0]
+        left = (better & (placed.rms > allowed[number])).nonzero()[:, 0]
         if not len(left):
-            break
-        points = points[left] - placed.error[left][..., ::each].mT
+            return every.lifts(best, is_lifted)
+        points = points[left] - placed.error[left][..., ::_EACH].movedim(1, -1)
         number, sampled = number[left], sampled.at(left)
-    assert best is not None
-    told = best
-    if each < _POINTS_TOLD:
-        every = _SampledBoundary.of(form, slides, _POINTS_TOLD, curves)
-        told = every.placed(best.values, torch.stack([resampled(row, every.slide.shape[1]) for row in best.slide]))
-    return every.lifts(told, is_lifted)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Placed:
-    """Surfaces with given p and q at the n nodes, as near to Γ as their constants bring them; the rest at m points."""
+    """Surfaces with given p and q, as near to Γ as their constants bring them, at k points of each of m rims."""
 
-    values: Tensor  # (b, 2, n), p and q
-    velocity: Tensor  # (b, 3, m), φ dz/dt
-    null_curve: Tensor  # (b, 3, m)
-    slide: Tensor  # (b, m), of the point of Γ near each
-    error: Tensor  # (b, 3, m), r − Γ(slide)
-    tangent: Tensor  # (b, 3, m), Γ'(slide)
+    functions: Tensor  # (b, 2, m, terms), p and q
+    spinors: Tensor  # (b, 2, m, k), their values
+    velocity: Tensor  # (b, 3, m, k), φ dz/dτ
+    null_curve: Tensor  # (b, 3, m, k)
+    slides: Tensor  # (b, m, k), of the point of Γ near each
+    error: Tensor  # (b, 3, m, k), r − Γ(slide)
+    tangent: Tensor  # (b, 3, m, k), Γ'(slide)
     rms: Tensor  # (b,)
 
-    def at(self, which: Int[Tensor, " k"]) -> _Placed:
+    def at(self, which: Int[Tensor, " j"]) -> _Placed:
         return _Placed(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
-    def replaced(self, which: Int[Tensor, " k"], other: _Placed) -> _Placed:
+    def replaced(self, which: Int[Tensor, " j"], other: _Placed) -> _Placed:
         """With some of them from another."""
         return _Placed(
             **{
@@ -160,172 +206,195 @@ class _Placed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _SampledBoundary:
-    """∂Ω at n nodes and at m = each·n points, the nodes and some between each two, for b curves."""
+    """∂Ω at k points of each rim, the n nodes and some between each two, for b surfaces."""
 
-    form: DirichletForm
-    curves: CurveTensors
-    each: int
-    z: Tensor  # (m,)
-    dz: Tensor  # (m,), dz/dt
-    slide: Tensor  # (b, m), where the harmonic disks have their points on Γ
-    weights: Tensor  # (b, m), arc length of Γ around each of them, of sum 1
+    traces: OnCircles | OnCurve
+    form: CirclesForm | DirichletForm
+    curves: CurveTensors  # b m of them
+    dz: Tensor  # (m, k), the weights of φ
+    slides: Tensor  # (b, m, k), where the harmonic surfaces have their points on Γ
+    weights: Tensor  # (b, m, k), arc length of Γ around each of them, of sum 1
 
     @classmethod
-    def of(cls, form: DirichletForm, nodes: Float[Tensor, "b n"], each: int, curves: CurveTensors) -> _SampledBoundary:
-        slide = torch.stack([resampled(row, each * len(row)) for row in nodes])
-        z, dz, _ = (torch.tensor(row, device=slide.device) for row in form.boundary.grid(slide.shape[1]))
-        step = torch.diff(slide, append=slide[:, :1] + 1)
-        weights = (step + step.roll(1, -1)) * curves.point_and_derivative(slide)[1].square().sum(-1).sqrt()
-        weights = weights / weights.sum(-1, keepdim=True)
-        return cls(form=form, curves=curves, each=each, z=z, dz=dz, slide=slide, weights=weights)
+    def of(
+        cls,
+        traces: OnCircles | OnCurve,
+        form: CirclesForm | DirichletForm,
+        nodes: Float[Tensor, "b m n"],
+        curves: CurveTensors,
+    ) -> _SampledBoundary:
+        fine = torch.stack([resampled(row, _EACH * len(row)) for row in nodes.flatten(0, 1)])
+        step = torch.diff(fine, append=fine[:, :1] + 1)
+        weights = (step + step.roll(1, -1)) * curves.point_and_derivative(fine)[1].square().sum(-1).sqrt()
+        weights = weights.reshape(*nodes.shape[:2], -1)
+        weights = weights / weights.sum((1, 2), keepdim=True)
+        dz = traces.weights(fine.shape[1])
+        slides = fine.reshape(weights.shape)
+        return cls(traces=traces, form=form, curves=curves, dz=dz, slides=slides, weights=weights)
 
-    def at(self, which: Int[Tensor, " k"]) -> _SampledBoundary:
-        """With some of the curves."""
-        return replace(self, curves=self.curves.at(which), slide=self.slide[which], weights=self.weights[which])
+    def at(self, which: Int[Tensor, " j"]) -> _SampledBoundary:
+        """With some of the surfaces."""
+        if len(which) == len(self.slides):
+            return self
+        # several of them have one rim each
+        return replace(self, curves=self.curves.at(which), slides=self.slides[which], weights=self.weights[which])
 
-    def spinors(self, points: Float[Tensor, "b n 3"]) -> tuple[Complex[Tensor, "b 2 n"], Bool[Tensor, " b"]]:
-        """P and q at the nodes of harmonic surfaces with given boundary values, and whether their signs close up."""
-        velocity = torch.complex(_derivative(points), 2 * np.pi * self.form(points))
-        p, q = spinors_from_phi(velocity / self.dz[:: self.each, None])
-        return torch.stack([p, q], dim=1), signs_close_up(p, q)
+    def spinors(self, points: Float[Tensor, "b m n 3"]) -> tuple[Complex[Tensor, "b 2 m t"], Bool[Tensor, " b"]]:
+        """P and q of harmonic surfaces with given values at the nodes, and whether their signs close up."""
+        p, q = spinors_from_phi(slopes(self.form, points) / self.dz[:, ::_EACH, None])
+        return self.traces.told(torch.stack([p, q], dim=1)), signs_close_up(p, q).all(-1)
 
-    def placed(self, values: Complex[Tensor, "b 2 n"], slide: Float[Tensor, "b m"]) -> _Placed:
-        """The surfaces with given p and q at the nodes; the slides say where on Γ to look for the nearest points.
+    def placed(self, functions: Complex[Tensor, "b 2 m t"], slides: Float[Tensor, "b m k"]) -> _Placed:
+        """The surfaces with given p and q but for what opens them; the slides say where to look for the nearest points.
 
-        Constant and slide are found together by Newton's method.
+        Constant and slides are found together by Newton's method.
         """
-        m = len(self.z)
-        if self.form.kernel is None:
-            fine = torch.fft.ifft(_series(values), n=m) * m
-        else:
-            fine = _with_between_nodes(values, self.form.kernel, self.each)
-        velocity = phi(fine[:, 0], fine[:, 1]).mT * self.dz
-        null_curve = _integral(velocity)
-        for step in itertools.count():
-            point, tangent, bend = (part.mT for part in self.curves.point_and_derivatives(slide))
+        functions, spinors, velocity = closed(self.traces, functions, self.dz)
+        null_curve, k = self.traces.integral(velocity), slides.shape[-1]
+        for step in range(_PLACING_STEPS + 1):
+            parts = self.curves.point_and_derivatives(slides.flatten(0, 1))
+            point, tangent, bend = (part.unflatten(0, slides.shape[:2]).movedim(-1, 1) for part in parts)
             error = null_curve.real - point
             if step == _PLACING_STEPS:
                 break
             # the mean first, which brings what lies anywhere to its place
-            shift = (self._normal_shift(error, tangent) if step else (self.weights[:, None] * error).sum(-1))[..., None]
-            null_curve, error = null_curve - shift, error - shift
+            shift = self._normal_shift(error, tangent) if step else self._mean(error)
+            null_curve, error = null_curve - shift[..., None, None], error - shift[..., None, None]
             speed2 = tangent.square().sum(1)
             move = (error * tangent).sum(1) / torch.maximum(speed2 - (error * bend).sum(1), speed2 / 2)
-            slide = slide + move.clamp(-1 / m, 1 / m)
+            slides = slides + move.clamp(-1 / k, 1 / k)
         return _Placed(
-            values=values,
+            functions=functions,
+            spinors=spinors,
             velocity=velocity,
             null_curve=null_curve,
-            slide=slide,
+            slides=slides,
             error=error,
             tangent=tangent,
-            rms=(self.weights * error.square().sum(1)).sum(-1).sqrt(),
+            rms=self._mean(error.square().sum(1, keepdim=True))[:, 0].sqrt(),
         )
 
-    def _normal_shift(self, error: Float[Tensor, "b 3 m"], tangent: Float[Tensor, "b 3 m"]) -> Float[Tensor, "b 3"]:
+    def _mean(self, values: Float[Tensor, "b c m k"]) -> Float[Tensor, "b c"]:
+        """By arc length."""
+        return (self.weights[:, None] * values).sum((-2, -1))
+
+    def _normal_shift(self, error: Float[Tensor, "b 3 m k"], tangent: Float[Tensor, "b 3 m k"]) -> Float[Tensor, "b 3"]:
         """The constant that takes most from the mean squared distance normal to Γ."""
         unit = tangent / tangent.square().sum(1, keepdim=True).sqrt()
-        weighted = self.weights[:, None] * unit
-        along = (weighted[:, :, None] * unit[:, None]).sum(-1)
-        normal = (self.weights[:, None] * error).sum(-1) - (weighted * (unit * error).sum(1, keepdim=True)).sum(-1)
+        along = self._mean((unit[:, :, None] * unit[:, None]).flatten(1, 2)).unflatten(1, (3, 3))
+        normal = self._mean(error - unit * (unit * error).sum(1, keepdim=True))
         # a long straight curve hardly says where along it the constant is
         identity = torch.eye(3, dtype=error.dtype, device=error.device)
         move: Tensor = torch.linalg.solve((1 + _STIFFNESS) * identity - along, normal)
         return move
 
     def settled(self, placed: _Placed) -> _Placed:
-        """The surfaces with polynomials added to p and q that bring them nearer to Γ."""
+        """The surfaces with powers added to p and q that bring them nearer to Γ."""
         number, sampled = torch.arange(len(placed.rms), device=placed.rms.device), self
-        for _ in range(_SETTLING_STEPS):
+        while True:
             before = placed.at(number)
-            values = before.values + sampled._gauss_newton_step(before)
-            nearer = sampled.placed(values, before.slide)
+            nearer = sampled.placed(before.functions + sampled._gauss_newton_step(before), before.slides)
             better = (nearer.rms < before.rms).nonzero()[:, 0]
             placed = placed.replaced(number[better], nearer.at(better))
             left = (nearer.rms <= _WORTHWHILE * before.rms).nonzero()[:, 0]
             if not len(left):
-                break
+                return placed
             number, sampled = number[left], sampled.at(left)
-        return placed
 
-    @cached_property
-    def _polynomials(self) -> Complex[Tensor, "k n"]:
-        z, dz = self.z[:: self.each], self.dz[:: self.each]
-        if self.form.kernel is None:
-            return z ** torch.arange(_SETTLING_DEGREE + 1, device=z.device)[:, None]
-        hessenberg = arnoldi_hessenberg(z, dz.abs() / dz.abs().sum(), _SETTLING_DEGREE)
-        return arnoldi_polynomials(z, hessenberg).T
-
-    def _gauss_newton_step(self, placed: _Placed) -> Complex[Tensor, "b 2 n"]:
-        """Changes of p and q by polynomials that lessen the distance normal to Γ at the nodes, to first order."""
-        basis, dz = self._polynomials, self.dz[:: self.each]
-        stride = max(1, len(dz) // _SETTLING_ROWS)
-        nodes = slice(None, None, self.each * stride)
-        by_p, by_q = (_integral(placed.values[:, i, None] * basis * dz)[..., ::stride] for i in (0, 1))
-        root, error = self.weights[:, None, nodes].sqrt(), placed.error[..., nodes]
+    def _gauss_newton_step(self, placed: _Placed) -> Complex[Tensor, "b 2 m t"]:
+        """Changes of p and q by powers that lessen the distance normal to Γ at the nodes, to first order."""
+        nodes, dz = (..., slice(None, None, _EACH)), self.dz[..., ::_EACH]
+        spinors, moves = placed.spinors[nodes], self.traces.powers_at_nodes * dz
+        by_p, by_q = (self.traces.integral(spinors[:, i, None] * moves).flatten(2) for i in (0, 1))
+        root, error = self.weights[nodes].flatten(1)[:, None].sqrt(), placed.error[nodes].flatten(2)
         rows, right = [], []
-        for normal in normals_of(placed.tangent[..., nodes].mT):
+        for normal in normals_of(placed.tangent[nodes].flatten(2).mT):
             e = root * normal.mT
-            along = torch.complex(e[:, :1], -e[:, 1:2])
-            upright = e[:, 2:]
-            row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
-            rows.append(2 * torch.cat([row.real, -row.imag, e / 2], dim=1))
+            rows.append(torch.cat([moves_by(e, by_p, by_q), e], dim=1))
             right.append(-(e * error).sum(1))
-        matrix, k = torch.cat(rows, dim=2), len(basis)
-        # one after the other: BLAS rounds a loop's product otherwise when others are beside it
+        matrix = torch.cat(rows, dim=2)
         gram = torch.stack([one @ one.T for one in matrix])
         diagonal = gram.diagonal(dim1=1, dim2=2)
-        diagonal.add_(_SETTLING_DAMPING * diagonal.mean(-1, keepdim=True))
-        x = torch.linalg.solve(gram, (matrix * torch.cat(right, dim=1)[:, None]).sum(-1))
-        change = torch.complex(x[:, : 2 * k], x[:, 2 * k : 4 * k]).reshape(len(x), 2, k)
-        return torch.stack([one @ basis for one in change])
+        # singular where maps of Ω onto itself move the boundary along Γ
+        diagonal.add_(len(diagonal[0]) * torch.finfo(gram.dtype).eps * diagonal.mean(-1, keepdim=True))
+        wanted = (matrix * torch.cat(right, dim=1)[:, None]).sum(-1)
+        if len(self.dz) == 1:
+            x = torch.linalg.solve(gram, wanted)
+        else:
+            opened = torch.nn.functional.pad(gap_rows(spinors, moves), (0, 0, 0, 3))
+            both = torch.linalg.solve(gram, torch.cat([wanted[..., None], opened], dim=-1))
+            free, held = both[..., 0], both[..., 1:]
+            force = torch.linalg.solve(opened.mT @ held, (opened.mT @ free[..., None])[..., 0] + gaps(placed.velocity))
+            x = free - (held @ force[..., None])[..., 0]
+        return changes(x[:, :-3], self.traces.powers)
 
     def lifts(self, placed: _Placed, is_lifted: Bool[Tensor, " b"]) -> tuple[Lift | None, ...]:
         """What is kept of surfaces, apart from each other."""
-        r = placed.null_curve.real
+        r, slides, m = placed.null_curve.real, placed.slides.flatten(0, 1), len(self.dz)
         misfits = Misfit.each(
-            r.mT,
-            placed.slide,
-            placed.error.square().sum(1).sqrt(),
-            placed.tangent.square().sum(1).sqrt(),
-            self.curves.local_edge(placed.slide),
+            r.movedim(1, -1).flatten(0, 1),
+            slides,
+            placed.error.square().sum(1).sqrt().flatten(0, 1),
+            placed.tangent.square().sum(1).sqrt().flatten(0, 1),
+            self.curves.local_edge(slides),
             alone=self.curves.alone,
         )
-        areas = 0.5 * (r * placed.velocity.imag).sum((1, 2)) / len(self.z)
-        if self.form.kernel is None:
-            series = _series(placed.values)
-            large = (series.abs() > _ROUND_OFF * series.abs().amax((1, 2), keepdim=True)).any(1)
-            places = torch.arange(1, series.shape[2] + 1, device=series.device)
-            terms = (large * places).amax(-1).tolist()
+        areas = np.pi * (r * placed.velocity.imag).sum((1, 2, 3)) / self.dz.shape[-1]
+        periods = 2 * np.pi * torch.nn.functional.pad(gaps(placed.velocity), (0, 1)).abs().amax(-1)
         return tuple(
-            None
-            if not whole
-            else Lift(
-                model=PowerSeries(series[i, :, : terms[i]].T)
-                if self.form.kernel is None
-                else CauchyInterpolant(self.z[:: self.each], self.dz[:: self.each], placed.values[i].T),
-                null_curve=placed.null_curve[i].T,
-                slide=placed.slide[i],
-                misfit=misfits[i],
+            Lift(
+                model=self.traces.model(placed.functions[i]),
+                null_curve=placed.null_curve[i].movedim(0, -1),
+                slides=placed.slides[i],
+                misfit=Misfit.together(misfits[m * i : m * (i + 1)]),
                 area=area,
+                period=period,
             )
-            for i, (whole, area) in enumerate(zip(is_lifted.tolist(), areas.tolist(), strict=True))
+            if whole
+            else None
+            for i, (whole, area, period) in enumerate(
+                zip(is_lifted.tolist(), areas.tolist(), periods.tolist(), strict=True)
+            )
         )
 
 
-def surface_of(lift: Lift, boundary: FourierBoundary) -> SpinorSurface:
-    """The surface of a lift; its constant is the boundary's, continued to the root by Cauchy's formula.
+def surface_of(lift: Lift, *boundaries: FourierBoundary) -> SpinorSurface:
+    """The surface of a lift.
+
+    Args:
+        lift: p and q.
+        boundaries: ∂Ω, the outer curve first.
 
     Raises:
-        DomainError: the polygon of the boundary's vertices is not simple.
+        DomainError: the polygon of the boundaries' vertices is not simple.
     """
-    domain = PlaneDomain.inside(_with_vertices(boundary, len(lift.null_curve)))
-    surface = SpinorSurface(lift.model, domain).to(lift.null_curve.device)
-    z, dz, _ = (torch.tensor(row, device=lift.null_curve.device) for row in boundary.grid(len(lift.null_curve)))
-    unit = dz / (z - surface.root)
+    boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
+    surface = SpinorSurface(lift.model, PlaneDomain.inside(boundary, holes=holes)).to(lift.slides.device)
+    root = lift.null_curve.new_tensor([surface.root])
     with torch.no_grad():
-        surface.constant.copy_(((unit @ lift.null_curve) / unit.sum()).real)
+        if isinstance(lift.model, CauchyInterpolant):
+            # the boundary's, continued to the root by Cauchy's formula
+            z, dz, _ = torch.tensor(boundary.grid(lift.slides.shape[1]), device=root.device)
+            unit = dz / (z - root)
+            constant = ((unit @ lift.null_curve[0]) / unit.sum()).real
+        else:
+            constant = null_vector(*lift.model.primitive(root).unbind(-1)).real[0] + lift.shift
+        surface.constant.copy_(constant)
     return surface
+
+
+def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBoundary]:
+    """The boundaries of a circular domain, with at least so many vertices, and edges no longer than gaps are wide."""
+    radii = [1.0, *domain.radii.tolist()]
+    counts = [
+        max(count, math.ceil(2 * math.pi * radius / gap))
+        for count, radius, gap in zip(counts, radii, domain.clearances.tolist(), strict=True)
+    ]
+    holes = zip(domain.centres.tolist(), radii[1:], counts[1:], strict=True)
+    return [
+        FourierBoundary.circle(1.0, counts[0]),
+        *(FourierBoundary.round_hole(radius, count, centre=centre) for centre, radius, count in holes),
+    ]
 
 
 def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
@@ -339,59 +408,3 @@ def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
             break
         count *= 2
     return boundary if count == len(boundary.vertices) else FourierBoundary(boundary.coefficients, count)
-
-
-def _derivative(x: Float[Tensor, "b n 3"]) -> Float[Tensor, "b n 3"]:
-    """dX/dt of samples at t = j/n."""
-    n = x.shape[1]
-    # along rows, as in DirichletForm
-    spectrum = torch.fft.rfft(x.mT.contiguous())
-    spectrum[..., n // 2] = 0
-    frequency = torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)
-    slope: Tensor = torch.fft.irfft(2j * np.pi * frequency * spectrum, n=n).mT
-    return slope
-
-
-def _integral(velocity: Complex[Tensor, "*rows n"]) -> Complex[Tensor, "*rows n"]:
-    """∫ f dt from samples at t = j/n, of mean 0; the integral around the circle is taken to vanish."""
-    n = velocity.shape[-1]
-    frequency = torch.fft.fftfreq(n, 1 / n, dtype=velocity.real.dtype, device=velocity.device)
-    frequency[0] = 1
-    spectrum = torch.fft.fft(velocity.contiguous()) / (2j * np.pi * frequency)
-    spectrum[..., 0] = spectrum[..., n // 2] = 0
-    integral: Tensor = torch.fft.ifft(spectrum)
-    return integral
-
-
-def _with_between_nodes(
-    values: Complex[Tensor, "b 2 n"], kernel: Complex[Tensor, "c c"], each: int
-) -> Complex[Tensor, "b 2 m"]:
-    """What `CauchyInterpolant`s take at their nodes and each − 1 equal steps between them, from the kernel's parts.
-
-    At a share δ of the way from one node to the next the sum with the cotangent is ½ sign(k) + ½i cot(πδ) on Fourier
-    series; the smooth part acts on low frequencies only.
-    """
-    n, count = values.shape[-1], len(kernel)
-    half = count // 2
-    k = torch.fft.fftfreq(n, 1 / n, dtype=values.real.dtype, device=values.device)
-    spectrum = torch.fft.fft(torch.cat([values, torch.ones_like(values[:, :1])], dim=1)) / n
-    low = torch.zeros(len(values), 3, count, dtype=values.dtype, device=values.device)
-    low[..., :half], low[..., -half + 1 :] = spectrum[..., :half], spectrum[..., -half + 1 :]
-    smooth = torch.fft.fft(-1j * (torch.fft.ifft(low) * count) @ kernel.T) / count
-    total = 0.5 * k.sign() * spectrum
-    total[..., :half] += smooth[..., :half]
-    total[..., -half + 1 :] += smooth[..., -half + 1 :]
-    total[..., n // 2] = 0
-    share = torch.arange(1, each, dtype=k.dtype, device=k.device)[:, None] / each
-    cotangent = 0.5j / torch.tan(np.pi * share)
-    turned = (total[:, :, None] + cotangent * spectrum[:, :, None]) * torch.exp(2j * np.pi * share / n * k)
-    shifted = torch.fft.ifft(turned) * n
-    between = shifted[:, :2] / shifted[:, 2:]
-    return torch.cat([values[:, :, None], between], dim=2).mT.flatten(2)
-
-
-def _series(values: Complex[Tensor, "b 2 n"]) -> Complex[Tensor, "b 2 k"]:
-    """Power series from values at the roots of unity."""
-    n = values.shape[-1]
-    coefficients: Tensor = torch.fft.fft(values)[..., : n // 2] / n
-    return coefficients

@@ -21,9 +21,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.plateau.slide import nearest_increasing
 from spinor_geom.surface.formulas import phi
-
-# Quadrature nodes of each piece of a way through Ω.
-_WAY_ORDER = 16
+from spinor_geom.surface.spinor_surface import PATH_ORDER
 
 
 class TensorCurve(Protocol):
@@ -45,7 +43,7 @@ class CurveTensors:
     Attributes:
         breaks: (*batch, M + 1); 2 after the last break of a shorter curve.
         coefficients: (d + 1, *batch, M, 3), highest power first; 0 above the degree of a curve of a lower one.
-        slopes: the same for Γ′ where it comes from a formula of one curve.
+        slopes: the same for Γ′ where it comes from formulas, of all curves.
     """
 
     breaks: Float[Tensor, "*batch m1"]
@@ -63,21 +61,16 @@ class CurveTensors:
 
     @classmethod
     def batch(cls, curves: Sequence[CurveTensors]) -> CurveTensors:
-        """Several curves, each without a batch, as one batch; one alone keeps its own Γ′."""
-        if len(curves) == 1:
-            (curve,) = curves
-            slopes = None if curve.slopes is None else curve.slopes[:, None]
-            return cls(breaks=curve.breaks[None], coefficients=curve.coefficients[:, None], slopes=slopes)
+        """Several curves, each without a batch, as one batch; they keep their own Γ′ where all have one."""
         most = max(len(curve.breaks) for curve in curves)
-        highest = max(len(curve.coefficients) for curve in curves)
-        breaks = [torch.nn.functional.pad(curve.breaks, (0, most - len(curve.breaks)), value=2.0) for curve in curves]
-        coefficients = [
-            torch.nn.functional.pad(
-                curve.coefficients, (0, 0, 0, most - len(curve.breaks), highest - len(curve.coefficients), 0)
-            )
-            for curve in curves
-        ]
-        return cls(breaks=torch.stack(breaks), coefficients=torch.stack(coefficients, dim=1))
+        slopes = [curve.slopes for curve in curves if curve.slopes is not None]
+        return cls(
+            breaks=torch.stack(
+                [torch.nn.functional.pad(curve.breaks, (0, most - len(curve.breaks)), value=2.0) for curve in curves]
+            ),
+            coefficients=_side_by_side([curve.coefficients for curve in curves]),
+            slopes=_side_by_side(slopes) if len(slopes) == len(curves) else None,
+        )
 
     def at(self, which: Int[Tensor, " k"]) -> CurveTensors:
         """Some curves of a batch."""
@@ -153,6 +146,13 @@ class CurveTensors:
         """Number of the piece at each parameter in [0, 1) among those of all curves."""
         piece = torch.minimum((torch.searchsorted(self.breaks, s, right=True) - 1).clamp(min=0), self._last_piece)
         return piece + self._first_piece
+
+
+def _side_by_side(parts: Sequence[Float[Tensor, "_ _ 3"]]) -> Float[Tensor, "d1 b m 3"]:
+    """Coefficients of several curves, of lower ones and after the last piece of shorter ones filled up with 0."""
+    highest, most = (max(part.shape[axis] for part in parts) for axis in (0, 1))
+    filled = [torch.nn.functional.pad(part, (0, 0, 0, most - part.shape[1], highest - len(part), 0)) for part in parts]
+    return torch.stack(filled, dim=1)
 
 
 def _by_piece(coefficients: Float[Tensor, "d1 *batch m 3"]) -> Float[Tensor, "k d1 3"]:
@@ -332,7 +332,7 @@ class WayAcross:
             edge = np.abs(beside - polygon[vertex]).min()
             count = max(0, math.floor(math.log2(length / (2 * edge) + 1)))
             breaks.append(edge * (2.0 ** np.arange(count + 1) - 1) / length)
-        nodes = rule("gauss", _WAY_ORDER)
+        nodes = rule("gauss", PATH_ORDER)
         ends = np.unique(np.concatenate([breaks[0], 1 - breaks[1]]))
         width = np.diff(ends)
         share = (ends[:-1, None] + width[:, None] * nodes.nodes).ravel()

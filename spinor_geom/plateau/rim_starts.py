@@ -97,7 +97,7 @@ class Placement:
 
 
 def _problem_of(rims: Sequence[Rim], back: Sequence[bool]) -> RimsProblem:
-    return RimsProblem(curves=tuple(rim.ways[way] for rim, way in zip(rims, back, strict=True)))
+    return RimsProblem(curves=CurveTensors.batch([rim.ways[way] for rim, way in zip(rims, back, strict=True)]))
 
 
 def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:

@@ -15,20 +15,19 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
-from spinor_geom.errors import DomainError, SingularMatrixError, SurfaceError
+from spinor_geom.errors import SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
-from spinor_geom.plateau.lift_rims import Lift, lifted, lifted_surface
+from spinor_geom.plateau.harmonic_route import points_of_domain
+from spinor_geom.plateau.lift import Lift, circles_of, lifted_between, surface_of
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.moduli_search import ModuliSearch
-from spinor_geom.plateau.network_route import Budget
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_beside
@@ -67,11 +66,6 @@ PARTED = "the rims are so far apart that a cone parts them through which no conn
 # The smooth curve that leads to a rough one: its width, in points and at least as a share of the loop; and how many
 # curves there are between.
 _SMOOTHING, _NARROWEST_AVERAGE, _DEFORMATIONS = 3.0, 0.03, 4
-# Quadrature nodes on each piece of a path in Ω.
-_PATH_ORDER = 16
-# Nodes on the cylinder beyond which a domain is made for the rims; where the largest gap is fewer times the least, and
-# the mean gap wants few nodes, so many are never needed.
-_CROWDED, _EVEN, _FEW_NODES = 1200.0, 4.0, 128.0
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
@@ -90,7 +84,6 @@ class RimsSolver:
         curves: Γ through each.
         options: of the call.
         allowed: RMS distance from Γ to reach.
-        budget: of the network's fits.
         steps: of all routes.
         clock: of the stages.
     """
@@ -99,7 +92,6 @@ class RimsSolver:
     curves: tuple[BoundaryCurve, ...]
     options: Options
     allowed: float
-    budget: Budget
     steps: Steps
     clock: Clock
 
@@ -139,14 +131,14 @@ class RimsSolver:
             raise SurfaceError("no minimal surface was found between averages of the rims")
         problem = self._problem(placed)
         with self.clock.stage("lift"):
-            smooth = lifted(placed.surface, problem.curves, allowed=self.allowed)
-            circles = lifted_surface(smooth, order=_PATH_ORDER).domain.boundaries
+            smooth = lifted_between(placed.surface, problem.curves, allowed=self.allowed)
+            circles = self._circles(placed)
         points, starts = [], []
-        for rim, back, slide, circle in zip(placed.rims, placed.back, smooth.rims, circles, strict=True):
+        for rim, back, slide, circle in zip(placed.rims, placed.back, smooth.slides, circles, strict=True):
             loop, average = self.loops[rim.number], self._way[0][rim.number]
             if back:
                 loop, average = loop.reversed(), average.reversed()
-            match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide.slide))
+            match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
             starts.append(torch.as_tensor(match.points_in_domain(), device=self.options.device))
         with self.clock.stage("fit"):
@@ -162,45 +154,12 @@ class RimsSolver:
             area=passed.area,
             route="vertices",
             limit="no minimal surface near that over averages of the rims passes through their points more nearly",
-            between=_between(placed, smooth.model.antiperiodic, passed.period),
+            between=_between(placed, smooth.series.antiperiodic, passed.period),
         )
 
     def _newton_step(self, distance: float) -> bool:
         self.steps.take("Newton", distance)
         return self.steps.left > 0
-
-    def on_network(self) -> Found:
-        """The annulus of a Cauchy network on a domain made for two rims.
-
-        Raises:
-            DomainError: no simple domain was found.
-            SingularMatrixError: the discrete annulus or the fit is degenerate.
-        """
-        return self._network.found()
-
-    @cached_property
-    def _network(self) -> AnnulusNetworkSolver:
-        first, second = self.loops
-        return AnnulusNetworkSolver.between(
-            (first, second, second.reversed()),
-            (self.curves[0], self.curves[1], self._reversed[1]),
-            options=self.options.cauchy,
-            budget=self.budget,
-            device=self.options.device,
-            clock=self.clock,
-        )
-
-    @cached_property
-    def crowds(self) -> bool:
-        """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
-        first, second = (curve.coefficients[-1] for curve in self.curves)
-        gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
-        if gaps.max() < _EVEN * gaps.min() and self._wanted_nodes < _FEW_NODES:
-            return False
-        try:
-            return self._network.nodes_on_cylinder > _CROWDED
-        except (DomainError, SingularMatrixError):
-            return False
 
     def _descended(self) -> Placement | None:
         """The surface that the energy falls to from the better start, or from several of nearly the same energy.
@@ -297,9 +256,13 @@ class RimsSolver:
 
     def _problem(self, placed: Placement, step: int = 0) -> RimsProblem:
         rims = self._rims[step]
-        curves = tuple(rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True))
+        ways = [rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True)]
         negligible = _NEGLIGIBLE_POWER if self.is_rough else ROUND_OFF
-        return RimsProblem(curves=curves, negligible=negligible, on_step=partial(self.steps.take, "Douglas-Newton"))
+        return RimsProblem(
+            curves=CurveTensors.batch(ways),
+            negligible=negligible,
+            on_step=partial(self.steps.take, "Douglas-Newton"),
+        )
 
     def all_critical(self) -> list[Placement]:
         """Critical points: over two rims all with the second loop in the direction whose start has less energy.
@@ -336,7 +299,7 @@ class RimsSolver:
             goal = self._goal(finer)
             with self.clock.stage("lift"):
                 try:
-                    lift = lifted(finer, problem.curves, allowed=goal)
+                    lift = lifted_between(finer, problem.curves, allowed=goal)
                 except SurfaceError as failure:  # more nodes may tell the sheets apart
                     error = failure
                     continue
@@ -400,21 +363,25 @@ class RimsSolver:
             negligible=negligible_energy(edges, self.allowed) if self.is_rough else 0.0,
         )
 
+    def _circles(self, placed: Placement) -> list[FourierBoundary]:
+        counts = [points_of_domain(self.loops[rim.number]) for rim in placed.rims]
+        return circles_of(placed.surface.domain, counts)
+
     def _found(self, lift: Lift, harmonic: HarmonicSurface, *, placed: Placement, limit: str) -> Found:
         with self.clock.stage("surface"):
-            surface = lifted_surface(lift, order=_PATH_ORDER)
+            surface = surface_of(lift, *self._circles(replace(placed, surface=harmonic)))
         return Found(
             surface=surface,
             curves=tuple(
                 (self._reversed if back else self.curves)[rim.number]
                 for rim, back in zip(placed.rims, placed.back, strict=True)
             ),
-            matchings=tuple(_matching(rim.slide) for rim in lift.rims),
+            matchings=tuple(_matching(slide) for slide in lift.slides),
             misfit=lift.misfit,
             area=lift.area,
-            route="annulus" if len(lift.rims) == 2 else "circles",
+            route="annulus" if len(lift.slides) == 2 else "circles",
             limit=limit,
-            between=_between(replace(placed, surface=harmonic), lift.model.antiperiodic, lift.period),
+            between=_between(replace(placed, surface=harmonic), lift.series.antiperiodic, lift.period),
         )
 
 

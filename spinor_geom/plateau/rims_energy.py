@@ -77,7 +77,7 @@ class EnergyPoint:
     """The energy with its derivatives at given slides and moduli; sums over the nodes, without the factor 2π/n.
 
     Attributes:
-        curves: of the rims, as the boundary of Ω runs.
+        curves: of the rims, as the boundary of Ω runs, as a batch.
         slides: (m, n), curve parameters.
         points: (m, n, 3), of the curves.
         speed: (m, n), of the curves by their parameters.
@@ -90,7 +90,7 @@ class EnergyPoint:
         normal: (m, n, 3), ΛX.
     """
 
-    curves: tuple[CurveTensors, ...]
+    curves: CurveTensors
     slides: Float[Tensor, "m n"]
     points: Float[Tensor, "m n 3"]
     speed: Float[Tensor, "m n"]
@@ -104,11 +104,10 @@ class EnergyPoint:
 
     @classmethod
     def of(
-        cls, curves: tuple[CurveTensors, ...], slides: Float[Tensor, "m n"], domain: CircularDomain, negligible: float
+        cls, curves: CurveTensors, slides: Float[Tensor, "m n"], domain: CircularDomain, negligible: float
     ) -> EnergyPoint:
         """The energy with given slides over a given domain."""
-        parts = [curve.point_and_derivatives(slide) for curve, slide in zip(curves, slides, strict=True)]
-        points, tangent, second = (torch.stack(part) for part in zip(*parts, strict=True))
+        points, tangent, second = curves.point_and_derivatives(slides)
         form = DirichletForm.of(domain, slides.shape[1], negligible=negligible)
         normal = form(points)
         speed = tangent.square().sum(-1).sqrt()

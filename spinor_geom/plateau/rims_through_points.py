@@ -30,7 +30,7 @@ from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.gauss_newton import gram
-from spinor_geom.plateau.lift_rims import Lift
+from spinor_geom.plateau.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.through_points import (
     EdgeIntegrals,
@@ -96,7 +96,7 @@ def surface_through(
         polygon_through(_nearest(smooth, z, each).cpu().numpy()) for z, each in zip(starts, wanted, strict=True)
     )
     domain = PlaneDomain.inside(outer, holes=tuple(holes))
-    basis = _Basis.on(domain, smooth.model)
+    basis = _Basis.on(domain, smooth.series)
     start = basis.start
     here = _Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
     readout = nearest_through(here, start, start=start, enough=_BELOW_ALLOWED * allowed, on_step=on_step)
@@ -108,8 +108,8 @@ def _nearest(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "
     z = start
     with torch.no_grad():
         for _ in range(_PLACINGS):
-            velocity = phi(*smooth.model.value(z).unbind(-1))
-            away = points - smooth.shift - null_vector(*smooth.model.primitive(z).unbind(-1)).real
+            velocity = phi(*smooth.series.value(z).unbind(-1))
+            away = points - smooth.shift - null_vector(*smooth.series.primitive(z).unbind(-1)).real
             z = z + 2 * (away * velocity.conj()).sum(-1) / velocity.abs().square().sum(-1)
     return z
 

@@ -56,7 +56,7 @@ def test_mean_modulus_of_a_ring_is_its_own():
 
 def test_derivatives_of_the_energy():
     loops = facing(np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -0.5, -0.3]]))
-    curves = tuple(CurveTensors.of(BoundaryCurve.from_loop(loop), torch.device("cpu")) for loop in loops)
+    curves = CurveTensors.batch([CurveTensors.of(BoundaryCurve.from_loop(loop), torch.device("cpu")) for loop in loops])
     n = 160
     even = torch.arange(n, dtype=torch.float64) / n
     slides = even + 0.02 * torch.sin(2 * np.pi * even + torch.arange(4)[:, None])
@@ -77,7 +77,7 @@ def test_derivatives_of_the_energy():
 
 def test_a_rotation_of_the_domain_changes_nothing():
     loops = facing(np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -0.5, -0.3]]))
-    curves = tuple(CurveTensors.of(BoundaryCurve.from_loop(loop), torch.device("cpu")) for loop in loops)
+    curves = CurveTensors.batch([CurveTensors.of(BoundaryCurve.from_loop(loop), torch.device("cpu")) for loop in loops])
     slides = (torch.arange(160, dtype=torch.float64) / 160).expand(4, -1)
     here = EnergyPoint.of(curves, slides, THREE, 1e-17)
     assert abs(float(here.gradient() @ here.rotation)) < 1e-10 * float(here.gradient().norm())

@@ -14,8 +14,9 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy
-from spinor_geom.plateau.lift import _with_between_nodes, lifted, lifted_together, surface_of
+from spinor_geom.plateau.lift import lifted, lifted_together, surface_of
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.traces import with_between_nodes
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.formulas import phi
 from tests.exact_solutions import ENNEPER
@@ -75,18 +76,19 @@ def test_p_and_q_of_a_known_surface_come_back_up_to_their_sign(form, coefficient
 def test_null_curve_is_the_surface_at_the_nodes_and_between_them(form):
     curve, disk = exact_disk(form, exact_surface(form, ENNEPER), n=128)
     lift = lifted(disk, form, curve, allowed=1e-8)
-    assert lift.null_curve.shape == (512, 3)
-    assert lift.slide.shape == (512,)
+    (null_curve,), (slide,) = lift.null_curve, lift.slides
+    assert null_curve.shape == (512, 3)
+    assert slide.shape == (512,)
     surface = surface_of(lift, form.boundary)
     z, dz, _ = form.boundary.grid(512)
-    assert np.abs(surface.position(z) - lift.null_curve.real.numpy()).max() < 1e-10
-    gap = lift.null_curve.real - curve.point_and_derivative(lift.slide)[0]
+    assert np.abs(surface.position(z) - null_curve.real.numpy()).max() < 1e-10
+    gap = null_curve.real - curve.point_and_derivative(slide)[0]
     assert abs(float(gap.norm(dim=1).max()) - lift.misfit.max) < 1e-14
     # d/dt of the null curve is φ dz/dt
     p, q = torch.tensor(surface.spinors(z)).unbind(-1)
     velocity = phi(p, q).numpy() * dz[:, None]
     frequency = np.fft.fftfreq(512, 1 / 512)[:, None]
-    slope = np.fft.ifft(2j * np.pi * frequency * np.fft.fft(lift.null_curve.numpy(), axis=0), axis=0)
+    slope = np.fft.ifft(2j * np.pi * frequency * np.fft.fft(null_curve.numpy(), axis=0), axis=0)
     assert np.abs(slope - velocity).max() < 1e-9 * np.abs(velocity).max()
 
 
@@ -210,7 +212,7 @@ def test_values_between_the_nodes_are_those_of_the_interpolant(name, n, each):
     with torch.no_grad():
         fine = torch.tensor(form.boundary.grid(each * n)[0]).reshape(n, each)
         expected = CauchyInterpolant(z, dz, values).value(fine[:, 1:])
-    found = _with_between_nodes(values.mT[None], form.kernel, each)[0].mT.reshape(n, each, 2)
+    found = with_between_nodes(values.mT[None], form.kernel, each)[0].mT.reshape(n, each, 2)
     torch.testing.assert_close(found[:, 0], values, rtol=0, atol=0)
     torch.testing.assert_close(found[:, 1:], expected, rtol=0, atol=1e-11)
 
@@ -220,5 +222,5 @@ def test_values_of_entire_functions_between_the_nodes(name):
     form = FORMS[name]
     z, middle = torch.tensor(form.boundary.grid(256)[0]).reshape(128, 2).T
     values, expected = (torch.stack([torch.exp(z), z**2 - 1], dim=1) for z in (z, middle))
-    found = _with_between_nodes(values.mT[None], form.kernel, 2)[0, :, 1::2].mT
+    found = with_between_nodes(values.mT[None], form.kernel, 2)[0, :, 1::2].mT
     torch.testing.assert_close(found, expected, rtol=0, atol=1e-12)

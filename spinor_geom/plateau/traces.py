@@ -1,0 +1,277 @@
+"""Holomorphic functions on Ω by what tells them on ∂Ω: each circle's own powers, or their values at nodes.
+
+On every rim ∂Ω has a parameter τ from 0 to 2π, and Ω on its left. Functions are rows over rims and terms or nodes. The
+spinors p and q are told without the root of their sign changes, the product of √(z − c_j) over the holes around which
+they change their sign; its square is in the `weights`, so that φ dz/dτ is φ(p, q) times these.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from spinor_geom.domain.plane_domain import FourierBoundary
+from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials
+from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.laurent import ROUND_OFF, LaurentSeries, parts_on_circles, sums_on_circles
+from spinor_geom.holomorphic.series import PowerSeries, power_table
+from spinor_geom.plateau.circles import DirichletForm as CirclesForm
+from spinor_geom.plateau.circles import derivative
+from spinor_geom.plateau.dirichlet import DirichletForm
+from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
+
+# degree of the powers that are added to p and q
+_DEGREE = 16
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OnCircles:
+    """On the unit disk less round holes, or without any: of each circle the powers of its own coordinate.
+
+    Attributes:
+        domain: Ω.
+        nodes: n, of every rim.
+        antiperiodic: around which holes p and q change their sign.
+    """
+
+    domain: CircularDomain
+    nodes: int
+    antiperiodic: tuple[bool, ...] = ()
+
+    @classmethod
+    def of(cls, domain: CircularDomain, slope: Complex[Tensor, "m n 3"]) -> OnCircles:
+        """Those with the sign changes of the spinors of a harmonic surface with given φ dz/dτ."""
+        n = slope.shape[1]
+        is_periodic = signs_close_up(*spinors_from_phi(slope / domain.velocities(n)[..., None]))
+        return cls(domain=domain, nodes=n, antiperiodic=tuple((~is_periodic[1:]).tolist()))
+
+    def weights(self, n: int) -> Complex[Tensor, "m n"]:
+        """dz/dτ at n equal steps of every rim, times the square of what p and q are divided by."""
+        return self.domain.velocities(n) * self.domain.squared_root(self.domain.circles(n), self.antiperiodic)
+
+    def told(self, spinors: Complex[Tensor, "b 2 m n"]) -> Complex[Tensor, "b 2 m k"]:
+        """Functions with given values at nodes, on each rim up to one sign."""
+        n = self.nodes
+        own: Tensor = torch.fft.fft(spinors)[..., : n // 2] / n
+        if self.domain.rims == 1:
+            return own
+        own[..., 1:, 0] = 0
+        # with the right signs what one circle has of the others' powers is what these have of them
+        parts = parts_on_circles(self.domain, own, n)
+        agreement = (spinors[..., None, :] * parts.conj()).sum((0, 1, -1)).real.fill_diagonal_(0.0)
+        vector = torch.linalg.eigh(agreement + agreement.T)[1][:, -1]
+        return own * torch.where(vector * vector[0] < 0, -1.0, 1.0)[:, None]
+
+    def values(self, functions: Complex[Tensor, "*rows m k"], n: int) -> Complex[Tensor, "*rows m n"]:
+        """What they are at n equal steps of every rim."""
+        return sums_on_circles(self.domain, functions, n)
+
+    def integral(self, f: Complex[Tensor, "*rows m n"]) -> Complex[Tensor, "*rows m n"]:
+        """∫ f dτ along all rims; in place of logarithms of z − c those of |z − c|."""
+        n = f.shape[-1]
+        spectrum = torch.fft.fft(f)[..., : n // 2] / n
+        own = spectrum / (1j * _frequencies(n, f)[: n // 2])
+        own[..., 0] = 0
+        total = self.values(own, n)
+        if self.domain.rims > 1:
+            logarithms = (self.domain.circles(n)[None] - self.domain.centres[:, None, None]).abs().log()
+            # the holes run clockwise
+            total = total + torch.tensordot(1j * spectrum[..., 1:, 0], logarithms.to(f.dtype), dims=1)
+        return total
+
+    @cached_property
+    def powers(self) -> Complex[Tensor, "f m k"]:
+        """Low powers of each circle's coordinate, as they are `told`."""
+        m, number = self.domain.rims, torch.arange(self._few)
+        functions = self.domain.centres.new_zeros(m, self._few, m, self.nodes // 2)
+        functions[:, number, :, number] = torch.eye(m, dtype=functions.dtype, device=functions.device)
+        return _by_coordinate(functions)
+
+    @cached_property
+    def powers_at_nodes(self) -> Complex[Tensor, "f m n"]:
+        """Their values at the nodes."""
+        return _by_coordinate(power_table(self.domain.coordinates_on_circles(self.nodes), self._few).transpose(0, 1))
+
+    @property
+    def _few(self) -> int:
+        return min(_DEGREE + 1, self.nodes // 2)
+
+    def model(self, spinors: Complex[Tensor, "2 m k"]) -> PowerSeries | LaurentSeries:
+        """One p and q on Ω."""
+        return PowerSeries(_without_round_off(spinors[:, 0].T)) if self.domain.rims == 1 else self.laurent(spinors)
+
+    def laurent(self, spinors: Complex[Tensor, "2 m k"]) -> LaurentSeries:
+        """One p and q on an Ω with holes."""
+        outward, inward = (_without_round_off(part) for part in (spinors[:, 0].T, spinors[:, 1:, 1:].permute(2, 1, 0)))
+        return LaurentSeries(outward, inward.transpose(0, 1), self.domain, antiperiodic=self.antiperiodic)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OnCurve:
+    """On an Ω with one analytic boundary curve: values at nodes, continued by Cauchy's formula.
+
+    Attributes:
+        boundary: ∂Ω.
+        kernel: of its `DirichletForm`.
+        nodes: n.
+    """
+
+    boundary: FourierBoundary
+    kernel: Complex[Tensor, "c c"]
+    nodes: int
+
+    def weights(self, n: int) -> Complex[Tensor, "1 n"]:
+        """As `OnCircles.weights`."""
+        return self._grid(n)[1:] / (2 * np.pi)
+
+    def told(self, spinors: Complex[Tensor, "b 2 1 n"]) -> Complex[Tensor, "b 2 1 n"]:
+        """The values themselves."""
+        return spinors
+
+    def values(self, functions: Complex[Tensor, "b f 1 n"], n: int) -> Complex[Tensor, "b f 1 m"]:
+        """What they are at n equal steps."""
+        each = n // self.nodes
+        return functions if each == 1 else with_between_nodes(functions[..., 0, :], self.kernel, each)[..., None, :]
+
+    def integral(self, f: Complex[Tensor, "*rows 1 n"]) -> Complex[Tensor, "*rows 1 n"]:
+        """∫ f dτ, of mean 0."""
+        n = f.shape[-1]
+        spectrum = torch.fft.fft(f) / (1j * _frequencies(n, f))
+        spectrum[..., 0] = spectrum[..., n // 2] = 0
+        integral: Tensor = torch.fft.ifft(spectrum)
+        return integral
+
+    @cached_property
+    def powers(self) -> Complex[Tensor, "f 1 n"]:
+        """Orthonormal polynomials of low degree."""
+        z, dz = self._grid(self.nodes)
+        return arnoldi_polynomials(z, arnoldi_hessenberg(z, dz.abs() / dz.abs().sum(), _DEGREE)).T[:, None]
+
+    @property
+    def powers_at_nodes(self) -> Complex[Tensor, "f 1 n"]:
+        """The same."""
+        return self.powers
+
+    def model(self, spinors: Complex[Tensor, "2 1 n"]) -> CauchyInterpolant:
+        """One p and q on Ω."""
+        return CauchyInterpolant(*self._grid(self.nodes), spinors[:, 0].T)
+
+    def _grid(self, n: int) -> Complex[Tensor, "2 n"]:
+        return torch.tensor(self.boundary.grid(n)[:2], device=self.kernel.device)
+
+
+def slopes(form: CirclesForm | DirichletForm, points: Float[Tensor, "*b m n 3"]) -> Complex[Tensor, "*b m n 3"]:
+    """φ dz/dτ of harmonic surfaces with given values on ∂Ω: ∂X/∂τ + iΛX."""
+    return torch.complex(derivative(points), form(points))
+
+
+def closed(
+    traces: OnCircles | OnCurve, spinors: Complex[Tensor, "b 2 m t"], weights: Complex[Tensor, "m k"]
+) -> tuple[Complex[Tensor, "b 2 m t"], Complex[Tensor, "b 2 m k"], Complex[Tensor, "b 3 m k"]]:
+    """P and q with the least change of powers that makes Re ∮ φ dz = 0 around all holes; their values, and φ dz/dτ.
+
+    Args:
+        traces: of their Ω.
+        spinors: p and q as these tell them.
+        weights: `traces.weights`, at so many points that products of p and q are resolved.
+    """
+    last = math.inf
+    while True:
+        values = traces.values(spinors, weights.shape[1])
+        # along rows, as in DirichletForm
+        velocity = phi(values[:, 0], values[:, 1]).movedim(-1, 1).contiguous() * weights
+        if len(weights) == 1:
+            break
+        gap = gaps(velocity)
+        size, rounding = float(gap.abs().max()), torch.finfo(gap.dtype).eps * float(velocity.abs().max())
+        # quadratically, until only rounding errors are left
+        if size <= rounding or 2 * size > last:
+            break
+        nodes = (..., slice(None, None, weights.shape[1] // traces.nodes))
+        rows = gap_rows(values[nodes], traces.powers_at_nodes * weights[nodes])
+        spinors = spinors - changes((torch.linalg.pinv(rows.mT) @ gap[..., None])[..., 0], traces.powers)
+        last = size
+    return spinors, values, velocity
+
+
+def gaps(velocity: Complex[Tensor, "b 3 m k"]) -> Float[Tensor, "b g"]:
+    """Re ∮ φ dz around each hole over 2π."""
+    return velocity[..., 1:, :].real.mean(-1).flatten(1)
+
+
+def gap_rows(spinors: Complex[Tensor, "b 2 m k"], moves: Complex[Tensor, "f m k"]) -> Float[Tensor, "b f4 g"]:
+    """How `gaps` change with factors of functions f in p and q, from the values of f dz/dτ."""
+    by_p, by_q = ((spinors[:, i, None, 1:] * moves[..., 1:, :]).mean(-1).repeat(1, 1, 3) for i in (0, 1))
+    axes = torch.eye(3, dtype=moves.real.dtype, device=moves.device)
+    return moves_by(axes.repeat_interleave(moves.shape[1] - 1, dim=1)[None], by_p, by_q)
+
+
+def moves_by(
+    e: Float[Tensor, "b 3 pts"], by_p: Complex[Tensor, "b f pts"], by_q: Complex[Tensor, "b f pts"]
+) -> Float[Tensor, "b f4 pts"]:
+    """How e·r changes with real and imaginary parts of functions' factors in p and q, from ∫ fp dz and ∫ fq dz."""
+    along, upright = torch.complex(e[:, :1], -e[:, 1:2]), e[:, 2:]
+    row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
+    return 2 * torch.cat([row.real, -row.imag], dim=1)
+
+
+def changes(x: Float[Tensor, "b f4"], powers: Complex[Tensor, "f m t"]) -> Complex[Tensor, "b 2 m t"]:
+    """Changes of p and q from those of the powers' factors, in the order of `moves_by`."""
+    half = x.shape[1] // 2
+    factors = torch.complex(x[:, :half], x[:, half:]).unflatten(1, (2, -1))
+    # one after the other: BLAS rounds a loop's product otherwise when others are beside it
+    return torch.stack([one @ powers.flatten(1) for one in factors]).unflatten(-1, powers.shape[1:])
+
+
+def with_between_nodes(
+    values: Complex[Tensor, "b 2 n"], kernel: Complex[Tensor, "c c"], each: int
+) -> Complex[Tensor, "b 2 m"]:
+    """What `CauchyInterpolant`s take at their nodes and each − 1 equal steps between them, from the kernel's parts.
+
+    At a share δ of the way from one node to the next the sum with the cotangent is ½ sign(k) + ½i cot(πδ) on Fourier
+    series; the smooth part acts on low frequencies only.
+    """
+    n, count = values.shape[-1], len(kernel)
+    half = count // 2
+    k = torch.fft.fftfreq(n, 1 / n, dtype=values.real.dtype, device=values.device)
+    spectrum = torch.fft.fft(torch.cat([values, torch.ones_like(values[:, :1])], dim=1)) / n
+    low = torch.zeros(len(values), 3, count, dtype=values.dtype, device=values.device)
+    low[..., :half], low[..., -half + 1 :] = spectrum[..., :half], spectrum[..., -half + 1 :]
+    smooth = torch.fft.fft(-1j * (torch.fft.ifft(low) * count) @ kernel.T) / count
+    total = 0.5 * k.sign() * spectrum
+    total[..., :half] += smooth[..., :half]
+    total[..., -half + 1 :] += smooth[..., -half + 1 :]
+    total[..., n // 2] = 0
+    share = torch.arange(1, each, dtype=k.dtype, device=k.device)[:, None] / each
+    cotangent = 0.5j / torch.tan(np.pi * share)
+    turned = (total[:, :, None] + cotangent * spectrum[:, :, None]) * torch.exp(2j * np.pi * share / n * k)
+    shifted = torch.fft.ifft(turned) * n
+    between = shifted[:, :2] / shifted[:, 2:]
+    return torch.cat([values[:, :, None], between], dim=2).mT.flatten(2)
+
+
+def _by_coordinate(powers: Complex[Tensor, "m j *rest"]) -> Complex[Tensor, "f *rest"]:
+    """One row after the other of each circle's powers from the zeroth on, which only the outer circle has."""
+    return torch.cat([powers[0], powers[1:, 1:].flatten(0, 1)])
+
+
+def _frequencies(n: int, f: Complex[Tensor, "*any"]) -> Float[Tensor, " n"]:
+    """The frequencies of n equal steps, 1 in place of 0, by which nothing can be divided."""
+    k = torch.fft.fftfreq(n, 1 / n, dtype=f.real.dtype, device=f.device)
+    k[0] = 1
+    return k
+
+
+def _without_round_off(coefficients: Complex[Tensor, "k *rest"]) -> Complex[Tensor, "j *rest"]:
+    """Without what is rounding error at the end; one at least is left."""
+    sizes = coefficients.abs().flatten(1).amax(1)
+    large = (sizes > ROUND_OFF * sizes.max()).nonzero()
+    return coefficients[: int(large[-1]) + 1] if len(large) else coefficients[:1]
