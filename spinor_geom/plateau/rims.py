@@ -151,7 +151,7 @@ class RimsSolver:
                 for boundary, curve in zip(passed.surface.domain.boundaries, passed.curves, strict=True)
             ),
             misfit=passed.misfit,
-            area=passed.surface.area(),
+            area=passed.area,
             route="vertices",
             limit="no minimal surface near that over averages of the rims passes through their points more nearly",
             between=_between(placed, smooth.series.antiperiodic, passed.period),

@@ -51,13 +51,13 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Gauss-Legendre nodes on each edge while p and q are sought; with twice as many it is told how near the surface comes,
 # and sought again where that is not near enough: 1 rim in 25 of those cut along triangles, with 10 nodes every third.
-_NODES = 14
+NODES = 14
 # Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
 _NORM_DEGREE = 6
 # Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
-_DEGREE, _MOST_UNITS = 24, 800
+DEGREE, _MOST_UNITS = 24, 800
 # The Gram matrix's diagonal is raised by this share of its mean: units with neighbouring poles are nearly dependent.
-_RIDGE = 1e-9
+RIDGE = 1e-9
 # Newton steps go on to this share of the distance allowed.
 _BELOW_ALLOWED = 0.3
 # A start that is as many edges away from the points has never led to a surface through them.
@@ -93,7 +93,7 @@ def disk_through_points(
         domain = _domain(disk.faces, images, flat)
         spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(points),), device)
     raw: Complex[Tensor, "k 2"] | None = None
-    for nodes in (_NODES, 2 * _NODES):
+    for nodes in (NODES, 2 * NODES):
         with clock.stage("features"):
             basis = _Basis.on(flat.boundary, nodes, device)
         with clock.stage("fit"):
@@ -200,11 +200,11 @@ class _Basis:
         scales = torch.as_tensor(poles.scales, device=device)
         z = nodes_on_edges(polygon, nodes)
         weight = shares(polygon)[:, None] * torch.tensor(rule("gauss", nodes).weights, device=device)
-        hessenberg = arnoldi_hessenberg(z.reshape(-1), weight.reshape(-1), min(_DEGREE, max(2, n // 2)))
+        hessenberg = arnoldi_hessenberg(z.reshape(-1), weight.reshape(-1), min(DEGREE, max(2, n // 2)))
         features = raw_features(z, hessenberg, positions, scales)
-        root = _norm_of_edge(nodes, device).to(features) * shares(polygon).sqrt()[:, None, None]
+        root = norm_of_edge(nodes, device).to(features) * shares(polygon).sqrt()[:, None, None]
         matrix = gram((root @ features).flatten(0, 1))
-        matrix.diagonal().add_(_RIDGE * matrix.diagonal().real.mean())
+        matrix.diagonal().add_(RIDGE * matrix.diagonal().real.mean())
         return cls(
             polygon=polygon,
             hessenberg=hessenberg,
@@ -232,7 +232,7 @@ class _Basis:
         back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
         ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
         wanted = (1 - back - ahead) * spinors[:, None] + back * before + ahead * after
-        factor = _norm_of_edge(self.nodes, wanted.device).to(wanted)
+        factor = norm_of_edge(self.nodes, wanted.device).to(wanted)
         weighted = (factor.mT @ (factor @ wanted) * edge).flatten(0, 1)
         nearest: Tensor = torch.linalg.solve_triangular(
             self.norm, self.features.flatten(0, 1).mH @ weighted, upper=False
@@ -277,7 +277,7 @@ class _Passing:
 
 
 @lru_cache
-def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
+def norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
     """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of low degree, from its values at an edge's nodes.
 
     The edge is the unit of length; of other functions it is their projection's.
