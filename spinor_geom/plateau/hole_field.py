@@ -18,9 +18,6 @@ from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 
-# One move changes the annulus' width by this share at most.
-_LARGEST_MOVE = 0.2
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HoleField:
@@ -62,6 +59,5 @@ class HoleField:
         Raises:
             DomainError: its boundaries cross then.
         """
-        move = self.vertices @ np.clip(amounts, -_LARGEST_MOVE, _LARGEST_MOVE)
-        hole = SplineBoundary.through(domain.holes[0].vertices + move)
+        hole = SplineBoundary.through(domain.holes[0].vertices + self.vertices @ amounts)
         return PlaneDomain.inside(domain.boundary, domain.log_scale, holes=(hole,))

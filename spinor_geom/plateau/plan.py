@@ -11,11 +11,11 @@ import numpy as np
 
 from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import DomainError, FirstFillError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
-from spinor_geom.plateau.found import Found, NoneBetweenError
+from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain, suits_unit_disk
 from spinor_geom.plateau.omega import NodeDensity
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
@@ -221,7 +221,7 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
             break
         try:
             found = route.surface(task)
-        except (DomainError, FirstFillError, SingularMatrixError, SurfaceError) as failure:
+        except FAILURES as failure:
             # what is known of a surface says more than that no domain was found
             error = error if isinstance(error, SurfaceError) else failure
             continue

@@ -29,7 +29,6 @@ from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.gauss_newton import gram
 from spinor_geom.plateau.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.through_points import (
@@ -39,17 +38,16 @@ from spinor_geom.plateau.through_points import (
     misfit_at_points,
     nearest_through,
     nodes_on_edges,
+    norm_factor,
     polygon_through,
     shares,
 )
-from spinor_geom.plateau.vertex_route import DEGREE, NODES, RIDGE, norm_of_edge
+from spinor_geom.plateau.vertex_route import DEGREE, NODES, norm_of_edge
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Newton steps to a point's place.
 _PLACINGS = 3
-# Newton's method goes on to this share of the distance allowed.
-_BELOW_ALLOWED = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,7 +97,7 @@ def surface_through(
     basis = _Basis.on(domain, smooth.series)
     start = basis.start
     here = _Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
-    readout = nearest_through(here, start, start=start, enough=_BELOW_ALLOWED * allowed, on_step=on_step)
+    readout = nearest_through(here, start, start=start, allowed=allowed, on_step=on_step)
     return here.at(here.at(readout).closed(readout)).passed(domain)
 
 
@@ -163,9 +161,7 @@ class _Basis:
             features = raw_features(z, hessenberg, poles, scales)
             own = slice(*ends[number : number + 2])
             weighted = edge_norm @ features[..., own] * shares(polygon).sqrt()[:, None, None]
-            matrix = gram(weighted.flatten(0, 1))
-            matrix.diagonal().add_(RIDGE * matrix.diagonal().real.mean())
-            norm = torch.linalg.cholesky(matrix)
+            norm = norm_factor(weighted.flatten(0, 1))
             part = edge_norm @ _part(smooth, z, number) * shares(polygon).sqrt()[:, None, None]
             way, dz = _way(domain, number, device)
             rims.append(

@@ -21,9 +21,10 @@ from spinor_geom.discrete.minimal_surface import FINE_CHANGE, first_disk
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
-from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import DomainError, SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+from spinor_geom.plateau.found import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import lowest_modes
 from spinor_geom.plateau.steps import Steps
@@ -38,8 +39,6 @@ _AMPLITUDES = 0.5 ** np.arange(1, 7, 0.5)
 _SAME_NORMAL = 0.1
 # Starts in all, and unstable disks that are left one after the other: a bound, not a number that loops come near to.
 _MOST_STARTS = 24
-# What a start may fail at.
-_FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
 
 
 # Makes a solution from a discrete disk over the rim; raises one of the failures where that leads to none.
@@ -174,7 +173,7 @@ class Beside:
                     return None
                 try:
                     again = self.solve(disk)
-                except _FAILURES:
+                except FAILURES:
                     continue
                 if _is_lower(again, solution):
                     if again.converged or again.boundary_residual.rms <= solution.boundary_residual.rms:
@@ -253,7 +252,7 @@ class _Search:
         """Solves from a disk that is yet to be made."""
         try:
             disk = make_disk()
-        except _FAILURES as error:
+        except FAILURES as error:
             self.errors.append(error)
         else:
             self.start_from(disk)
@@ -265,7 +264,7 @@ class _Search:
             return None
         try:
             solution = self.solve(disk)
-        except _FAILURES as error:
+        except FAILURES as error:
             self.errors.append(error)
             return None
         if not solution.converged:

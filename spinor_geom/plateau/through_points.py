@@ -30,6 +30,8 @@ from spinor_geom.surface.formulas import null_vector, phi
 # The Newton equations' diagonal is raised by this share of its mean: an equation that no read-out can meet is not met
 # at any price. With 1e-7 600 points with 30 % noise keep 3e-3 of an edge; with 1e-9 teeth of 10° keep 1e-3.
 _DAMPING = 1e-8
+# Newton steps go on to this share of the distance allowed.
+_BELOW_ALLOWED = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,6 +133,15 @@ class PointEquations:
         return torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
 
 
+def norm_factor(features: Complex[Tensor, "m k"]) -> Complex[Tensor, "k k"]:
+    """L with LLᴴ the Gram matrix of features."""
+    matrix = gram(features)
+    # units with neighbouring poles are nearly dependent
+    matrix.diagonal().add_(torch.finfo(matrix.real.dtype).eps ** 0.5 * matrix.diagonal().real.mean())
+    factor: Tensor = torch.linalg.cholesky(matrix)
+    return factor
+
+
 class Passing(Protocol):
     """A surface on its way through points."""
 
@@ -153,7 +164,7 @@ def nearest_through(
     readout: Complex[Tensor, "k 2"],
     *,
     start: Complex[Tensor, "k 2"],
-    enough: float,
+    allowed: float,
     on_step: Callable[[float], bool],
 ) -> Complex[Tensor, "k 2"]:
     """Newton's method for the read-outs nearest to a start that meet all points.
@@ -162,12 +173,12 @@ def nearest_through(
         here: the surface to set out from.
         readout: its read-outs.
         start: those to stay near to.
-        enough: RMS distance at which to stop.
+        allowed: RMS distance, a good deal below which it stops.
         on_step: gets the RMS distance after each step, and says whether there may be one more.
     """
     linear: PointEquations | None = None
     linearised, goes_on, distance = 0, True, rms(here.error)
-    while distance > enough and goes_on and not is_out_of_time():
+    while distance > _BELOW_ALLOWED * allowed and goes_on and not is_out_of_time():
         fresh = linear is None
         if linear is None:
             if linearised == 12:  # rims that are met take one to ten

@@ -31,7 +31,6 @@ from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.gauss_newton import gram
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
@@ -41,6 +40,7 @@ from spinor_geom.plateau.through_points import (
     misfit_at_points,
     nearest_through,
     nodes_on_edges,
+    norm_factor,
     polygon_through,
     rms,
     shares,
@@ -52,18 +52,11 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Gauss-Legendre nodes on each edge while p and q are sought; with twice as many it is told how near the surface comes,
 # and sought again where that is not near enough: 1 rim in 25 of those cut along triangles, with 10 nodes every third.
 NODES = 14
-# Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
-_NORM_DEGREE = 6
 # Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
 DEGREE, _MOST_UNITS = 24, 800
-# The Gram matrix's diagonal is raised by this share of its mean: units with neighbouring poles are nearly dependent.
-RIDGE = 1e-9
-# Newton steps go on to this share of the distance allowed.
-_BELOW_ALLOWED = 0.3
-# A start that is as many edges away from the points has never led to a surface through them.
-_FAR = 4.0
-# A surface whose boundary leaves the loop's edges by so many edges would cross what is beside them.
-_LARGEST_BULGE = 2.0
+# So many edges away from the points no start has led to a surface through them, and a boundary that leaves the loop's
+# edges by as many would cross what is beside them.
+_FAR = 2.0
 
 
 def disk_through_points(
@@ -109,7 +102,7 @@ def disk_through_points(
         velocity = rim.velocity.real.reshape(len(points), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
         curve = curve_through(points, velocity, error)
         bulge = curve.bulge() / loop.mean_edge_length
-        if not bulge <= _LARGEST_BULGE:
+        if not bulge <= _FAR:
             raise SurfaceError(
                 f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
             )
@@ -160,7 +153,7 @@ def _fitted(
         return steps.left > 0
 
     if steps.left:
-        readout = nearest_through(here, readout, start=start, enough=_BELOW_ALLOWED * allowed, on_step=told)
+        readout = nearest_through(here, readout, start=start, allowed=allowed, on_step=told)
     return basis.raw(readout)
 
 
@@ -203,15 +196,13 @@ class _Basis:
         hessenberg = arnoldi_hessenberg(z.reshape(-1), weight.reshape(-1), min(DEGREE, max(2, n // 2)))
         features = raw_features(z, hessenberg, positions, scales)
         root = norm_of_edge(nodes, device).to(features) * shares(polygon).sqrt()[:, None, None]
-        matrix = gram((root @ features).flatten(0, 1))
-        matrix.diagonal().add_(RIDGE * matrix.diagonal().real.mean())
         return cls(
             polygon=polygon,
             hessenberg=hessenberg,
             poles=positions,
             scales=scales,
             features=features,
-            norm=torch.linalg.cholesky(matrix),
+            norm=norm_factor((root @ features).flatten(0, 1)),
         )
 
     @property
@@ -278,16 +269,14 @@ class _Passing:
 
 @lru_cache
 def norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
-    """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of low degree, from its values at an edge's nodes.
+    """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of a degree of half the nodes, from its values at these.
 
-    The edge is the unit of length; of other functions it is their projection's.
+    The edge is the unit of length; of other functions it is their projection's: p and q hardly vary along an edge.
     """
     places, weights = rule("gauss", count)
-    degrees = np.arange(_NORM_DEGREE + 1)
-    values = np.polynomial.legendre.legvander(2 * places - 1, _NORM_DEGREE)
-    slopes = (
-        2 * np.polynomial.legendre.legval(2 * places - 1, np.polynomial.legendre.legder(np.eye(_NORM_DEGREE + 1))).T
-    )
+    degrees = np.arange(count // 2 + 1)
+    values = np.polynomial.legendre.legvander(2 * places - 1, degrees[-1])
+    slopes = 2 * np.polynomial.legendre.legval(2 * places - 1, np.polynomial.legendre.legder(np.eye(len(degrees)))).T
     both = np.diag(1 / (2 * degrees + 1)) + slopes.T @ (weights[:, None] * slopes)
     projection = (2 * degrees[:, None] + 1) * (values * weights[:, None]).T
     return torch.tensor(np.linalg.cholesky(both).T @ projection, device=device)
