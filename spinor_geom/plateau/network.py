@@ -14,9 +14,8 @@ from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
-from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from spinor_geom.plateau.gauss_newton import Fit
-from spinor_geom.plateau.hole_field import HoleField
+from spinor_geom.plateau.moduli import CornerPairs, ModulusFields
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 
 # Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
@@ -181,9 +180,9 @@ class Discretisation:
         return bool(self.domain.holes) or bool(np.count_nonzero(self.domain.boundary.corners) > 3)
 
     @cached_property
-    def _modulus_fields(self) -> ModulusFields | HoleField:
+    def _modulus_fields(self) -> ModulusFields:
         if self.domain.holes:
-            return HoleField.of(self.domain, self.panels)
+            return ModulusFields.of_hole(self.domain, self.panels)
         # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
         poles = edge_poles(self.domain)
         smooth = CauchyNetwork.orthonormal_on(
@@ -193,7 +192,9 @@ class Discretisation:
             scales=torch.as_tensor(poles.scales),
             degree=8,
         )
-        return ModulusFields.of(self.domain, self.panels, smooth.features(torch.as_tensor(self.panels.z)).numpy())
+        return ModulusFields.of_corners(
+            self.domain, self.panels, smooth.features(torch.as_tensor(self.panels.z)).numpy()
+        )
 
     def flexible(self) -> Discretisation:
         """The same, with an unknown for each field along which Ω may move."""

@@ -26,9 +26,9 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual

@@ -17,7 +17,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.corners import CornerPairs
+from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.slide import nearest_increasing
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import PATH_ORDER

@@ -11,8 +11,7 @@ from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.corners import CornerPairs
-from spinor_geom.plateau.hole_field import HoleField
+from spinor_geom.plateau.moduli import CornerPairs, ModulusFields
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, way_across
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
@@ -154,7 +153,7 @@ def test_derivative_of_a_network_around_a_hole(branch):
 
 def test_hole_grows_along_its_field():
     panels, _, _ = problem_on_annulus()
-    field = HoleField.of(DOMAIN, panels)
+    field = ModulusFields.of_hole(DOMAIN, panels)
     grown = field.moved(DOMAIN, np.array([0.1]))
     radius = np.abs(grown.holes[0].vertices)
     assert np.ptp(radius) < 1e-2 * radius.mean()
