@@ -185,10 +185,10 @@ class Beside:
 def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
     """Minimal disks of one loop, sorted by area.
 
-    Starts: the unfolded least-area triangulation, the harmonic disk over a plane one, and, where neither leads to an
-    unstable disk, the first one mirrored in the harmonic one. Every unstable disk is left to both sides along each of
-    its eigenvectors. Where Γ bounds no degenerate disk, Σ(−1)^index = 1 over all disks; while the sum is larger, the
-    averages of pairs of stable disks are starts too, because between two minima there is a saddle.
+    Starts: the unfolded least-area triangulation, and the harmonic disk over a plane one. Every unstable disk is left
+    to both sides along each of its eigenvectors. Where Γ bounds no degenerate disk, Σ(−1)^index = 1 over all disks;
+    while the sum is larger, the averages of pairs of stable disks are starts too, because between two minima there is a
+    saddle.
 
     Args:
         rim: of the loop.
@@ -205,8 +205,6 @@ def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
     search = _Search(rim=rim, solve=solve)
     search.start(lambda: first_disk(rim.points))
     search.start(rim.round_disk)
-    if search.entries and all(entry.solution.stability.verdict != "unstable" for entry in search.entries):
-        search.start(search.mirrored)
     search.leave_all()
     for pair in search.open_pairs():
         search.start(partial(search.ridge, *pair))
@@ -297,20 +295,14 @@ class _Search:
                     if found is not None and _is_lower(found, unstable):
                         break
 
-    def mirrored(self) -> Disk:
-        """The first disk mirrored in the harmonic one, its area descended: a way into another valley."""
-        first = self.rim.round_positions(self.entries[0].solution)
-        return self._descended(2 * self.rim.round_disk().vertices - first)
-
     def ridge(self, first: _Entry, second: _Entry) -> Disk:
         """The average of two disks, nearly minimal."""
-        positions = [self.rim.round_positions(entry.solution) for entry in (first, second)]
-        # more steps than one would slide off the ridge
-        return self._descended((positions[0] + positions[1]) / 2, steps=1)
-
-    def _descended(self, vertices: Float[np.ndarray, "n 3"], steps: int = 100) -> Disk:
+        one, other = (self.rim.round_positions(entry.solution) for entry in (first, second))
         mesh = self.rim.round_mesh
-        return descend_area(vertices, mesh.faces, mesh.boundary_size, relative_change=FINE_CHANGE, max_iterations=steps)
+        # more steps than one would slide off the ridge
+        return descend_area(
+            (one + other) / 2, mesh.faces, mesh.boundary_size, relative_change=FINE_CHANGE, max_iterations=1
+        )
 
     def open_pairs(self) -> Iterator[tuple[_Entry, _Entry]]:
         """Pairs of stable disks, nearest in area to the least first, while the list is not complete."""
