@@ -142,7 +142,7 @@ class RimsSolver:
             points.append(loop.points)
             starts.append(torch.as_tensor(match.points_in_domain(), device=self.options.device))
         with self.clock.stage("fit"):
-            passed = surface_through(smooth, starts, points, allowed=self.allowed, on_step=self._newton_step)
+            passed = surface_through(smooth, starts, points, allowed=self.allowed, steps=self.steps)
         return Found(
             surface=passed.surface,
             curves=passed.curves,
@@ -156,10 +156,6 @@ class RimsSolver:
             limit="no minimal surface near that over averages of the rims passes through their points more nearly",
             between=_between(placed, smooth.series.antiperiodic, passed.period),
         )
-
-    def _newton_step(self, distance: float) -> bool:
-        self.steps.take("Newton", distance)
-        return self.steps.left > 0
 
     def _descended(self) -> Placement | None:
         """The surface that the energy falls to from the better start, or from several of nearly the same energy.

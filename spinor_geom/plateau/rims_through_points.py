@@ -12,7 +12,7 @@ Nothing slides, and no modulus changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,6 +31,7 @@ from spinor_geom.holomorphic.series import power_sums
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
     EdgeIntegrals,
     PointEquations,
@@ -75,7 +76,7 @@ def surface_through(
     points: Sequence[Float[np.ndarray, "_ 3"]],
     *,
     allowed: float,
-    on_step: Callable[[float], bool],
+    steps: Steps,
 ) -> PassedRims:
     """The surface through points next to a smooth one, as nearly as they can be met.
 
@@ -84,7 +85,7 @@ def surface_through(
         starts: for each rim points of its circle that lie about where the points shall, as the circle runs.
         points: of each rim.
         allowed: RMS distance of the points from the surface to reach.
-        on_step: gets the distance after each Newton step, and says whether there may be one more.
+        steps: gets those of Newton's method.
 
     Raises:
         DomainError: the rims' teeth cross in the smooth surface's tangent planes.
@@ -97,7 +98,7 @@ def surface_through(
     basis = _Basis.on(domain, smooth.series)
     start = basis.start
     here = _Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
-    readout = nearest_through(here, start, start=start, allowed=allowed, on_step=on_step)
+    readout = nearest_through(here, start, start=start, allowed=allowed, steps=steps)
     return here.at(here.at(readout).closed(readout)).passed(domain)
 
 

@@ -7,7 +7,6 @@ taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -17,7 +16,6 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import SplineBoundary
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.errors import DomainError
@@ -25,6 +23,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import places_in_piece, through
 from spinor_geom.plateau.gauss_newton import gram
 from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.formulas import null_vector, phi
 
 # The Newton equations' diagonal is raised by this share of its mean: an equation that no read-out can meet is not met
@@ -165,7 +164,7 @@ def nearest_through(
     *,
     start: Complex[Tensor, "k 2"],
     allowed: float,
-    on_step: Callable[[float], bool],
+    steps: Steps,
 ) -> Complex[Tensor, "k 2"]:
     """Newton's method for the read-outs nearest to a start that meet all points.
 
@@ -174,11 +173,11 @@ def nearest_through(
         readout: its read-outs.
         start: those to stay near to.
         allowed: RMS distance, a good deal below which it stops.
-        on_step: gets the RMS distance after each step, and says whether there may be one more.
+        steps: gets those that lower the distance.
     """
     linear: PointEquations | None = None
-    linearised, goes_on, distance = 0, True, rms(here.error)
-    while distance > _BELOW_ALLOWED * allowed and goes_on and not is_out_of_time():
+    linearised, distance = 0, rms(here.error)
+    while distance > _BELOW_ALLOWED * allowed and not steps.are_spent:
         fresh = linear is None
         if linear is None:
             if linearised == 12:  # rims that are met take one to ten
@@ -196,7 +195,7 @@ def nearest_through(
             linear = None
             continue
         readout, here, before, distance = readout + length * step, there, distance, rms(there.error)
-        goes_on = on_step(distance)
+        steps.take("Newton", distance)
         # a linearisation is used again while its steps bring much
         if distance > 0.3 * before:
             if fresh and distance > 0.99 * before:

@@ -148,13 +148,7 @@ def _fitted(
             f"{in_edges:.0f} edges away from the points"
         )
 
-    def told(distance: float) -> bool:
-        steps.take("Newton", distance)
-        return steps.left > 0
-
-    if steps.left:
-        readout = nearest_through(here, readout, start=start, allowed=allowed, on_step=told)
-    return basis.raw(readout)
+    return basis.raw(nearest_through(here, readout, start=start, allowed=allowed, steps=steps))
 
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
