@@ -79,9 +79,9 @@ def plane_region(
             t = _parameters(curve)
             away = np.linalg.norm(surface.position(boundary.point(t)) - curve.point(t), axis=1)
             arcs = np.linalg.norm(curve.derivative(t), axis=1) * np.repeat(np.diff(curve.breaks), 4) / 4
-            told = map(torch.as_tensor, (away, t, arcs))
-            tensors = CurveTensors.of(curve, torch.device("cpu"))
-            misfits.append(Misfit.from_distances(*told, tensors, length=float(arcs.sum())))
+            distance, slide, weights = map(torch.as_tensor, (away, t, arcs))
+            tensors = CurveTensors.of(curve, distance.device)
+            misfits.append(Misfit.from_distances(distance, slide, weights, tensors, length=float(arcs.sum())))
         between = None
         if len(curves) > 1:
             between = Between(

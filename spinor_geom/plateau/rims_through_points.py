@@ -13,8 +13,7 @@ Nothing slides, and no modulus changes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -23,8 +22,6 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
-from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
@@ -33,17 +30,16 @@ from spinor_geom.plateau.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
-    EdgeIntegrals,
-    PointEquations,
+    DEGREE,
+    NODES,
+    Basis,
+    Passing,
     curve_through,
     misfit_at_points,
     nearest_through,
     nodes_on_edges,
-    norm_factor,
     polygon_through,
-    shares,
 )
-from spinor_geom.plateau.vertex_route import DEGREE, NODES, norm_of_edge
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -95,11 +91,10 @@ def surface_through(
         polygon_through(_nearest(smooth, z, each).cpu().numpy()) for z, each in zip(starts, wanted, strict=True)
     )
     domain = PlaneDomain.inside(outer, holes=tuple(holes))
-    basis = _Basis.on(domain, smooth.series)
-    start = basis.start
-    here = _Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
+    basis, start = _basis(domain, smooth.series)
+    here = Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
     readout = nearest_through(here, start, start=start, allowed=allowed, steps=steps)
-    return here.at(here.at(readout).closed(readout)).passed(domain)
+    return _passed(here.at(here.at(readout).closed(readout)), domain)
 
 
 def _nearest(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "n 3"]) -> Complex[Tensor, " n"]:
@@ -113,100 +108,22 @@ def _nearest(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "
     return z
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _OnRim:
-    """The features on one rim of Ω, and on the way to it from the root of Ω; all times what changes sign."""
-
-    polygon: Complex[Tensor, " n"]
-    features: Complex[Tensor, "n g k"]
-    own: slice  # those of the rim's own poles
-    norm: Complex[Tensor, "c c"]  # L with LLᴴ the Gram matrix of the own ones in H¹
-    start: Complex[Tensor, "c 2"]  # the smooth surface's own part, by features orthonormal in H¹
-    way: Complex[Tensor, "w k"]
-    weights: Complex[Tensor, " w"]  # dz
-
-    def integrals(self, raw: Complex[Tensor, "k 2"]) -> EdgeIntegrals:
-        """Those of the surface with given read-outs."""
-        return EdgeIntegrals(polygon=self.polygon, spinors=self.features @ raw)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Basis:
-    """Polynomials and Cauchy units, the outer rim's first."""
-
-    hessenberg: Complex[Tensor, "d1 d"]
-    poles: Complex[Tensor, " m"]
-    scales: Float[Tensor, " m"]
-    branches: Complex[Tensor, " b"]
-    rims: tuple[_OnRim, ...]
-
-    @classmethod
-    def on(cls, domain: PlaneDomain, smooth: LaurentSeries) -> _Basis:
-        circles = smooth.circles
-        device = circles.radii.device
-        branches = circles.centres[torch.tensor(smooth.antiperiodic, device=device)]
-        beside = [polygon_poles(boundary.vertices, most=2 * len(boundary.vertices)) for boundary in domain.boundaries]
-        for number, (centre, radius) in enumerate(zip(circles.centres.tolist(), circles.radii.tolist(), strict=True)):
-            beside[number + 1] += _deep_poles(centre, radius)
-        poles = torch.as_tensor(np.concatenate([each.positions for each in beside]), device=device)
-        scales = torch.as_tensor(np.concatenate([each.scales for each in beside]), device=device)
-        polygons = [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries]
-        nodes = [nodes_on_edges(polygon, NODES) for polygon in polygons]
-        weight = shares(polygons[0])[:, None] * torch.tensor(rule("gauss", NODES).weights, device=device)
-        hessenberg = arnoldi_hessenberg(nodes[0].reshape(-1), weight.reshape(-1), DEGREE)
-        # the polynomials are the outer rim's own
-        ends = [0, *(len(hessenberg) + np.cumsum([len(each.positions) for each in beside])).tolist()]
-        edge_norm = norm_of_edge(NODES, device).to(poles)
-        rims = []
-        for number, (polygon, z) in enumerate(zip(polygons, nodes, strict=True)):
-            features = raw_features(z, hessenberg, poles, scales)
-            own = slice(*ends[number : number + 2])
-            weighted = edge_norm @ features[..., own] * shares(polygon).sqrt()[:, None, None]
-            norm = norm_factor(weighted.flatten(0, 1))
-            part = edge_norm @ _part(smooth, z, number) * shares(polygon).sqrt()[:, None, None]
-            way, dz = _way(domain, number, device)
-            rims.append(
-                _OnRim(
-                    polygon=polygon,
-                    features=features.mul_(sign_changing(z, branches)[..., None]),
-                    own=own,
-                    norm=norm,
-                    start=torch.linalg.solve_triangular(
-                        norm, weighted.flatten(0, 1).mH @ part.flatten(0, 1), upper=False
-                    ),
-                    way=raw_features(way, hessenberg, poles, scales) * sign_changing(way, branches)[..., None],
-                    weights=dz,
-                )
-            )
-        return cls(hessenberg=hessenberg, poles=poles, scales=scales, branches=branches, rims=tuple(rims))
-
-    @property
-    def start(self) -> Complex[Tensor, "k 2"]:
-        """Read-outs of the smooth surface."""
-        return torch.cat([rim.start for rim in self.rims])
-
-    def raw(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
-        """Of the features themselves from read-outs of those that are orthonormal in H¹ on their own rims."""
-        return torch.cat(
-            [torch.linalg.solve_triangular(rim.norm.mH, readout[rim.own], upper=True) for rim in self.rims]
-        )
-
-    def orthonormal(self, rows: Complex[Tensor, "r k"]) -> Complex[Tensor, "k r"]:
-        """Conjugates of functions of the features as functions of the orthonormal ones."""
-        return torch.cat(
-            [torch.linalg.solve_triangular(rim.norm, rows[:, rim.own].mH, upper=False) for rim in self.rims]
-        )
-
-    def network(self, raw: Complex[Tensor, "k 2"]) -> CauchyNetwork:
-        """The network with read-outs of the features themselves."""
-        return CauchyNetwork.of_raw_features(
-            self.rims[0].polygon,
-            hessenberg=self.hessenberg,
-            poles=self.poles,
-            scales=self.scales,
-            readout=raw,
-            branches=self.branches,
-        )
+def _basis(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[Tensor, "k 2"]]:
+    """The features on the rims of Ω, and their orthonormal read-outs for the smooth surface."""
+    circles = smooth.circles
+    device = circles.radii.device
+    poles = [polygon_poles(boundary.vertices, most=2 * len(boundary.vertices)) for boundary in domain.boundaries]
+    for number, (centre, radius) in enumerate(zip(circles.centres.tolist(), circles.radii.tolist(), strict=True)):
+        poles[number + 1] += _deep_poles(centre, radius)
+    basis = Basis.on(
+        [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries],
+        poles,
+        [_way(domain, number, device) for number in range(len(domain.boundaries))],
+        circles.centres[torch.tensor(smooth.antiperiodic, device=device)],
+        nodes=NODES,
+    )
+    parts = [_part(smooth, nodes_on_edges(rim.polygon, NODES), number) for number, rim in enumerate(basis.rims)]
+    return basis, torch.cat([rim.nearest(part) for rim, part in zip(basis.rims, parts, strict=True)])
 
 
 def _deep_poles(centre: complex, radius: float) -> Poles:
@@ -234,79 +151,26 @@ def _way(domain: PlaneDomain, number: int, device: torch.device) -> tuple[Comple
     return (corners[:-1, None] + nodes * step).flatten(), (weights * step).flatten()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Passing:
-    """A surface on its way through the points of all rims."""
-
-    basis: _Basis
-    points: tuple[Float[Tensor, "_ 3"], ...]
-    raw: Complex[Tensor, "k 2"]
-
-    @cached_property
-    def _integrals(self) -> tuple[EdgeIntegrals, ...]:
-        return tuple(rim.integrals(self.raw) for rim in self.basis.rims)
-
-    @cached_property
-    def _on_ways(self) -> tuple[Complex[Tensor, "w 2"], ...]:
-        return tuple(rim.way @ self.raw for rim in self.basis.rims)
-
-    @cached_property
-    def error(self) -> Float[Tensor, "n 3"]:
-        """What the points are off, their mean at 0, and below it by how much r does not close around each hole."""
-        rows = []
-        for rim, values, along, points in zip(
-            self.basis.rims, self._on_ways, self._integrals, self.points, strict=True
-        ):
-            first = (phi(*values.unbind(-1)) * rim.weights[:, None]).sum(0).real
-            rows.append(first + along.starts - points)
-        error = torch.cat(rows)
-        return torch.cat([error - error.mean(0), *(along.gap[None] for along in self._integrals[1:])])
-
-    def at(self, readout: Complex[Tensor, "k 2"]) -> _Passing:
-        """The surface of other read-outs."""
-        return replace(self, raw=self.basis.raw(readout))
-
-    def linearised(self) -> PointEquations:
-        """How the error changes with the read-outs."""
-        by_points, by_gaps = [], []
-        for rim, values, along in zip(self.basis.rims, self._on_ways, self._integrals, strict=True):
-            over_edge = along.changes(rim.features).transpose(0, 1)
-            total = over_edge.cumsum(1)
-            to_first = 2 * (values * rim.weights[:, None]).mT @ rim.way
-            by_points.append(total - over_edge + to_first[:, None])
-            by_gaps.append(total[:, -1:])
-        points = torch.cat(by_points, dim=1)
-        rows = torch.cat([points - points.mean(1, keepdim=True), *by_gaps[1:]], dim=1)
-        return PointEquations.of(*(self.basis.orthonormal(part) for part in rows))
-
-    def closed(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
-        """The read-outs of the nearest surface that closes around all holes, to first order."""
-        rows = [along.changes(rim.features).sum(0) for rim, along in zip(self.basis.rims, self._integrals, strict=True)]
-        equations = PointEquations.of(*(self.basis.orthonormal(part) for part in torch.stack(rows[1:], dim=1)))
-        return readout + equations.step(torch.stack([along.gap for along in self._integrals[1:]]), None)
-
-    def passed(self, domain: PlaneDomain) -> PassedRims:
-        """The surface, its distances from the points told by integrals along ∂Ω with twice as many nodes."""
-        surface = SpinorSurface(self.basis.network(self.raw), domain).to(self.raw.device)
-        rims = surface.rim_primitives(2 * NODES)
-        starts = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
-        places = [start + rim.at_breaks.real for start, rim in zip(starts, rims, strict=True)]
-        error = np.concatenate([place[:-1] for place in places]) - torch.cat(self.points).cpu().numpy()
-        with torch.no_grad():
-            surface.constant.sub_(surface.constant.new_tensor(error.mean(0)))
-        off = np.split(error - error.mean(0), np.cumsum([len(each) for each in self.points])[:-1])
-        curves, misfits = [], []
-        for rim, own, points in zip(rims, off, self.points, strict=True):
-            velocity = rim.velocity.real.reshape(len(own), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
-            curves.append(curve_through(points.cpu().numpy(), velocity, own))
-            misfits.append(misfit_at_points(curves[-1], own))
-        area = sum(
-            rim.area + 0.5 * float(start @ rim.at_breaks[-1].imag) for start, rim in zip(starts, rims, strict=True)
-        )
-        return PassedRims(
-            surface=surface,
-            curves=tuple(curves),
-            misfit=Misfit.together(misfits),
-            area=area,
-            period=max(float(np.linalg.norm(rim.at_breaks[-1].real)) for rim in rims[1:]),
-        )
+def _passed(here: Passing, domain: PlaneDomain) -> PassedRims:
+    """The surface, its distances from the points told by integrals along ∂Ω with twice as many nodes."""
+    surface = SpinorSurface(here.basis.network(here.raw), domain).to(here.raw.device)
+    rims = surface.rim_primitives(2 * NODES)
+    starts = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
+    places = [start + rim.at_breaks.real for start, rim in zip(starts, rims, strict=True)]
+    error = np.concatenate([place[:-1] for place in places]) - torch.cat(here.points).cpu().numpy()
+    with torch.no_grad():
+        surface.constant.sub_(surface.constant.new_tensor(error.mean(0)))
+    off = np.split(error - error.mean(0), np.cumsum([len(each) for each in here.points])[:-1])
+    curves, misfits = [], []
+    for rim, own, points in zip(rims, off, here.points, strict=True):
+        velocity = rim.velocity.real.reshape(len(own), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
+        curves.append(curve_through(points.cpu().numpy(), velocity, own))
+        misfits.append(misfit_at_points(curves[-1], own))
+    area = sum(rim.area + 0.5 * float(start @ rim.at_breaks[-1].imag) for start, rim in zip(starts, rims, strict=True))
+    return PassedRims(
+        surface=surface,
+        curves=tuple(curves),
+        misfit=Misfit.together(misfits),
+        area=area,
+        period=max(float(np.linalg.norm(rim.at_breaks[-1].real)) for rim in rims[1:]),
+    )

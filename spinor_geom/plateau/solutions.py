@@ -372,8 +372,8 @@ def _is_lower(solution: PlateauSolution, other: PlateauSolution) -> bool:
 
 def _area_error(a: PlateauSolution, b: PlateauSolution) -> float:
     """Difference of area that two fits of one disk may have: the first variation of area is at most ∮ |δr| ds."""
-    quadrature = float(np.finfo(np.float64).eps) ** 0.5 * max(a.area, b.area)
-    return quadrature + (a.boundary_residual.rms + b.boundary_residual.rms) * a.loop.perimeter
+    residuals = a.boundary_residual.rms + b.boundary_residual.rms
+    return float(np.sqrt(np.finfo(np.float64).eps)) * max(a.area, b.area) + residuals * a.loop.perimeter
 
 
 def _harmonic(mesh: PlaneTriangulation, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
