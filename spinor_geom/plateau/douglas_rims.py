@@ -101,7 +101,7 @@ class RimsProblem:
             if stays and not lower:
                 break
             here, damping = there, max(damping / _LESS_DAMPING, _LEAST_DAMPING)
-            if not fixed and (here.surface.crowded or _is_apart(here.domain)):
+            if not fixed and (here.surface.crowded or is_apart(here.domain)):
                 return None
         return here.surface
 
@@ -162,7 +162,7 @@ class RimsProblem:
         return EnergyPoint.of(self.curves, surface.slides, surface.domain, self.negligible)
 
 
-def _is_apart(domain: CircularDomain) -> bool:
+def is_apart(domain: CircularDomain) -> bool:
     """Whether a modulus has run away."""
     width, modulus = domain.room
     several = len(width) > 1 and -math.log(float((width + domain.radii).min())) > _MOST_AROUND_SEVERAL

@@ -27,7 +27,6 @@ from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain
 from spinor_geom.plateau.lift import Lift, circles_of, lifted_between, surface_of
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
-from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_beside
@@ -280,8 +279,9 @@ class RimsSolver:
                 return [replace(best, surface=problem.refined(surface, n)) for surface in found]
         start = min(self._starts, key=lambda start: start.surface.energy)
         with self.clock.stage("moduli"):
-            search = ModuliSearch(problem=self._problem(start), start=start.surface)
-            return [replace(start, surface=surface) for surface in search.all_critical()]
+            problem = self._problem(start)
+            held = problem.descended(start.surface, tolerance=_POOR, fixed=True)
+            return [replace(start, surface=surface) for surface in all_on_path(problem, held)]
 
     def _stable(self) -> list[Placement]:
         return [placed for placed in self.all_critical() if self._problem(placed).index(placed.surface) == 0]
