@@ -54,9 +54,7 @@ class RimsProblem:
         """The harmonic surface with given slides over a given domain."""
         return EnergyPoint.of(self.curves, slides, domain, self.negligible).surface
 
-    def descended(
-        self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False, max_steps: int = MOST_STEPS
-    ) -> HarmonicSurface | None:
+    def descended(self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False) -> HarmonicSurface | None:
         """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
 
         A modulus runs away then, or a rim shrinks to a point of it.
@@ -65,11 +63,10 @@ class RimsProblem:
             start: a surface.
             tolerance: of gradient and slopes.
             fixed: whether the moduli stay.
-            max_steps: limit on steps.
         """
         here = self.point(start)
         damping = _DAMPING
-        for _ in range(max_steps):
+        for _ in range(MOST_STEPS):
             require_time()
             size = here.surface.gradient if fixed else here.surface.size
             if self.on_step is not None:

@@ -31,7 +31,7 @@ from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between, start_over
+from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.rims_through_points import surface_through
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
@@ -212,8 +212,7 @@ class RimsSolver:
         rims = self._rims[0]
         if len(rims) == 2:
             return tuple(start_between(*rims, self._coarse_nodes, back=back) for back in (False, True))
-        seen = seen_starts(rims, _FEWEST_NODES)
-        return tuple(seen) or tuple(start_over(rims, _FEWEST_NODES, first=0, back=back) for back in (False, True))
+        return tuple(seen_starts(rims, _FEWEST_NODES))
 
     @cached_property
     def _way(self) -> tuple[tuple[BoundaryCurve, ...], ...]:
