@@ -22,14 +22,14 @@ from spinor_geom.plateau.douglas_rims import MOST_MODULUS, RimsProblem
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 
-# Least modulus that is looked at: rims nearer than a thousandth of their length; and the step of its logarithm.
-LEAST_MODULUS, _STEP = 1e-3, 0.05
+# Step of the logarithm of a modulus.
+_STEP = 0.05
 # Points of each rim that are looked at.
 _NODES = 16
 # Starts that are kept.
 _KEPT = 2
 # Eyes' distances from the rims' middle, in the rims' largest distance from it.
-_EYES = (0.5, 1.0, 2.0)
+_EYES = (0.5, 2.0)
 # Narrowest circles on a sphere, as the cosine of their angle; the least gap between two, in radii of the smaller one;
 # and how often those that cross are made smaller.
 _NARROWEST, _CLEAR, _SHRINKINGS = 0.9999, 0.1, 20
@@ -114,7 +114,7 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
     weight[0] = weight[-1] = 1.0
     square = weight * spectrum.abs().square().sum((0, 2)) / n
     cross = (spectrum[0] * spectrum[1]).sum(-1)
-    logarithms = torch.arange(math.log(LEAST_MODULUS), math.log(MOST_MODULUS), _STEP, dtype=weight.dtype)
+    logarithms = torch.arange(math.log(2 * math.pi / n), math.log(MOST_MODULUS), _STEP, dtype=weight.dtype)
     moduli = logarithms.to(weight.device).exp()
     own, other = multipliers(moduli, n)
     # the second curve shifted by j steps, for all j at once; a row for each modulus

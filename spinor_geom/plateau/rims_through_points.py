@@ -42,14 +42,12 @@ from spinor_geom.plateau.through_points import (
     polygon_through,
     shares,
 )
-from spinor_geom.plateau.vertex_route import DEGREE, NODES, RIDGE, norm_of_edge
+from spinor_geom.plateau.vertex_route import BELOW_ALLOWED, DEGREE, NODES, RIDGE, norm_of_edge
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Newton steps to a point's place.
 _PLACINGS = 3
-# Newton's method goes on to this share of the distance allowed.
-_BELOW_ALLOWED = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,7 +97,7 @@ def surface_through(
     basis = _Basis.on(domain, smooth.series)
     start = basis.start
     here = _Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
-    readout = nearest_through(here, start, start=start, enough=_BELOW_ALLOWED * allowed, on_step=on_step)
+    readout = nearest_through(here, start, start=start, enough=BELOW_ALLOWED * allowed, on_step=on_step)
     return here.at(here.at(readout).closed(readout)).passed(domain)
 
 

@@ -59,7 +59,7 @@ DEGREE, _MOST_UNITS = 24, 800
 # The Gram matrix's diagonal is raised by this share of its mean: units with neighbouring poles are nearly dependent.
 RIDGE = 1e-9
 # Newton steps go on to this share of the distance allowed.
-_BELOW_ALLOWED = 0.3
+BELOW_ALLOWED = 0.3
 # A start that is as many edges away from the points has never led to a surface through them.
 _FAR = 4.0
 # A surface whose boundary leaves the loop's edges by so many edges would cross what is beside them.
@@ -160,7 +160,7 @@ def _fitted(
         return steps.left > 0
 
     if steps.left:
-        readout = nearest_through(here, readout, start=start, enough=_BELOW_ALLOWED * allowed, on_step=told)
+        readout = nearest_through(here, readout, start=start, enough=BELOW_ALLOWED * allowed, on_step=told)
     return basis.raw(readout)
 
 
