@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
+from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
