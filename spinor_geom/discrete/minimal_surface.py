@@ -27,7 +27,7 @@ from spinor_geom.shown import Shown
 DiscreteMethod = Literal["libigl", "pymeshlab"]
 # The first mesh only has to be near enough for its flattening to be right.
 _FIRST_CHANGE = 1e-3
-_FINE_CHANGE = 1e-8
+FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
 # Of the mean stretch from the plane: beyond, a target edge length is not kept.
 _MOST_STRETCHED = 4.0
@@ -142,7 +142,7 @@ def relaxed_surface(
         boundary_size: number of boundary vertices.
     """
     start = time.perf_counter()
-    disk = descend_area(vertices, faces, boundary_size, relative_change=_FINE_CHANGE)
+    disk = descend_area(vertices, faces, boundary_size, relative_change=FINE_CHANGE)
     return _result(disk, vertices[:boundary_size], start=start)
 
 
@@ -227,7 +227,7 @@ def finer_disk(disk: Disk, boundary_size: int) -> Disk:
     points = disk.vertices[:boundary_size]
     for _ in range(2):
         flat = flatten(disk.vertices, disk.faces, boundary_size).boundary
-        disk = _fill(flat, points, relative_change=_FINE_CHANGE, size=graded_size(flat, growth=_FINE_GROWTH))
+        disk = _fill(flat, points, relative_change=FINE_CHANGE, size=graded_size(flat, growth=_FINE_GROWTH))
     return disk
 
 

@@ -20,8 +20,8 @@ class CauchyNetwork(torch.nn.Module):
 
     A complex-valued network with one hidden layer and activation σ(u) = 1/u: holomorphic on Ω because no pole lies
     in it. The features are mixed so that they are orthonormal on ∂Ω, which is what makes fits converge in few steps.
-    Around a hole p and q may change their sign: then all features are times √(z − c), c in the hole. They jump where
-    z − c is negative, what a surface is made of, p², q² and pq, does not.
+    Around holes p and q may change their sign: then all features are times √(z − c) for each, c in the hole. They jump
+    where a z − c is negative, what a surface is made of, p², q² and pq, does not.
 
     Shape:
         hessenberg: (degree + 1, degree), recurrence of the polynomials.
@@ -29,7 +29,7 @@ class CauchyNetwork(torch.nn.Module):
         mixing: (degree + 1 + K, n), raw features to orthonormal ones.
         leja: (degree + 1,), points at which polynomials are interpolated.
         at_leja: (degree + 1, degree + 1), the orthogonal polynomials there, one in each column.
-        branch: (1,), the point c; (0,) where p and q are single-valued.
+        branch: (b,), the points c; (0,) where p and q are single-valued.
         readout: (n, 2), the trainable read-outs of p and q.
     """
 
@@ -94,7 +94,7 @@ class CauchyNetwork(torch.nn.Module):
         hessenberg = arnoldi_hessenberg(z, weight, degree)
         raw = raw_features(z, hessenberg, poles, scales)
         at = z.new_tensor([] if branch is None else [branch])
-        root = weight.sqrt()[:, None] * _sign_changing(z, at)[:, None]
+        root = weight.sqrt()[:, None] * sign_changing(z, at)[:, None]
         # QR first: the SVD then works on a small square matrix
         _, r = torch.linalg.qr(raw * root)
         _, s, vh = torch.linalg.svd(r, full_matrices=False)
@@ -118,6 +118,7 @@ class CauchyNetwork(torch.nn.Module):
         poles: Complex[Tensor, " k"],
         scales: Float[Tensor, " k"],
         readout: Complex[Tensor, "r 2"],
+        branches: Complex[Tensor, " b"] | None = None,
     ) -> CauchyNetwork:
         """A network whose features are the polynomials and the units themselves.
 
@@ -127,6 +128,7 @@ class CauchyNetwork(torch.nn.Module):
             poles: ζ_k.
             scales: d_k.
             readout: of the polynomials, then of the units.
+            branches: a point in each hole around which p and q change their sign; none where they are single-valued.
         """
         return cls(
             hessenberg=hessenberg,
@@ -134,17 +136,18 @@ class CauchyNetwork(torch.nn.Module):
             scales=scales,
             mixing=torch.eye(len(readout), dtype=readout.dtype, device=readout.device),
             readout=readout,
+            branch=branches,
             **_interpolation(z, hessenberg),
         )
 
     @property
     def antiperiodic(self) -> bool:
-        """Whether p and q change their sign around a hole."""
+        """Whether p and q change their sign around any hole."""
         return len(self.branch) > 0
 
     def sign_changing(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
-        """√(z − c), a factor of p and q that has no zero in Ω, or 1."""
-        return _sign_changing(z, self.branch)
+        """The product of √(z − c), a factor of p and q that has no zero in Ω, or 1."""
+        return sign_changing(z, self.branch)
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
         """The shared hidden layer at z, orthonormal on the nodes it was made for."""
@@ -159,7 +162,7 @@ class CauchyNetwork(torch.nn.Module):
         """(p'(z), q'(z))."""
         if not self.antiperiodic:
             return self._single_valued_derivative(z)
-        logarithmic = 0.5 / (z - self.branch[0])[..., None] * self._single_valued(z)
+        logarithmic = (0.5 / (z[..., None] - self.branch)).sum(-1, keepdim=True) * self._single_valued(z)
         return self.sign_changing(z)[..., None] * (self._single_valued_derivative(z) + logarithmic)
 
     def _single_valued(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
@@ -200,7 +203,7 @@ class CauchyNetwork(torch.nn.Module):
             "degree": self.hessenberg.shape[1],
             "poles": len(self.poles),
             "features": self.mixing.shape[1],
-            "antiperiodic": self.antiperiodic,
+            "antiperiodic": len(self.branch),
         }
 
     @classmethod
@@ -223,8 +226,10 @@ def _interpolation(z: Complex[Tensor, " n"], hessenberg: Complex[Tensor, "d1 d"]
     return {"leja": leja, "at_leja": arnoldi_polynomials(leja, hessenberg)}
 
 
-def _sign_changing(z: Complex[Tensor, "*pts"], branch: Complex[Tensor, " b"]) -> Complex[Tensor, "*pts"]:
-    return torch.sqrt(z - branch[0]) if len(branch) else torch.ones_like(z)
+def sign_changing(z: Complex[Tensor, "*pts"], branch: Complex[Tensor, " b"]) -> Complex[Tensor, "*pts"]:
+    """The product of √(z − c) for all branches."""
+    product: Tensor = torch.sqrt(z[..., None] - branch).prod(-1)
+    return product
 
 
 def raw_features(

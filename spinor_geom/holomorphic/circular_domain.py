@@ -121,10 +121,3 @@ class CircularDomain:
         return CircularDomain(
             centres=torch.cat([self.centres[:1], self.centres[1:] + move]), log_radii=self.log_radii - change
         )
-
-    def with_hole(self, centre: complex, radius: float) -> CircularDomain:
-        """The domain with one more hole."""
-        return CircularDomain(
-            centres=torch.cat([self.centres, self.centres.new_tensor([centre])]),
-            log_radii=torch.cat([self.log_radii, self.log_radii.new_tensor([math.log(radius)])]),
-        )

@@ -87,7 +87,7 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"], *, most: int) -> Poles:
     polygon.
 
     Args:
-        vertices: of a simple polygon, counter-clockwise.
+        vertices: of a simple polygon with Ω on its left.
         most: number of poles beyond which the less bent vertices get none; those that turn by less than 45° never do.
     """
     step = np.roll(vertices, -1) - vertices
@@ -112,8 +112,9 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"], *, most: int) -> Poles:
 def _distance_outside(
     vertices: Complex[np.ndarray, " n"], z: Complex[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Distance of points from a polygon, and that from the edge that is nearest by its own length; negative inside."""
+    """Distance of points from a polygon, and that from the edge that is nearest by its own length; negative in Ω."""
     step = np.roll(vertices, -1) - vertices
+    inward = np.sign((np.conj(vertices) * step).imag.sum())
     edge = np.abs(step)
     nearest, in_edges = np.empty(len(z)), np.empty(len(z))
     for start in range(0, len(z), _ROWS):
@@ -126,8 +127,8 @@ def _distance_outside(
         crosses = (from_start.imag > 0) != (from_end.imag > 0)
         left = (np.conj(step) * from_start).imag > 0
         inside = np.count_nonzero(crosses & (left == (step.imag > 0)), axis=1) % 2
-        nearest[rows] = np.where(inside, -1, 1) * distance.min(axis=1)
-        in_edges[rows] = np.where(inside, -1, 1) * (distance / edge).min(axis=1)
+        nearest[rows] = np.where(inside, -inward, inward) * distance.min(axis=1)
+        in_edges[rows] = np.where(inside, -inward, inward) * (distance / edge).min(axis=1)
     return nearest, in_edges
 
 

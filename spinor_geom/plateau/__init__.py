@@ -5,7 +5,7 @@ The way of a loop, from a module to the next, in one direction:
 - `task`: the loops, simple and at unit size, and Γ, the curves through their points
 - `plan`: which routes are tried, and in what order; the first surface within the tolerance is the answer
 - Ω: `plane_route` takes the inside of Γ, `harmonic_route` the unit disk or a smooth one of `omega`, `network_route` and
-  `vertex_route` a flattened discrete disk, `rims` a disk with round holes for several loops
+  `vertex_route` a flattened discrete surface, `rims` a disk with round holes for several loops
 - the slide along Γ: `douglas` by Dirichlet's energy, `gauss_newton` together with p and q; through points there is none
 - p and q: `lift` from a harmonic disk, `network` as polynomials and Cauchy units
 - `misfit`: how far the boundary is from Γ, in one definition for all

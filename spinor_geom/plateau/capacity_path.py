@@ -1,33 +1,36 @@
-"""Unstable surfaces over three rims and more: along a path on which the rims are pulled together or apart.
+"""All critical points of Douglas's energy: along a path on which the rims are pulled together or apart.
 
 Rims that are moved by τ in a direction of their own each, at right angles to space, bound surfaces of energy E + τ²T/2,
 with T the sum of the rims' capacities, a conformal and symmetric function of the moduli alone. The critical points of
 E − λT, λ of either sign, are a curve that T parametrises, or the mean modulus M = 2πm/T; where λ is 0 on it there is a
-minimal surface over the rims, of whatever index.
+minimal surface over the rims, of whatever index. Over two rims the path is the least energy of each modulus.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import torch
 from jaxtyping import Float
+from scipy.optimize import brentq, minimize_scalar
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
+from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.circles import DirichletForm
-from spinor_geom.plateau.douglas_rims import RimsProblem
+from spinor_geom.plateau.douglas_rims import RimsProblem, is_apart
+from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface, Moduli
 
-# Steps of log M: the first and least, the largest, and how they grow; and how far M goes, as a ratio.
-_LEAST_STEP, _STEP, _GROWTH, _FARTHEST = 0.002, 0.15, 1.5, 60.0
-# Newton steps back to the path, and the gradient that is on it.
-_MOST_STEPS, _ON_PATH = 8, 1e-7
-# Gradient and slopes of a critical point.
-_CRITICAL = 1e-9
+# Steps of log M: the largest, and the least before the path is lost.
+_STEP, _LEAST_STEP = 0.3, 0.002
+# Gradient and slopes of a point of the path, and of a critical one.
+_ON_PATH = 1e-8
 
 
 def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
@@ -36,11 +39,27 @@ def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
 
 
 def all_on_path(problem: RimsProblem, surface: HarmonicSurface) -> list[HarmonicSurface]:
-    """The critical points on both sides of a stable surface on its path, itself among them, by mean modulus."""
-    found = [surface]
-    for way in (1, -1):
-        found += _Path(problem=problem, way=way).critical(surface)
-    return sorted(found, key=lambda one: mean_modulus(one.domain))
+    """The critical points on the path of a surface whose slides are stationary, by mean modulus.
+
+    Raises:
+        SurfaceError: the energy rises from the least mean modulus on that the nodes resolve, or the nodes crowd: other
+            critical points may exist.
+    """
+    path = _Path(problem=problem)
+    here = path.at(_OnPath.near(problem.point(surface)), None)
+    if here is None or here.here.surface.crowded:
+        raise SurfaceError(
+            "the nodes crowd on the rims: the gap between them is too long or too uneven for round circles, and no "
+            "surface was found"
+        )
+    points = [*path.followed(here, -1)[::-1], here, *path.followed(here, 1)]
+    if surface.domain.rims == 2 and points[0].multiplier < 0:
+        raise SurfaceError(
+            f"the gap between the rims is too narrow for their length: {surface.slides.shape[1]} nodes on each do not "
+            "resolve it, and no annulus was found; divide the gap by a few edges between the rims and fill the holes "
+            "that result"
+        )
+    return path.critical(points)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,9 +94,21 @@ class _OnPath:
     here: EnergyPoint
     multiplier: float  # λ
 
+    @classmethod
+    def near(cls, here: EnergyPoint) -> _OnPath:
+        """With the multiplier that suits the moduli's slopes."""
+        free = cls(here=here, multiplier=0.0)
+        pull = free.capacity.moduli.slopes
+        return replace(free, multiplier=float(here.moduli.slopes @ pull / (pull @ pull)))
+
     @cached_property
     def capacity(self) -> _Capacity:
         return _Capacity(form=self.here.form)
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether the highest frequency of the nodes decays across the narrowest gap, by e^π at least."""
+        return -math.log(self.here.domain.nearness) >= 2 * math.pi / self.here.form.steps
 
     @property
     def log_modulus(self) -> float:
@@ -112,36 +143,62 @@ class _OnPath:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Path:
     problem: RimsProblem
-    way: int  # of log M
 
-    def critical(self, surface: HarmonicSurface) -> list[HarmonicSurface]:
-        """The critical points that the path meets after a given one."""
-        here = _OnPath(here=self.problem.point(surface), multiplier=0.0)
-        start, found, step = here.log_modulus, [], _LEAST_STEP
-        while abs(here.log_modulus - start) < math.log(_FARTHEST) and step >= _LEAST_STEP:
+    def followed(self, start: _OnPath, way: int) -> list[_OnPath]:
+        """The points on one side, as far as circles are apart and the nodes resolve the gaps between them."""
+        found, here, step = [], start, _STEP
+        while step >= _LEAST_STEP:
             require_time()
-            there = self._at(here, here.log_modulus + self.way * step)
+            there = self.at(here, here.log_modulus + way * step)
             if there is None:
                 step /= 2
                 continue
-            if here.multiplier * there.multiplier < 0:
-                share = here.multiplier / (here.multiplier - there.multiplier)
-                between = self._at(here, here.log_modulus + share * (there.log_modulus - here.log_modulus))
-                exact = self.problem.critical(between.here.surface) if between is not None else None
-                if exact is not None and exact.size < _CRITICAL:
-                    found.append(exact)
-            here, step = there, min(_GROWTH * step, _STEP)
+            if is_apart(there.here.domain) or there.here.surface.crowded or not there.is_resolved:
+                break
+            found.append(there)
+            here, step = there, min(2 * step, _STEP)
         return found
 
+    def critical(self, points: list[_OnPath]) -> list[HarmonicSurface]:
+        """Where λ changes its sign, or does so twice between two of its steps."""
+        for left, middle, right in zip(points, points[1:], points[2:], strict=False):
+            sizes = [point.multiplier * math.copysign(1, middle.multiplier) for point in (left, middle, right)]
+            if min(sizes) == sizes[1] > 0:
+                points = sorted([*points, self._least(left, middle, right)], key=lambda point: point.log_modulus)
+        return [
+            self._zero(before, after)
+            for before, after in pairwise(points)
+            if before.multiplier * after.multiplier < 0 or after.multiplier == 0
+        ]
+
+    def _least(self, *points: _OnPath) -> _OnPath:
+        """Where |λ| is least between points."""
+        sign = math.copysign(1, points[1].multiplier)
+        ends = points[0].log_modulus, points[-1].log_modulus
+        found = minimize_scalar(lambda log: sign * self._nearby(points, log).multiplier, bounds=ends, method="bounded")
+        return self._nearby(points, float(found.x))
+
+    def _zero(self, *points: _OnPath) -> HarmonicSurface:
+        """The critical point between two points."""
+        ends = (point.log_modulus for point in points)
+        zero = brentq(lambda log: self._nearby(points, log).multiplier, *ends, xtol=_ON_PATH)
+        return self.problem.critical(self._nearby(points, zero).here.surface)
+
+    def _nearby(self, points: Sequence[_OnPath], log_modulus: float) -> _OnPath:
+        """The point with a given log M from the nearest of points; that one itself where the way is lost."""
+        nearest = min(points, key=lambda point: abs(point.log_modulus - log_modulus))
+        return self.at(nearest, log_modulus) or nearest
+
     @staticmethod
-    def _at(near: _OnPath, log_modulus: float) -> _OnPath | None:
-        """The point of the path with a given log M; None where Newton's method does not come to it."""
+    def at(near: _OnPath, log_modulus: float | None) -> _OnPath | None:
+        """The point with a given log M, or that of a point; None where Newton's method does not come to it."""
+        goal = near.log_modulus if log_modulus is None else log_modulus
         before = math.inf
-        for _ in range(_MOST_STEPS):
-            there, size = near.corrected(log_modulus)
+        for _ in range(MOST_STEPS):
+            there, size = near.corrected(goal)
             if size < _ON_PATH:
                 return near
-            if not size < 4 * before:
+            if not size < before:
                 return None
             near, before = there, size
         return None

@@ -147,32 +147,6 @@ def _coupling(domain: CircularDomain, n: int) -> Float[Tensor, "mn mn"]:
     return coupling
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HarmonicExtension:
-    """The harmonic function on Ω with given values on its circles.
-
-    Attributes:
-        domain: Ω.
-        weights: of its functions, a column for each column of values.
-        steps: n, of every circle.
-    """
-
-    domain: CircularDomain
-    weights: Float[Tensor, "mn c"]
-    steps: int
-
-    @classmethod
-    def of(cls, domain: CircularDomain, values: Float[Tensor, "m n c"]) -> HarmonicExtension:
-        """The function with values at n equal steps of every circle, an even number."""
-        m, n = values.shape[:2]
-        functions = _functions(domain.coordinates_on_circles(n), n).reshape(m * n, m * n)
-        return cls(domain=domain, weights=torch.linalg.solve(functions.T, values.reshape(m * n, -1)), steps=n)
-
-    def __call__(self, z: Complex[Tensor, " k"]) -> Float[Tensor, "k c"]:
-        """Its values at points of Ω."""
-        return _functions(self.domain.coordinates(z), self.steps).reshape(-1, len(z)).T @ self.weights
-
-
 def derivative(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
     """dx/dτ of columns at n equal steps of every circle; of their highest frequency, a cosine, it is 0 at the steps."""
     n = x.shape[-2]

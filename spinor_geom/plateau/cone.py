@@ -6,11 +6,9 @@ from math import comb
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import brentq
 
 from spinor_geom.mesh.curve import BoundaryCurve
-
-# sinh x for x·tanh x = 1: the catenoids around an axis, of all sizes, touch the cone with this radius at height 1.
-_OPENING = float(np.sinh(1.1996786402577338))
 
 
 def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
@@ -23,6 +21,8 @@ def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
 
     Source: Dierkes, Hildebrandt & Tromba, "Regularity of Minimal Surfaces" (2010), chapter 4, the cone theorem.
     """
+    # the catenoids around an axis, of all sizes, touch the cone with this radius at height 1
+    opening = np.sinh(brentq(lambda x: x * np.tanh(x) - 1, 1, 2))
     points = [_control_points(curve) for curve in (first, second)]
     centres = [some.mean(axis=0) for some in points]
     axis = centres[1] - centres[0]
@@ -35,7 +35,7 @@ def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
         height = away @ axis / length
         radius = np.linalg.norm(away - height[:, None] * axis / length, axis=1)
         # the apex has to lie beyond this height to the side of the other curve
-        ends.append(side * float((side * height + radius / _OPENING).max()))
+        ends.append(side * float((side * height + radius / opening).max()))
     return ends[0] < ends[1]
 
 

@@ -20,7 +20,7 @@ from spinor_geom.plateau.newton import SMALL, minimised
 from spinor_geom.plateau.problem import CurveTensors
 
 # Nodes may be no farther apart on Γ than so many times their mean distance: beyond, ∂Ω crowds and nothing is resolved.
-_CROWDED = 40.0
+CROWDED = 40.0
 # Of the Hessian by arc length against conformal maps of Ω onto itself, where they are not known exactly.
 _GAUGE_STIFFNESS = 1e-3
 # Distances along Γ, in diagonals, that a slide is moved from a stationary one in search of less energy.
@@ -225,7 +225,7 @@ class Slides:
     @property
     def is_over(self) -> Bool[Tensor, " b"]:
         """Whether nodes crowd; nor does what is not finite lead anywhere."""
-        return (self._increments.amax(-1) * self.slide.shape[1] > _CROWDED) | ~self.size.isfinite()
+        return (self._increments.amax(-1) * self.slide.shape[1] > CROWDED) | ~self.size.isfinite()
 
     @cached_property
     def gauge(self) -> Float[Tensor, "b n 3"]:

@@ -21,13 +21,10 @@ from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface
 
 # Modulus beyond which all but the distance of the rims' means has decayed to rounding errors: there is no surface.
 MOST_MODULUS = 40.0
-# Modulus of a ring with several holes inside it beyond which rounding errors move these against each other.
-_MOST_AROUND_SEVERAL = 20.0
-_MOST_TRIES = 30
-# Damping of the first step, in units of the metric, and how it grows and falls.
-_DAMPING, _MORE_DAMPING, _LESS_DAMPING, _LEAST_DAMPING = 1e-2, 4.0, 8.0, 1e-10
-# Gradients at which nothing but rounding errors is left, and fall of the energy that is none.
-_ROUNDING, _SAME_ENERGY = 1e-13, 1e-14
+# Damping of the first step, in units of the metric, and the factor by which it grows and falls.
+_DAMPING, _FACTOR = 1e-2, 4.0
+# Gradients, dampings and falls of the energy at which nothing but rounding errors is left.
+ROUNDING = 1e-13
 # A step of Newton's method at a critical point lowers the gradient at least to this share.
 _GAIN = 0.5
 # Curvatures of the energy below this share of the largest count as none.
@@ -54,9 +51,7 @@ class RimsProblem:
         """The harmonic surface with given slides over a given domain."""
         return EnergyPoint.of(self.curves, slides, domain, self.negligible).surface
 
-    def descended(
-        self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False, max_steps: int = MOST_STEPS
-    ) -> HarmonicSurface | None:
+    def descended(self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False) -> HarmonicSurface | None:
         """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
 
         A modulus runs away then, or a rim shrinks to a point of it.
@@ -65,11 +60,10 @@ class RimsProblem:
             start: a surface.
             tolerance: of gradient and slopes.
             fixed: whether the moduli stay.
-            max_steps: limit on steps.
         """
         here = self.point(start)
         damping = _DAMPING
-        for _ in range(max_steps):
+        for _ in range(MOST_STEPS):
             require_time()
             size = here.surface.gradient if fixed else here.surface.size
             if self.on_step is not None:
@@ -83,29 +77,29 @@ class RimsProblem:
                 count = len(here.by_slides)
                 metric[count:] = hessian.diagonal()[count:].abs() + 0.1 * here.energy
             there = None
-            for _ in range(_MOST_TRIES):
+            while damping < 1 / ROUNDING:
                 damped = hessian.clone()
                 damped.diagonal().add_(metric, alpha=damping)
                 factor, info = torch.linalg.cholesky_ex(damped)
                 if int(info) == 0:
                     step = torch.cholesky_solve(-gradient[:, None], factor)[:, 0]
                     there = here.stepped(step, fixed=fixed)
-                    if there.energy <= here.energy * (1 + _SAME_ENERGY):
+                    if there.energy <= here.energy * (1 + ROUNDING):
                         break
                     there = None
-                damping = max(_MORE_DAMPING * damping, _LEAST_DAMPING)
+                damping = _FACTOR * damping
             if there is None:
                 break
-            stays = here.energy - there.energy < _SAME_ENERGY * here.energy
+            stays = here.energy - there.energy < ROUNDING * here.energy
             lower = (there.surface.gradient if fixed else there.surface.size) < _GAIN * size
             if stays and not lower:
                 break
-            here, damping = there, max(damping / _LESS_DAMPING, _LEAST_DAMPING)
-            if not fixed and (here.surface.crowded or _is_apart(here.domain)):
+            here, damping = there, max(damping / _FACTOR, ROUNDING)
+            if not fixed and (here.surface.crowded or is_apart(here.domain)):
                 return None
         return here.surface
 
-    def critical(self, near: HarmonicSurface, *, tolerance: float = _ROUNDING) -> HarmonicSurface:
+    def critical(self, near: HarmonicSurface, *, tolerance: float = ROUNDING) -> HarmonicSurface:
         """The critical point next to a surface, a minimum or not, by plain Newton steps while the gradient falls."""
         here = self.point(near)
         for _ in range(MOST_STEPS):
@@ -162,11 +156,10 @@ class RimsProblem:
         return EnergyPoint.of(self.curves, surface.slides, surface.domain, self.negligible)
 
 
-def _is_apart(domain: CircularDomain) -> bool:
+def is_apart(domain: CircularDomain) -> bool:
     """Whether a modulus has run away."""
-    width, modulus = domain.room
-    several = len(width) > 1 and -math.log(float((width + domain.radii).min())) > _MOST_AROUND_SEVERAL
-    return several or float(modulus.max()) > MOST_MODULUS
+    _, modulus = domain.room
+    return float(modulus.max()) > MOST_MODULUS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,10 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SurfaceError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# What a way to a surface may fail at.
+FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,13 +10,14 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from spinor_geom.mesh.curve import SAMPLES_PER_PIECE
 from spinor_geom.plateau.problem import TensorCurve
 
 # No part of a loop may be missed by more than so many tolerances of its own edges: a tenth of them at 1e-3. Noisy and
 # narrow loops that are met everywhere stay below half of that; a finger that is passed over is missed by several edges.
 LOCAL_TOLERANCES = 100.0
-# A piece of Γ so many times longer than the step of the boundary beside it is passed over; points it is seen at.
-_PASSED_OVER, _POINTS_PASSED = 1.5, 16
+# A piece of Γ so many times longer than the step of the boundary beside it is passed over.
+_PASSED_OVER = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,13 +216,13 @@ def _passed_over(
     over that, near to Γ everywhere.
     """
     start, end, step = r[over], r.roll(-1, 0)[over], torch.diff(slide, append=slide[:1] + 1)[over]
-    share = (torch.arange(_POINTS_PASSED, dtype=step.dtype, device=step.device) + 0.5) / _POINTS_PASSED
+    share = (torch.arange(SAMPLES_PER_PIECE, dtype=step.dtype, device=step.device) + 0.5) / SAMPLES_PER_PIECE
     parameters = (slide[over, None] + step[:, None] * share).flatten()
     point, tangent = curve.point_and_derivative(parameters)
     beside = (end - start)[:, None]
-    away = point.reshape(len(over), _POINTS_PASSED, 3) - start[:, None]
+    away = point.reshape(len(over), SAMPLES_PER_PIECE, 3) - start[:, None]
     # a boundary that has collapsed has no direction
     along = (away * beside).sum(-1) / beside.square().sum(-1).clamp_min(torch.finfo(step.dtype).tiny)
     missed = (away - along.clamp(0, 1)[..., None] * beside).norm(dim=-1)
-    arcs = step[:, None] / _POINTS_PASSED * tangent.norm(dim=-1).reshape(len(over), _POINTS_PASSED)
+    arcs = step[:, None] / SAMPLES_PER_PIECE * tangent.norm(dim=-1).reshape(len(over), SAMPLES_PER_PIECE)
     return parameters, missed.flatten(), arcs.flatten()

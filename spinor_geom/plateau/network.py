@@ -14,10 +14,9 @@ from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
-from spinor_geom.plateau.corners import CornerPairs, ModulusFields
 from spinor_geom.plateau.gauss_newton import Fit
-from spinor_geom.plateau.hole_field import HoleField
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, WayAcross
+from spinor_geom.plateau.moduli import CornerPairs, ModulusFields
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 
 # Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
 # time grows with the cube.
@@ -31,7 +30,6 @@ class Discretisation:
     Attributes:
         domain: Ω.
         pairs: corners of Ω and Γ.
-        way: through Ω to its hole; none without one.
         poles: poles outside Ω.
         degree: of the polynomials.
         at_corner: number of poles that are clustered at each corner.
@@ -42,7 +40,6 @@ class Discretisation:
 
     domain: PlaneDomain
     pairs: CornerPairs
-    way: WayAcross | None
     poles: Poles
     degree: int
     at_corner: int
@@ -105,7 +102,6 @@ class Discretisation:
         # between them, and the iteration wanders off
         order = int(np.ceil(4 * unknowns / (2 * sum(len(some) - 1 for some in breaks))))
         panels = Panels.around(domain, breaks, order)
-        way = WayAcross.through(domain)
         network = CauchyNetwork.orthonormal_on(
             torch.as_tensor(panels.z, device=device),
             torch.as_tensor(panels.arc_weights, device=device),
@@ -117,13 +113,12 @@ class Discretisation:
         return cls(
             domain=domain,
             pairs=pairs,
-            way=way,
             poles=poles,
             degree=degree,
             at_corner=at_corner,
             panels=panels,
             network=network,
-            problem=PlateauProblem.on_panels(panels, network, curves, pairs, way),
+            problem=PlateauProblem.on_panels(domain, panels, network, curves, pairs),
         )
 
     def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
@@ -185,9 +180,9 @@ class Discretisation:
         return bool(self.domain.holes) or bool(np.count_nonzero(self.domain.boundary.corners) > 3)
 
     @cached_property
-    def _modulus_fields(self) -> ModulusFields | HoleField:
+    def _modulus_fields(self) -> ModulusFields:
         if self.domain.holes:
-            return HoleField.of(self.domain, self.panels)
+            return ModulusFields.of_hole(self.domain, self.panels)
         # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
         poles = edge_poles(self.domain)
         smooth = CauchyNetwork.orthonormal_on(
@@ -197,7 +192,9 @@ class Discretisation:
             scales=torch.as_tensor(poles.scales),
             degree=8,
         )
-        return ModulusFields.of(self.domain, self.panels, smooth.features(torch.as_tensor(self.panels.z)).numpy())
+        return ModulusFields.of_corners(
+            self.domain, self.panels, smooth.features(torch.as_tensor(self.panels.z)).numpy()
+        )
 
     def flexible(self) -> Discretisation:
         """The same, with an unknown for each field along which Ω may move."""

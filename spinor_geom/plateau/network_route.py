@@ -26,15 +26,16 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual
 from spinor_geom.plateau.roughness import roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.through_points import PointEquations
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import spin_invariant
 from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
@@ -419,10 +420,7 @@ def close_period(surface: SpinorSurface) -> None:
         features = network.features(torch.as_tensor(panels.z, device=device))
         step = torch.as_tensor(panels.dz * panels.weights, device=device)[:, None]
         for _ in range(4):
-            p, q = (features @ network.readout).unbind(-1)
-            gap = (step * phi(p, q)).sum(0).real
-            by_p, by_q = ((2 * value[:, None] * step * features).sum(0) for value in (p, q))
-            # Re ∮ δφ dz by the changes of both read-outs
-            rows = torch.stack([torch.cat([by_p, -by_q]), -1j * torch.cat([by_p, by_q]), torch.cat([by_q, by_p])])
-            change = -rows.mH @ torch.linalg.solve((rows @ rows.mH).real, gap).to(rows.dtype)
-            network.readout.add_(change.reshape(2, -1).T)
+            values = features @ network.readout
+            gap = (step * phi(*values.unbind(-1))).sum(0).real
+            by_p, by_q = (2 * (step * values).mT @ features).conj()[..., None]
+            network.readout.add_(PointEquations.of(by_p, by_q).step(gap[None], None))

@@ -11,11 +11,11 @@ import numpy as np
 
 from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import DomainError, FirstFillError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
-from spinor_geom.plateau.found import Found, NoneBetweenError
+from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain, suits_unit_disk
 from spinor_geom.plateau.omega import NodeDensity
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
@@ -34,11 +34,6 @@ _FEW_POINTS = 8
 # Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
 # is met to 1e-6 of a side, with none to 1e-2.
 _PARTS_OF_A_SIDE = 8
-# A disk farther from Γ than this, in mean edges, is not left: whether it is stable says nothing of those over Γ.
-_POOR = 5e-2
-# Disks of these routes are left where they are unstable: a plane one is not, one through a rough loop's points is next
-# to a discrete disk of least area, and a trained one is taken as it is.
-_LEFT = ("disk", "unfolded", "network")
 
 
 class Route(Protocol):
@@ -226,7 +221,7 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
             break
         try:
             found = route.surface(task)
-        except (DomainError, FirstFillError, SingularMatrixError, SurfaceError) as failure:
+        except FAILURES as failure:
             # what is known of a surface says more than that no domain was found
             error = error if isinstance(error, SurfaceError) else failure
             continue
@@ -258,7 +253,9 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     if task.options.is_series:
         where = "in power series: model='auto' looks among others"
         solution = leave_unstable(solution, partial(_lower_on_disk, task), where)
-    elif solution.route in _LEFT and solution.boundary_residual.rms_per_edge <= _POOR:
+    # a plane disk is stable, one through a rough loop's points is next to a discrete disk of least area, and a trained
+    # one is taken as it is; of one that is far from Γ it says nothing of those over Γ whether it is stable
+    elif solution.route in ("disk", "unfolded", "network") and solution.converged:
         beside = Beside(rim=task.rim, solve=lambda disk: _solution(_routes_down(task, disk), task), steps=task.steps)
 
         def lower(unstable: PlateauSolution) -> PlateauSolution | None:

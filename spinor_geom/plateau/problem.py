@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +17,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.corners import CornerPairs
+from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.slide import nearest_increasing
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import PATH_ORDER
@@ -180,7 +179,8 @@ def _horner(
 class PlateauProblem:
     """Γ, the nodes on ∂Ω, and the features of the model there.
 
-    Where Ω has a hole there are further points behind the nodes, on a way through Ω from the outer boundary to it.
+    Where Ω has a hole there are further points behind the nodes, on a way through Ω from the outer boundary's first
+    vertex to its own.
 
     Attributes:
         curves: Γ, one curve for each boundary of Ω.
@@ -189,7 +189,6 @@ class PlateauProblem:
         weights: (points,), quadrature weights in t.
         widths: (panels,), lengths of the panels in t.
         rims: numbers of panels of each boundary.
-        way: panels of ∂Ω, numbered on their own boundaries, at whose starts the way starts and ends; none without one.
         cumulative: (order, order), integration matrix of a panel of length 1.
         slide_bounds: (nodes, 2), lowest and highest curve parameter of each node.
         fields: (nodes, k), fields along which Ω may move to change its moduli.
@@ -201,7 +200,6 @@ class PlateauProblem:
     weights: Float[Tensor, " points"]
     widths: Float[Tensor, " panels"]
     rims: tuple[int, ...]
-    way: tuple[int, int] | None
     cumulative: Float[Tensor, "order order"]
     slide_bounds: Float[Tensor, "nodes 2"]
     fields: Complex[Tensor, "nodes k"]
@@ -209,27 +207,24 @@ class PlateauProblem:
     @classmethod
     def on_panels(
         cls,
+        domain: PlaneDomain,
         panels: Panels,
         network: CauchyNetwork,
         curves: tuple[CurveTensors, ...],
         pairs: CornerPairs,
-        way: WayAcross | None = None,
     ) -> PlateauProblem:
         """The problem with the nodes of given panels, on a domain that does not move."""
         device = network.poles.device
-        z, dz, weights = panels.z, panels.dz, panels.weights
-        if way is not None:
-            z, dz, weights = np.append(z, way.z), np.append(dz, way.dz), np.append(weights, way.weights)
+        way, steps = way_across(domain)
         with torch.no_grad():
-            features = network.features(torch.tensor(z, device=device))
+            features = network.features(torch.tensor(np.append(panels.z, way), device=device))
         return cls(
             curves=curves,
             features=features,
-            dz=torch.tensor(dz, device=device),
-            weights=torch.tensor(weights, device=device),
+            dz=torch.tensor(np.append(panels.dz, steps), device=device),
+            weights=torch.tensor(np.append(panels.weights, np.ones(len(way))), device=device),
             widths=torch.tensor(panels.widths, device=device),
             rims=panels.rims,
-            way=None if way is None else way.panels_at(panels),
             cumulative=torch.tensor(panels.cumulative, device=device),
             slide_bounds=torch.tensor(pairs.slide_bounds(panels.t), device=device),
             fields=torch.zeros(len(panels.z), 0, dtype=torch.complex128, device=device),
@@ -271,10 +266,8 @@ class PlateauProblem:
         local = (self.cumulative.to(f.dtype) @ by_panel) * self.widths[:, None, None]
         total = (self.weights[: self.nodes].reshape(-1, 1, order).to(f.dtype) @ by_panel)[:, 0]
         starts = [part.cumsum(0) - part for part in torch.split(total, list(self.rims))]
-        if self.way is not None:
-            (outer, inner), (first, last) = starts, self.way
-            across = self.weights[self.nodes :].to(f.dtype) @ f[self.nodes :]
-            starts = [outer, inner + (outer[first] + across - inner[last])]
+        if len(f) > self.nodes:
+            starts[1] = starts[1] + self.weights[self.nodes :].to(f.dtype) @ f[self.nodes :]
         return (local + torch.cat(starts)[:, None]).reshape(self.nodes, -1)
 
     def positions(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3"]:
@@ -301,51 +294,16 @@ class PlateauProblem:
         return (self.null_curve(readout)[: self.nodes, :, None] * self.fields[:, None, :]).real
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WayAcross:
-    """A straight way through Ω between the vertices of its two boundaries that are nearest to each other.
-
-    Attributes:
-        t: parameters of its ends on their boundaries, in [0, 1).
-        z: quadrature nodes on it.
-        dz: derivative of z by the parameter of the way.
-        weights: quadrature weights in that.
-    """
-
-    t: tuple[float, float]
-    z: Complex[np.ndarray, " n"]
-    dz: Complex[np.ndarray, " n"]
-    weights: Float[np.ndarray, " n"]
-
-    @classmethod
-    def through(cls, domain: PlaneDomain) -> WayAcross | None:
-        """The way in a domain with one hole, its panels as short at its ends as ∂Ω's edges there; none without one."""
-        if not domain.holes:
-            return None
-        outer, inner = (boundary.vertices for boundary in domain.boundaries)
-        distance = np.abs(outer[:, None] - inner)
-        first, last = np.unravel_index(distance.argmin(), distance.shape)
-        length, step = distance[first, last], inner[last] - outer[first]
-        breaks = []
-        for polygon, vertex in ((outer, first), (inner, last)):
-            beside = polygon[[vertex - 1, (vertex + 1) % len(polygon)]]
-            edge = np.abs(beside - polygon[vertex]).min()
-            count = max(0, math.floor(math.log2(length / (2 * edge) + 1)))
-            breaks.append(edge * (2.0 ** np.arange(count + 1) - 1) / length)
-        nodes = rule("gauss", PATH_ORDER)
-        ends = np.unique(np.concatenate([breaks[0], 1 - breaks[1]]))
-        width = np.diff(ends)
-        share = (ends[:-1, None] + width[:, None] * nodes.nodes).ravel()
-        return cls(
-            t=(float(domain.boundary.parameters[first]), float(domain.holes[0].parameters[last])),
-            z=outer[first] + step * share,
-            dz=np.full(len(share), step),
-            weights=(width[:, None] * nodes.weights).ravel(),
-        )
-
-    def panels_at(self, panels: Panels) -> tuple[int, int]:
-        """The panels, numbered on their own boundaries, that start at its ends."""
-        first, last = (
-            int(np.abs(breaks[:-1] - t).argmin()) for breaks, t in zip(panels.rim_breaks, self.t, strict=True)
-        )
-        return first, last
+def way_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """Quadrature nodes on a way through Ω from its boundary's first vertex to its hole's, and their weights dz."""
+    if not domain.holes:
+        return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
+    halves = []
+    for end in (0, len(domain.boundary.vertices)):
+        halves.append([end])
+        while halves[-1][-1] != domain.root:
+            halves[-1].append(int(domain.paths.parent[halves[-1][-1]]))
+    corners = domain.triangulation.points[[*halves[0], *halves[1][-2::-1]]]
+    nodes, weights = rule("gauss", PATH_ORDER)
+    step = np.diff(corners)[:, None]
+    return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()

@@ -43,7 +43,7 @@ def independent_residual(stage: Discretisation, fit: Fit, *, points: int) -> Res
     count = len(stage.panels.ends)
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
     dense = Panels.around(stage.domain, stage.panels.rim_breaks, order)
-    problem = PlateauProblem.on_panels(dense, stage.network, stage.problem.curves, stage.pairs, stage.way)
+    problem = PlateauProblem.on_panels(stage.domain, dense, stage.network, stage.problem.curves, stage.pairs)
     velocity = problem.velocities(fit.readout)
     r = problem.integrate(velocity).real + fit.constant
     slide = torch.as_tensor(stage.matched(fit, dense), device=r.device)

@@ -1,43 +1,38 @@
 """Where Douglas's problem for several rims starts: each one's place in Ω, its direction, and what is opposite what.
 
-Two rims are matched by all shifts of one against the other and all moduli at once. Each further rim, the nearest of
-those that are left, is a hole put where the surface so far comes near to it, in the place, of the size, and with the
-direction and shift of least energy. At the end the two circles that are the outer one and the one about 0 are chosen
-such that equal steps of the angle are as even as can be on all rims.
+Two rims are matched by all shifts of one against the other and all moduli at once. More are seen as circles on a sphere
+around some points, and those views taken from which the energy is least. At the end the two circles that are the outer
+one and the one about 0 are chosen such that equal steps of the angle are as even as can be on all rims.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations
 
-import numpy as np
 import torch
 from jaxtyping import Complex, Float
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.plateau.circles import DirichletForm, HarmonicExtension, multipliers
+from spinor_geom.plateau.circles import multipliers
 from spinor_geom.plateau.douglas_rims import MOST_MODULUS, RimsProblem
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 
-# Least modulus that is looked at: rims nearer than a thousandth of their length; and the step of its logarithm.
-LEAST_MODULUS, _STEP = 1e-3, 0.05
-# Nodes on each rim, and steps down the energy, for each rim that is put in.
-_NODES, _FEW_STEPS = 16, 6
+# Step of the logarithm of a modulus.
+_STEP = 0.05
+# Points of each rim that are looked at.
+_NODES = 16
 # Starts that are kept.
 _KEPT = 2
 # Eyes' distances from the rims' middle, in the rims' largest distance from it.
-_EYES = (0.5, 1.0, 2.0)
+_EYES = (0.5, 2.0)
 # Narrowest circles on a sphere, as the cosine of their angle; the least gap between two, in radii of the smaller one;
 # and how often those that cross are made smaller.
 _NARROWEST, _CLEAR, _SHRINKINGS = 0.9999, 0.1, 20
-# Places for a hole across Ω, those of them where the surface is nearest to the rim, and radii by the room there.
-_ACROSS, _NEAREST, _RADII = 16, 12, (0.2, 0.4, 0.65)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +114,7 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
     weight[0] = weight[-1] = 1.0
     square = weight * spectrum.abs().square().sum((0, 2)) / n
     cross = (spectrum[0] * spectrum[1]).sum(-1)
-    logarithms = torch.arange(math.log(LEAST_MODULUS), math.log(MOST_MODULUS), _STEP, dtype=weight.dtype)
+    logarithms = torch.arange(math.log(2 * math.pi / n), math.log(MOST_MODULUS), _STEP, dtype=weight.dtype)
     moduli = logarithms.to(weight.device).exp()
     own, other = multipliers(moduli, n)
     # the second curve shifted by j steps, for all j at once; a row for each modulus
@@ -133,26 +128,11 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
     return Placement.of((first, second), (False, back), slides, domain)
 
 
-def start_over(rims: Sequence[Rim], n: int, *, first: int, back: bool) -> Placement:
-    """A start over all rims with n nodes on each.
-
-    Args:
-        rims: three or more.
-        n: nodes on each, an even number.
-        first: the rim to begin with.
-        back: whether the second one, the nearest to it, runs against the curve that was given.
-    """
-    order = _by_nearness(rims, first)
-    start = start_between(order[0], order[1], _NODES, back=back)
-    for rim in order[2:]:
-        start = _joined(start, rim)
-    return _spread(start, n)
-
-
 def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
-    """Starts with the rims as circles on a sphere around a point from which they are seen beside each other.
+    """Starts with the rims as circles on a sphere around a point.
 
-    From the rims' middle those of a junction are, and from above those of a hole and of islands in it.
+    From the rims' middle those of a junction are seen beside each other, and from above those of a hole and of islands
+    in it; circles that cross are made smaller.
 
     Args:
         rims: three or more.
@@ -169,19 +149,17 @@ def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
 
 
 def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], eye: Float[Tensor, "3"]) -> Placement | None:
-    """The start that a point shows; none where the rims are not seen beside each other."""
+    """The start that a point shows; none where two rims are seen in one direction."""
     m = len(rims)
     away = torch.nn.functional.normalize(samples - eye, dim=-1)
     mean = away.mean(1)
     axis = torch.linalg.eigh(torch.einsum("mni,mnj->mij", away - mean[:, None], away - mean[:, None]))[1][..., 0]
     height = (away @ axis[..., None]).mean((1, 2))
-    # to the side of each circle on which no other rim is
+    # to the side of each circle on which the other rims are not
     side = torch.einsum("kni,mi->mkn", away, axis) - height[:, None, None]
     side[torch.arange(m), torch.arange(m)] = 0
     sign = -side.sum((1, 2)).sign()
     axis, height = sign[:, None] * axis, sign * height
-    if float((sign[:, None, None] * side).max()) > 0:
-        return None
     return _on_sphere(rims, away, axis, height.clamp(-_NARROWEST, _NARROWEST).acos())
 
 
@@ -225,70 +203,6 @@ def _on_sphere(
         back.append(bool(turned.sum() < 0))
         slides.append(even - (angle + even).mean() if back[-1] else even - (angle - even).mean())
     return Placement.of(rims, back, torch.stack(slides), domain)
-
-
-def _by_nearness(rims: Sequence[Rim], first: int) -> list[Rim]:
-    """The rims from a given one on, each the nearest to those before it."""
-    points = [rim.samples(4 * _NODES).cpu().numpy() for rim in rims]
-    trees = [cKDTree(some) for some in points]
-    order, left = [first], set(range(len(rims))) - {first}
-    while left:
-        nearest = min(left, key=lambda k: (min(np.min(trees[k].query(points[j])[0]) for j in order), k))
-        order.append(nearest)
-        left.remove(nearest)
-    return [rims[k] for k in order]
-
-
-def _joined(start: Placement, rim: Rim) -> Placement:
-    """The start with one more rim as a hole."""
-    domain, points, n = start.surface.domain, start.surface.points, start.surface.points.shape[1]
-    ways = [rim.samples(n, back=back) for back in (False, True)]
-    # every shift of every direction, (2 n, n, 3)
-    turns = (torch.arange(n)[:, None] + torch.arange(n)) % n
-    values = torch.cat([way[turns.to(way.device)] for way in ways])
-    places, room = _places(domain)
-    away = (HarmonicExtension.of(domain, points)(places) - values[0].mean(0)).norm(dim=-1)
-    best: tuple[float, CircularDomain, int] | None = None
-    for k in away.argsort()[:_NEAREST].tolist():
-        for share in _RADII:
-            wider = domain.with_hole(complex(places[k]), share * float(room[k]))
-            energy, which = _least_energy(wider, points, values).min(dim=0)
-            if best is None or float(energy) < best[0]:
-                best = float(energy), wider, int(which)
-    assert best is not None
-    _, wider, choice = best
-    back, shift = divmod(choice, n)
-    even = torch.arange(n, dtype=points.dtype, device=points.device) / n
-    slides = torch.cat([start.surface.slides, even[None] + shift / n])
-    joined = Placement.of((*start.rims, rim), (*start.back, bool(back)), slides, wider)
-    lower = joined.problem.descended(joined.surface, tolerance=0.0, max_steps=_FEW_STEPS)
-    return joined if lower is None else replace(joined, surface=lower)
-
-
-def _places(domain: CircularDomain) -> tuple[Complex[Tensor, " k"], Float[Tensor, " k"]]:
-    """Points all over Ω, by the logarithm of their distance from 0, and their distances from the circles."""
-    like = domain.radii
-    depth = (torch.arange(_ACROSS // 2, dtype=like.dtype, device=like.device) + 0.5) / (_ACROSS // 2)
-    angle = torch.arange(_ACROSS, dtype=like.dtype, device=like.device) * (2 * math.pi / _ACROSS)
-    radius = domain.radii[0] + (1 - domain.radii[0]) * depth
-    places = torch.polar(radius[:, None].expand(-1, _ACROSS), angle.expand(len(depth), -1)).flatten()
-    room = torch.minimum(1 - places.abs(), ((places[:, None] - domain.centres).abs() - domain.radii).min(dim=1).values)
-    inside = room > 0
-    return places[inside], room[inside]
-
-
-def _least_energy(
-    domain: CircularDomain, points: Float[Tensor, "m n 3"], values: Float[Tensor, "v n 3"]
-) -> Float[Tensor, " v"]:
-    """The energies with any of several values on the last circle."""
-    m, n = points.shape[:2]
-    matrix = DirichletForm.of(domain, n).matrix()
-    flat = points.reshape(m * n, 3)
-    before = 0.5 * (flat * (matrix[: m * n, : m * n] @ flat)).sum()
-    pull = matrix[m * n :, : m * n] @ flat
-    own = torch.einsum("vic,ij,vjc->v", values, matrix[m * n :, m * n :], values)
-    total: Tensor = before + (values * pull).sum((1, 2)) + 0.5 * own
-    return total
 
 
 def _spread(start: Placement, n: int) -> Placement:

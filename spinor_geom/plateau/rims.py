@@ -23,57 +23,50 @@ from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
-from spinor_geom.plateau.douglas_rims import RimsProblem
+from spinor_geom.plateau.douglas_rims import ROUNDING, RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain
 from spinor_geom.plateau.lift import Lift, circles_of, lifted_between, surface_of
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
-from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between, start_over
+from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.rims_through_points import surface_through
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.steps import Steps
 
-# Nodes on each rim where an annulus is sought, most for which matrices are factored, and most of all.
-_COARSE_NODES, _DENSE_NODES, _MOST_NODES = 64, 256, 1 << 15
-# Nodes on each of three rims or more where a surface is sought, and on all together for which matrices are factored.
-_FEWEST_NODES, _DENSE_IN_ALL = 32, 1536
-# Most nodes on smooth rims: their distance falls exponentially, unless the nodes crowd.
-_MOST_SMOOTH = 2048
+# Fewest nodes on each rim where a surface is sought, nodes on all together for which matrices are factored, and most on
+# each.
+_FEWEST_NODES, _DENSE_IN_ALL, _MOST_NODES = 32, 512, 1 << 13
 # Nodes on a length as long as the gap is wide, where an annulus is sought.
 _NODES_PER_GAP = 4
-# Nodes for each edge of rough rims to begin with, and how many times more come next.
-_PER_EDGE, _MORE_NODES = 6, 2
+# Nodes for each edge of rough rims to begin with.
+_PER_EDGE = 6
 # Powers of one circle's coordinate on another that are left away over rough rims: far below what their nodes resolve.
 _NEGLIGIBLE_POWER = 1e-8
 # While nodes are so few that matrices are factored, the distance is brought to this share of what is asked for.
 _WELL_BELOW = 1e-3
 # The other direction of the second loop is tried too if its start has at most so many times the energy.
 _RIVAL = 1.3
-# Gradient at which a search stops, and above which it has found nothing.
-_FOUND, _SETTLED = 1e-12, 1e-3
-# More nodes that do not lower the distance to this share do not help, twice in a row.
-_WORTHWHILE, _PATIENCE = 0.7, 2
-# Gradient above which the energy is brought down anew.
-_POOR = 1e-6
-# Why there is no annulus where that is seen from the rims alone.
-PARTED = "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
-# The smooth curve that leads to a rough one: its width, in points and at least as a share of the loop; and how many
-# curves there are between.
-_SMOOTHING, _NARROWEST_AVERAGE, _DEFORMATIONS = 3.0, 0.03, 4
+# Gradient above which a search has found nothing, and above which the energy is brought down anew.
+_SETTLED, _POOR = 1e-3, 1e-6
+# More nodes that do not lower the distance to this share do not help.
+_WORTHWHILE = 0.7
+# The smooth curve that leads to a rough one: its width as a share of the loop, and how many curves there are between.
+_AVERAGE, _DEFORMATIONS = 0.03, 4
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
     """Why there cannot be a surface of one piece between several loops at unit size, where that is certain."""
-    if lie_beside(loops, curves):
+    if lie_beside(loops):
         return "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
-    return PARTED if len(curves) == 2 and parted_by_cone(*curves) else None
+    if len(curves) == 2 and parted_by_cone(*curves):
+        return "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
+    return None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,7 +136,7 @@ class RimsSolver:
             points.append(loop.points)
             starts.append(torch.as_tensor(match.points_in_domain(), device=self.options.device))
         with self.clock.stage("fit"):
-            passed = surface_through(smooth, starts, points, allowed=self.allowed, on_step=self._newton_step)
+            passed = surface_through(smooth, starts, points, allowed=self.allowed, steps=self.steps)
         return Found(
             surface=passed.surface,
             curves=passed.curves,
@@ -152,15 +145,11 @@ class RimsSolver:
                 for boundary, curve in zip(passed.surface.domain.boundaries, passed.curves, strict=True)
             ),
             misfit=passed.misfit,
-            area=passed.surface.area(),
+            area=passed.area,
             route="vertices",
             limit="no minimal surface near that over averages of the rims passes through their points more nearly",
             between=_between(placed, smooth.series.antiperiodic, passed.period),
         )
-
-    def _newton_step(self, distance: float) -> bool:
-        self.steps.take("Newton", distance)
-        return self.steps.left > 0
 
     def _descended(self) -> Placement | None:
         """The surface that the energy falls to from the better start, or from several of nearly the same energy.
@@ -177,7 +166,7 @@ class RimsSolver:
                         best = lower
             if best is None:
                 return None
-            nodes = max(best.surface.slides.shape[1], _COARSE_NODES)
+            nodes = max(best.surface.slides.shape[1], 2 * _FEWEST_NODES)
             return replace(best, surface=self._problem(best).refined(best.surface, nodes))
 
     def _lower(self, start: Placement) -> Placement | None:
@@ -191,7 +180,7 @@ class RimsSolver:
             if lower is not None and lower.size <= _SETTLED:
                 return replace(start, surface=lower)
             n, fallen = 2 * n, fallen + (lower is None)
-            if len(self.loops) == 2 or fallen == 2 or n > _DENSE_NODES:
+            if len(self.loops) == 2 or fallen == 2 or n * len(self.loops) > _DENSE_IN_ALL:
                 return None
 
     @cached_property
@@ -205,8 +194,7 @@ class RimsSolver:
     @cached_property
     def _coarse_nodes(self) -> int:
         """Nodes on each of two rims with which an annulus is sought."""
-        steps = np.ceil(np.log2(self._wanted_nodes))
-        return int(2 ** np.clip(steps, np.log2(_COARSE_NODES), np.log2(_DENSE_NODES)))
+        return _even(np.clip(self._wanted_nodes, _FEWEST_NODES, _DENSE_IN_ALL / 2))
 
     @cached_property
     def _starts(self) -> tuple[Placement, ...]:
@@ -214,8 +202,7 @@ class RimsSolver:
         rims = self._rims[0]
         if len(rims) == 2:
             return tuple(start_between(*rims, self._coarse_nodes, back=back) for back in (False, True))
-        seen = seen_starts(rims, _FEWEST_NODES)
-        return tuple(seen) or tuple(start_over(rims, _FEWEST_NODES, first=0, back=back) for back in (False, True))
+        return tuple(seen_starts(rims, _FEWEST_NODES))
 
     @cached_property
     def _way(self) -> tuple[tuple[BoundaryCurve, ...], ...]:
@@ -225,7 +212,7 @@ class RimsSolver:
         """
         if not self.is_rough:
             return (self.curves,)
-        ways = [_grown(curve, len(loop)) for curve, loop in zip(self.curves, self.loops, strict=True)]
+        ways = [_grown(curve) for curve in self.curves]
         return tuple(zip(*ways, strict=True))
 
     @cached_property
@@ -281,8 +268,9 @@ class RimsSolver:
                 return [replace(best, surface=problem.refined(surface, n)) for surface in found]
         start = min(self._starts, key=lambda start: start.surface.energy)
         with self.clock.stage("moduli"):
-            search = ModuliSearch(problem=self._problem(start), start=start.surface)
-            return [replace(start, surface=surface) for surface in search.all_critical()]
+            problem = self._problem(start)
+            held = problem.descended(start.surface, tolerance=_POOR, fixed=True)
+            return [replace(start, surface=surface) for surface in all_on_path(problem, held)]
 
     def _stable(self) -> list[Placement]:
         return [placed for placed in self.all_critical() if self._problem(placed).index(placed.surface) == 0]
@@ -295,7 +283,7 @@ class RimsSolver:
         """
         problem = self._problem(placed, -1)
         best: tuple[Lift, HarmonicSurface] | None = None
-        error, limit, vain = SurfaceError("no minimal surface was found"), "more nodes on the rims do not help", 0
+        error, limit = SurfaceError("no minimal surface was found"), "more nodes on the rims do not help"
         for finer in self._finer(placed):
             goal = self._goal(finer)
             with self.clock.stage("lift"):
@@ -304,15 +292,15 @@ class RimsSolver:
                 except SurfaceError as failure:  # more nodes may tell the sheets apart
                     error = failure
                     continue
-            vain = 0 if best is None or lift.misfit.rms < _WORTHWHILE * best[0].misfit.rms else vain + 1
+            in_vain = best is not None and not lift.misfit.rms < _WORTHWHILE * best[0].misfit.rms
             if best is None or lift.misfit.rms < best[0].misfit.rms:
                 best = lift, finer
             told = best[0].misfit
             met = told.rms <= goal and told.max_per_local_edge <= LOCAL_TOLERANCES * self.options.tolerance
-            if met or vain == _PATIENCE:
+            if met or in_vain:
                 break
         else:
-            limit = f"{self._most_nodes} nodes on each rim are the most that are tried"
+            limit = f"{_MOST_NODES} nodes on each rim are the most that are tried"
         if best is None:
             raise error
         return self._found(*best, placed=placed, limit=limit)
@@ -321,11 +309,7 @@ class RimsSolver:
         """Distance at which no more nodes are taken."""
         if self.options.is_series:
             return 0.0
-        return self.allowed * (_WELL_BELOW if surface.slides.shape[1] < _DENSE_NODES else 1.0)
-
-    @property
-    def _most_nodes(self) -> int:
-        return _MOST_NODES if self.is_rough else _MOST_SMOOTH
+        return self.allowed * (_WELL_BELOW if surface.slides.numel() <= _DENSE_IN_ALL else 1.0)
 
     def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
         """The surface over the loops' own curves, and with more and more nodes."""
@@ -339,16 +323,16 @@ class RimsSolver:
         while True:
             yield surface
             require_time()
-            n = _even(_MORE_NODES * surface.slides.shape[1])
-            if n > self._most_nodes:
+            n = _even(2 * surface.slides.shape[1])
+            if n > _MOST_NODES or not self.steps.left:
                 return
             with self.clock.stage("slides"):
-                if stable and (n > _DENSE_NODES or n * len(self.loops) > _DENSE_IN_ALL):
+                if stable and n * len(self.loops) > _DENSE_IN_ALL:
                     surface = self._settled(problem, surface, n, near=not self.is_rough)
                     continue
                 finer: HarmonicSurface | None = problem.refined(surface, n)
                 if stable and finer is not None and finer.gradient > _POOR:
-                    finer = problem.descended(finer, tolerance=_FOUND)
+                    finer = problem.descended(finer, tolerance=ROUNDING)
             if finer is None:
                 return
             surface = finer
@@ -358,7 +342,7 @@ class RimsSolver:
         return problem.settled(
             surface,
             n,
-            tolerance=ROUGH_GRADIENT * self.options.tolerance if self.is_rough else _FOUND,
+            tolerance=ROUGH_GRADIENT * self.options.tolerance if self.is_rough else ROUNDING,
             max_steps=min(MOST_STEPS, self.steps.left),
             near=near,
             negligible=negligible_energy(edges, self.allowed) if self.is_rough else 0.0,
@@ -396,14 +380,13 @@ def _between(placed: Placement, antiperiodic: tuple[bool, ...], period: float) -
     )
 
 
-def _grown(curve: BoundaryCurve, points: int) -> list[BoundaryCurve]:
+def _grown(curve: BoundaryCurve) -> list[BoundaryCurve]:
     """Curves from a smooth average to a rough one.
 
     Averaged once, curves shrink; twice the average less the average's average keeps what is much longer than its width.
     """
-    width = max(_SMOOTHING / points, _NARROWEST_AVERAGE)
-    once = curve.smoothed(width)
-    average = once.towards(once.smoothed(width), -1.0)
+    once = curve.smoothed(_AVERAGE)
+    average = once.towards(once.smoothed(_AVERAGE), -1.0)
     shares = np.arange(1, _DEFORMATIONS + 1) / _DEFORMATIONS
     return [average, *(average.towards(curve, share) for share in shares)]
 

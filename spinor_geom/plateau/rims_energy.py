@@ -17,7 +17,7 @@ from torch import Tensor
 
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.circles import DirichletForm, derivative, without_highest
-from spinor_geom.plateau.douglas import slid
+from spinor_geom.plateau.douglas import CROWDED, slid
 from spinor_geom.plateau.problem import CurveTensors
 
 # Halvings of a step until the circles stay apart.
@@ -26,8 +26,6 @@ _MOST_HALVINGS = 4
 _LARGEST_STEP = 0.5
 # Error of Λ, relative, above which so many nodes do not resolve the gaps between the circles.
 _UNRESOLVED = 1e-2
-# Nodes may be no farther apart on a curve than so many times their mean distance.
-_CROWDED = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +52,7 @@ class HarmonicSurface:
     def crowded(self) -> bool:
         """Whether the nodes leave out a large part of a curve, so that the energy means nothing."""
         steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
-        return float(steps.max()) * self.slides.shape[1] > _CROWDED
+        return float(steps.max()) * self.slides.shape[1] > CROWDED
 
     @property
     def log_modulus(self) -> float:

@@ -17,36 +17,28 @@ from jaxtyping import Float, Int
 from scipy.interpolate import LinearNDInterpolator
 
 from spinor_geom.discrete.area_descent import Disk, descend_area, harmonic_extension
-from spinor_geom.discrete.minimal_surface import first_disk
+from spinor_geom.discrete.minimal_surface import FINE_CHANGE, first_disk
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
-from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import DomainError, SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+from spinor_geom.plateau.found import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import lowest_modes
 from spinor_geom.plateau.steps import Steps
 
 # Growth of the triangles inwards: finer than a first fill, whose area may have no descent where the surface's has.
 _GROWTH = 0.1
-# Relative change of the area at which its descent ends: what a disk and its neighbour differ by is far more.
-_CHANGE = 1e-8
 # Displacements along an eigenvector, in diagonals, among which the least area is sought. Where that leads nowhere some
 # large ones are tried: from beyond a new disk Newton's method goes to it, from short of it back to the old one.
 _AMPLITUDES = 0.5 ** np.arange(1, 7, 0.5)
-# Unstable disks that are left for a better one, one after the other: seams and Enneper's disks take one.
-_MOST_DEPARTURES = 4
-# Harmonic steps take the average of two disks near to a minimal one; more of them would slide off the ridge.
-_RIDGE_STEPS = 3
 # Two disks of one area and of one normal along Γ are the same (a minimal surface is determined by its normal along a
-# curve); what exact fits may differ by, and how many residuals per edge the normals of poor ones do.
-_SAME_AREA = 1e-6
-_SAME_NORMAL, _NORMAL_PER_RESIDUAL = 0.03, 15.0
-# Starts in all: a bound, not a number that loops come near to.
+# curve): as many radians normals differ by, as RMS, where they are not.
+_SAME_NORMAL = 0.1
+# Starts in all, and unstable disks that are left one after the other: a bound, not a number that loops come near to.
 _MOST_STARTS = 24
-# What a start may fail at.
-_FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
 
 
 # Makes a solution from a discrete disk over the rim; raises one of the failures where that leads to none.
@@ -142,7 +134,7 @@ def leave_unstable(
         A disk that is not unstable, or one that could not be left; its reason says what was left.
     """
     left: list[float] = []
-    while solution.stability.verdict == "unstable" and len(left) < _MOST_DEPARTURES:
+    while solution.stability.verdict == "unstable" and len(left) < _MOST_STARTS:
         better = lower(solution)
         if better is None:
             break
@@ -181,7 +173,7 @@ class Beside:
                     return None
                 try:
                     again = self.solve(disk)
-                except _FAILURES:
+                except FAILURES:
                     continue
                 if _is_lower(again, solution):
                     if again.converged or again.boundary_residual.rms <= solution.boundary_residual.rms:
@@ -193,10 +185,10 @@ class Beside:
 def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
     """Minimal disks of one loop, sorted by area.
 
-    Starts: the unfolded least-area triangulation, the harmonic disk over a plane one, and, where neither leads to an
-    unstable disk, the first one mirrored in the harmonic one. Every unstable disk is left to both sides along each of
-    its eigenvectors. Where Γ bounds no degenerate disk, Σ(−1)^index = 1 over all disks; while the sum is larger, the
-    averages of pairs of stable disks are starts too, because between two minima there is a saddle.
+    Starts: the unfolded least-area triangulation, and the harmonic disk over a plane one. Every unstable disk is left
+    to both sides along each of its eigenvectors. Where Γ bounds no degenerate disk, Σ(−1)^index = 1 over all disks;
+    while the sum is larger, the averages of pairs of stable disks are starts too, because between two minima there is a
+    saddle.
 
     Args:
         rim: of the loop.
@@ -213,8 +205,6 @@ def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
     search = _Search(rim=rim, solve=solve)
     search.start(lambda: first_disk(rim.points))
     search.start(rim.round_disk)
-    if search.entries and all(entry.solution.stability.verdict != "unstable" for entry in search.entries):
-        search.start(search.mirrored)
     search.leave_all()
     for pair in search.open_pairs():
         search.start(partial(search.ridge, *pair))
@@ -260,7 +250,7 @@ class _Search:
         """Solves from a disk that is yet to be made."""
         try:
             disk = make_disk()
-        except _FAILURES as error:
+        except FAILURES as error:
             self.errors.append(error)
         else:
             self.start_from(disk)
@@ -272,7 +262,7 @@ class _Search:
             return None
         try:
             solution = self.solve(disk)
-        except _FAILURES as error:
+        except FAILURES as error:
             self.errors.append(error)
             return None
         if not solution.converged:
@@ -289,8 +279,7 @@ class _Search:
     def _are_one(self, a: _Entry, b: _Entry) -> bool:
         apart = abs(a.solution.area - b.solution.area)
         turned = self.rim.mean(((a.normals - b.normals) ** 2).sum(axis=1)) ** 0.5
-        allowed = _SAME_NORMAL + _NORMAL_PER_RESIDUAL * (a.residual + b.residual)
-        return apart <= _area_error(a.solution, b.solution) and turned <= allowed
+        return apart <= _area_error(a.solution, b.solution) and turned <= _SAME_NORMAL
 
     def leave_all(self) -> None:
         """Starts to both sides of every unstable disk along its eigenvectors, and of those that this finds."""
@@ -306,19 +295,14 @@ class _Search:
                     if found is not None and _is_lower(found, unstable):
                         break
 
-    def mirrored(self) -> Disk:
-        """The first disk mirrored in the harmonic one, its area descended: a way into another valley."""
-        first = self.rim.round_positions(self.entries[0].solution)
-        return self._descended(2 * self.rim.round_disk().vertices - first)
-
     def ridge(self, first: _Entry, second: _Entry) -> Disk:
         """The average of two disks, nearly minimal."""
-        positions = [self.rim.round_positions(entry.solution) for entry in (first, second)]
-        return self._descended((positions[0] + positions[1]) / 2, _RIDGE_STEPS)
-
-    def _descended(self, vertices: Float[np.ndarray, "n 3"], steps: int = 100) -> Disk:
+        one, other = (self.rim.round_positions(entry.solution) for entry in (first, second))
         mesh = self.rim.round_mesh
-        return descend_area(vertices, mesh.faces, mesh.boundary_size, relative_change=_CHANGE, max_iterations=steps)
+        # more steps than one would slide off the ridge
+        return descend_area(
+            (one + other) / 2, mesh.faces, mesh.boundary_size, relative_change=FINE_CHANGE, max_iterations=1
+        )
 
     def open_pairs(self) -> Iterator[tuple[_Entry, _Entry]]:
         """Pairs of stable disks, nearest in area to the least first, while the list is not complete."""
@@ -372,7 +356,7 @@ def _beside(
     if areas.min() < face_areas(x, faces).sum():
         start = x + _AMPLITUDES[areas.argmin()] * displacement
         try:
-            descent = descend_area(start, faces, mesh.boundary_size, relative_change=_CHANGE)
+            descent = descend_area(start, faces, mesh.boundary_size, relative_change=FINE_CHANGE)
         except SingularMatrixError:  # triangles collapsed on the way
             pass
         else:
@@ -389,7 +373,7 @@ def _is_lower(solution: PlateauSolution, other: PlateauSolution) -> bool:
 def _area_error(a: PlateauSolution, b: PlateauSolution) -> float:
     """Difference of area that two fits of one disk may have: the first variation of area is at most ∮ |δr| ds."""
     residuals = a.boundary_residual.rms + b.boundary_residual.rms
-    return _SAME_AREA * max(a.area, b.area) + residuals * a.loop.perimeter
+    return float(np.sqrt(np.finfo(np.float64).eps)) * max(a.area, b.area) + residuals * a.loop.perimeter
 
 
 def _harmonic(mesh: PlaneTriangulation, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:

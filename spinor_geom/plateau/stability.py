@@ -18,9 +18,6 @@ from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Total curvature, as a share of 2π, from which on the eigenvalues decide: meshes tell it to about a percent.
-_SURE = 0.98
-
 
 @dataclass(frozen=True, kw_only=True)
 class Stability:
@@ -54,7 +51,7 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
     curvature, error = _boundary_curvature(surface)
-    if curvature + error < _SURE * 2 * np.pi:
+    if curvature + error < 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvature)
     mesh = _Mesh.of(surface)
     while True:
@@ -71,8 +68,9 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
     """The verdict of two meshes."""
     curvatures = [float(mesh.curvature.sum()) for mesh in (coarse, fine)]
     # where refinement changes it by more than a twentieth, the eigenvalues do not yet converge at their order
-    resolved = abs(curvatures[1] - curvatures[0]) <= curvatures[1] / 20
-    if resolved and max(curvatures) < _SURE * 2 * np.pi:
+    change = abs(curvatures[1] - curvatures[0])
+    resolved = change <= curvatures[1] / 20
+    if resolved and max(curvatures) + change < 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvatures[1])
     count = 2
     while True:

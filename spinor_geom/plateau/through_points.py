@@ -7,29 +7,38 @@ taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import SplineBoundary
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.errors import DomainError
+from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
+from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
+from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import places_in_piece, through
 from spinor_geom.plateau.gauss_newton import gram
 from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.formulas import null_vector, phi
 
 # The Newton equations' diagonal is raised by this share of its mean: an equation that no read-out can meet is not met
 # at any price. With 1e-7 600 points with 30 % noise keep 3e-3 of an edge; with 1e-9 teeth of 10° keep 1e-3.
 _DAMPING = 1e-8
+# Gauss-Legendre nodes on each edge while p and q are sought; with twice as many it is told how near the surface comes,
+# and sought again where that is not near enough: 1 rim in 25 of those cut along triangles, with 10 nodes every third.
+NODES = 14
+# Degree of the polynomials.
+DEGREE = 24
+# Newton steps go on to this share of the distance allowed.
+_BELOW_ALLOWED = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,11 +83,6 @@ class EdgeIntegrals:
     def gap(self) -> Float[Tensor, "3"]:
         """Re ∮ φ dz: what r is off the first vertex after one turn."""
         return self._steps.sum(0)
-
-    def centred(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-        """Distances of the vertices from given points, with the constant of r that makes their sum 0."""
-        error = self.starts - points
-        return error - error.mean(0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,21 +135,185 @@ class PointEquations:
         return torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
 
 
-class Passing(Protocol):
-    """A surface on its way through points."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OnRim:
+    """The features on one rim of Ω, times what changes sign."""
 
-    @property
+    polygon: Complex[Tensor, " n"]
+    sign: Complex[Tensor, "n g"]
+    features: Complex[Tensor, "n g k"]
+    own: slice  # those of the rim's own poles
+    norm: Complex[Tensor, "c c"]  # L with LLᴴ the Gram matrix of the own ones in H¹
+
+    def nearest(self, spinors: Complex[Tensor, "n g 2"]) -> Complex[Tensor, "c 2"]:
+        """Orthonormal read-outs of the own features nearest in H¹ to values at the nodes, but for what changes sign."""
+        norm = _norm_of_edge(spinors.shape[1], spinors.device).to(spinors)
+        weighted = norm.mT @ (norm @ spinors) * shares(self.polygon)[:, None, None] / self.sign.conj()[..., None]
+        nearest: Tensor = torch.linalg.solve_triangular(
+            self.norm, self.features[..., self.own].flatten(0, 1).mH @ weighted.flatten(0, 1), upper=False
+        )
+        return nearest
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Basis:
+    """Polynomials and Cauchy units, the outer rim's first, and the H¹ norm of each rim's own on its edges."""
+
+    hessenberg: Complex[Tensor, "d1 d"]
+    poles: Complex[Tensor, " m"]
+    scales: Float[Tensor, " m"]
+    branches: Complex[Tensor, " b"]
+    rims: tuple[OnRim, ...]
+    ways: tuple[tuple[Complex[Tensor, "_ k"], Complex[Tensor, "_"]], ...]  # features on the way to each rim, and dz
+
+    @classmethod
+    def on(
+        cls,
+        polygons: Sequence[Complex[Tensor, "_"]],
+        poles: Sequence[Poles],
+        ways: Sequence[tuple[Complex[Tensor, "_"], Complex[Tensor, "_"]]],
+        branches: Complex[Tensor, " b"],
+        *,
+        nodes: int,
+    ) -> Basis:
+        """The features on the rims of Ω.
+
+        Args:
+            polygons: the rims.
+            poles: of each.
+            ways: quadrature nodes on a way to each of several from the root of Ω, and dz times their weights.
+            branches: points in holes around which p and q change their sign.
+            nodes: on each edge.
+        """
+        outer = polygons[0]
+        positions = torch.as_tensor(np.concatenate([each.positions for each in poles]), device=outer.device)
+        scales = torch.as_tensor(np.concatenate([each.scales for each in poles]), device=outer.device)
+        weight = shares(outer)[:, None] * torch.tensor(rule("gauss", nodes).weights, device=outer.device)
+        hessenberg = arnoldi_hessenberg(
+            nodes_on_edges(outer, nodes).flatten(), weight.flatten(), min(DEGREE, max(2, len(outer) // 2))
+        )
+        # the polynomials are the outer rim's own
+        ends = [0, *(len(hessenberg) + np.cumsum([len(each.positions) for each in poles])).tolist()]
+        rims = []
+        for number, polygon in enumerate(polygons):
+            z = nodes_on_edges(polygon, nodes)
+            sign = sign_changing(z, branches)
+            features = raw_features(z, hessenberg, positions, scales)
+            own = slice(*ends[number : number + 2])
+            root = _norm_of_edge(nodes, outer.device).to(features) * shares(polygon).sqrt()[:, None, None]
+            matrix = gram((root @ features[..., own]).flatten(0, 1))
+            # units with neighbouring poles are nearly dependent
+            matrix.diagonal().add_(torch.finfo(root.real.dtype).eps ** 0.5 * matrix.diagonal().real.mean())
+            rims.append(
+                OnRim(
+                    polygon=polygon,
+                    sign=sign,
+                    features=features.mul_(sign[..., None]) if len(branches) else features,
+                    own=own,
+                    norm=torch.linalg.cholesky(matrix),
+                )
+            )
+        on_ways = [
+            (raw_features(z, hessenberg, positions, scales) * sign_changing(z, branches)[..., None], dz)
+            for z, dz in ways
+        ]
+        return cls(
+            hessenberg=hessenberg,
+            poles=positions,
+            scales=scales,
+            branches=branches,
+            rims=tuple(rims),
+            ways=tuple(on_ways),
+        )
+
+    def raw(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
+        """Of the features themselves from read-outs of those that are orthonormal in H¹ on their own rims."""
+        return torch.cat(
+            [torch.linalg.solve_triangular(rim.norm.mH, readout[rim.own], upper=True) for rim in self.rims]
+        )
+
+    def orthonormal(self, rows: Complex[Tensor, "r k"]) -> Complex[Tensor, "k r"]:
+        """Conjugates of functions of the features as functions of the orthonormal ones."""
+        return torch.cat(
+            [torch.linalg.solve_triangular(rim.norm, rows[:, rim.own].mH, upper=False) for rim in self.rims]
+        )
+
+    def network(self, raw: Complex[Tensor, "k 2"]) -> CauchyNetwork:
+        """The network with read-outs of the features themselves."""
+        return CauchyNetwork.of_raw_features(
+            self.rims[0].polygon,
+            hessenberg=self.hessenberg,
+            poles=self.poles,
+            scales=self.scales,
+            readout=raw,
+            branches=self.branches,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Passing:
+    """A surface on its way through the points of all rims."""
+
+    basis: Basis
+    points: tuple[Float[Tensor, "_ 3"], ...]
+    raw: Complex[Tensor, "k 2"]
+
+    @cached_property
+    def integrals(self) -> tuple[EdgeIntegrals, ...]:
+        """Of each rim."""
+        return tuple(EdgeIntegrals(polygon=rim.polygon, spinors=rim.features @ self.raw) for rim in self.basis.rims)
+
+    @cached_property
+    def _on_ways(self) -> tuple[Complex[Tensor, "_ 2"], ...]:
+        return tuple(way @ self.raw for way, _ in self.basis.ways)
+
+    @cached_property
     def error(self) -> Float[Tensor, "n 3"]:
-        """What the points are off where they shall be."""
-        ...
-
-    def linearised(self) -> PointEquations:
-        """How that changes with the read-outs."""
-        ...
+        """What the points are off, their mean at 0, and below it by how much r does not close around each hole."""
+        rows = [along.starts - points for along, points in zip(self.integrals, self.points, strict=True)]
+        for row, values, (_, steps) in zip(rows, self._on_ways, self.basis.ways, strict=False):
+            row += (phi(*values.unbind(-1)) * steps[:, None]).sum(0).real
+        error = torch.cat(rows)
+        return torch.cat([error - error.mean(0), *(along.gap[None] for along in self.integrals[1:])])
 
     def at(self, readout: Complex[Tensor, "k 2"]) -> Passing:
         """The surface of other read-outs."""
-        ...
+        return replace(self, raw=self.basis.raw(readout))
+
+    def linearised(self) -> PointEquations:
+        """How the error changes with the read-outs."""
+        by_points, by_gaps = [], []
+        for rim, along in zip(self.basis.rims, self.integrals, strict=True):
+            over_edge = along.changes(rim.features).transpose(0, 1)
+            by_points.append(over_edge.cumsum(1).sub_(over_edge))
+            by_gaps.append(over_edge.sum(1, keepdim=True))
+        for changes, values, (way, steps) in zip(by_points, self._on_ways, self.basis.ways, strict=False):
+            changes += (2 * (values * steps[:, None]).mT @ way)[:, None]
+        rows = torch.cat([*by_points, *by_gaps[1:]], dim=1)
+        points = rows[:, : sum(map(len, self.points))]
+        points -= points.mean(1, keepdim=True)
+        return PointEquations.of(*map(self.basis.orthonormal, rows))
+
+    def closed(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
+        """The read-outs of the nearest surface that closes around all holes, to first order."""
+        rows = [along.changes(rim.features).sum(0) for rim, along in zip(self.basis.rims, self.integrals, strict=True)]
+        equations = PointEquations.of(*map(self.basis.orthonormal, torch.stack(rows[1:], dim=1)))
+        return readout + equations.step(torch.stack([along.gap for along in self.integrals[1:]]), None)
+
+
+@lru_cache
+def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
+    """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of a degree of half the nodes, from its values at these.
+
+    The edge is the unit of length; of other functions it is their projection's: p and q hardly vary along an edge.
+    """
+    places, weights = rule("gauss", count)
+    degrees = np.arange(count // 2 + 1)
+    values = np.polynomial.legendre.legvander(2 * places - 1, degrees[-1])
+    slopes = 2 * np.polynomial.legendre.legval(2 * places - 1, np.polynomial.legendre.legder(np.eye(len(degrees)))).T
+    both = np.diag(1 / (2 * degrees + 1)) + slopes.T @ (weights[:, None] * slopes)
+    projection = (2 * degrees[:, None] + 1) * (values * weights[:, None]).T
+    return torch.tensor(np.linalg.cholesky(both).T @ projection, device=device)
 
 
 def nearest_through(
@@ -153,8 +321,8 @@ def nearest_through(
     readout: Complex[Tensor, "k 2"],
     *,
     start: Complex[Tensor, "k 2"],
-    enough: float,
-    on_step: Callable[[float], bool],
+    allowed: float,
+    steps: Steps,
 ) -> Complex[Tensor, "k 2"]:
     """Newton's method for the read-outs nearest to a start that meet all points.
 
@@ -162,12 +330,12 @@ def nearest_through(
         here: the surface to set out from.
         readout: its read-outs.
         start: those to stay near to.
-        enough: RMS distance at which to stop.
-        on_step: gets the RMS distance after each step, and says whether there may be one more.
+        allowed: RMS distance, a good deal below which it stops.
+        steps: gets those that lower the distance.
     """
     linear: PointEquations | None = None
-    linearised, goes_on, distance = 0, True, rms(here.error)
-    while distance > enough and goes_on and not is_out_of_time():
+    linearised, distance = 0, rms(here.error)
+    while distance > _BELOW_ALLOWED * allowed and not steps.are_spent:
         fresh = linear is None
         if linear is None:
             if linearised == 12:  # rims that are met take one to ten
@@ -185,7 +353,7 @@ def nearest_through(
             linear = None
             continue
         readout, here, before, distance = readout + length * step, there, distance, rms(there.error)
-        goes_on = on_step(distance)
+        steps.take("Newton", distance)
         # a linearisation is used again while its steps bring much
         if distance > 0.3 * before:
             if fresh and distance > 0.99 * before:

@@ -10,12 +10,11 @@ are matched with the rim's points; nothing slides, nothing crowds, and two to si
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import partial
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Int
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
@@ -25,22 +24,21 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import SurfaceError
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
-from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
-from spinor_geom.holomorphic.poles import Poles, polygon_poles
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.gauss_newton import gram
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
-    EdgeIntegrals,
-    PointEquations,
+    NODES,
+    Basis,
+    OnRim,
+    Passing,
     curve_through,
     misfit_at_points,
     nearest_through,
-    nodes_on_edges,
     polygon_through,
     rms,
     shares,
@@ -49,21 +47,11 @@ from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Gauss-Legendre nodes on each edge while p and q are sought; with twice as many it is told how near the surface comes,
-# and sought again where that is not near enough: 1 rim in 25 of those cut along triangles, with 10 nodes every third.
-_NODES = 14
-# Degree on each edge up to which the H¹ norm sees p and q: they hardly vary along one.
-_NORM_DEGREE = 6
-# Degree of the polynomials, and the most Cauchy units on rims of up to as many points: the cost grows like the cube.
-_DEGREE, _MOST_UNITS = 24, 800
-# The Gram matrix's diagonal is raised by this share of its mean: units with neighbouring poles are nearly dependent.
-_RIDGE = 1e-9
-# Newton steps go on to this share of the distance allowed.
-_BELOW_ALLOWED = 0.3
-# A start that is as many edges away from the points has never led to a surface through them.
-_FAR = 4.0
-# A surface whose boundary leaves the loop's edges by so many edges would cross what is beside them.
-_LARGEST_BULGE = 2.0
+# Most Cauchy units on rims of up to as many points: the cost grows like the cube.
+_MOST_UNITS = 800
+# So many edges away from the points no start has led to a surface through them, and a boundary that leaves the loop's
+# edges by as many would cross what is beside them.
+_FAR = 2.0
 
 
 def disk_through_points(
@@ -93,9 +81,9 @@ def disk_through_points(
         domain = _domain(disk.faces, images, flat)
         spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(points),), device)
     raw: Complex[Tensor, "k 2"] | None = None
-    for nodes in (_NODES, 2 * _NODES):
+    for nodes in (NODES, 2 * NODES):
         with clock.stage("features"):
-            basis = _Basis.on(flat.boundary, nodes, device)
+            basis = _basis(flat.boundary, nodes, device)
         with clock.stage("fit"):
             raw = _fitted(basis, spinors, raw, loop, allowed, steps)
         with clock.stage("surface"):
@@ -109,7 +97,7 @@ def disk_through_points(
         velocity = rim.velocity.real.reshape(len(points), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
         curve = curve_through(points, velocity, error)
         bulge = curve.bulge() / loop.mean_edge_length
-        if not bulge <= _LARGEST_BULGE:
+        if not bulge <= _FAR:
             raise SurfaceError(
                 f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
             )
@@ -127,7 +115,7 @@ def disk_through_points(
 
 
 def _fitted(
-    basis: _Basis,
+    basis: Basis,
     spinors: Complex[Tensor, "n 2"],
     raw: Complex[Tensor, "k 2"] | None,
     loop: BoundaryLoop,
@@ -144,10 +132,11 @@ def _fitted(
         allowed: RMS distance of its points.
         steps: gets those that are done.
     """
-    start = basis.nearest(spinors)
-    readout = start if raw is None else basis.norm.mH @ raw
+    (rim,) = basis.rims
+    start = _nearest(rim, spinors)
+    readout = start if raw is None else rim.norm.mH @ raw
     wanted = torch.tensor(loop.points, device=start.device)
-    here = _Passing(basis=basis, points=wanted, rim=basis.rim(readout))
+    here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
     in_edges = rms(here.error) / loop.mean_edge_length
     if not in_edges <= _FAR:
         raise SurfaceError(
@@ -155,13 +144,7 @@ def _fitted(
             f"{in_edges:.0f} edges away from the points"
         )
 
-    def told(distance: float) -> bool:
-        steps.take("Newton", distance)
-        return steps.left > 0
-
-    if steps.left:
-        readout = nearest_through(here, readout, start=start, enough=_BELOW_ALLOWED * allowed, on_step=told)
-    return basis.raw(readout)
+    return basis.raw(nearest_through(here, readout, start=start, allowed=allowed, steps=steps))
 
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
@@ -180,114 +163,17 @@ def _phi_of(network: CauchyNetwork, z: Complex[np.ndarray, " n"]) -> Complex[np.
         return np.asarray(phi(*spinors.unbind(-1)).cpu())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Basis:
-    """Polynomials and Cauchy units on the edges of a polygon, and the H¹ norm of their sums on it."""
-
-    polygon: Complex[Tensor, " n"]
-    hessenberg: Complex[Tensor, "d1 d"]
-    poles: Complex[Tensor, " m"]
-    scales: Float[Tensor, " m"]
-    features: Complex[Tensor, "n g k"]
-    norm: Complex[Tensor, "k k"]  # L with LLᴴ the Gram matrix in H¹
-
-    @classmethod
-    def on(cls, vertices: Complex[np.ndarray, " n"], nodes: int, device: torch.device) -> _Basis:
-        n = len(vertices)
-        poles: Poles = polygon_poles(vertices, most=max(_MOST_UNITS, n))
-        polygon = torch.as_tensor(vertices, device=device)
-        positions = torch.as_tensor(poles.positions, device=device)
-        scales = torch.as_tensor(poles.scales, device=device)
-        z = nodes_on_edges(polygon, nodes)
-        weight = shares(polygon)[:, None] * torch.tensor(rule("gauss", nodes).weights, device=device)
-        hessenberg = arnoldi_hessenberg(z.reshape(-1), weight.reshape(-1), min(_DEGREE, max(2, n // 2)))
-        features = raw_features(z, hessenberg, positions, scales)
-        root = _norm_of_edge(nodes, device).to(features) * shares(polygon).sqrt()[:, None, None]
-        matrix = gram((root @ features).flatten(0, 1))
-        matrix.diagonal().add_(_RIDGE * matrix.diagonal().real.mean())
-        return cls(
-            polygon=polygon,
-            hessenberg=hessenberg,
-            poles=positions,
-            scales=scales,
-            features=features,
-            norm=torch.linalg.cholesky(matrix),
-        )
-
-    @property
-    def nodes(self) -> int:
-        """Number on each edge."""
-        return self.features.shape[1]
-
-    def raw(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
-        """Read-outs of the features themselves from those of the features that are orthonormal in H¹."""
-        raw: Tensor = torch.linalg.solve_triangular(self.norm.mH, readout, upper=True)
-        return raw
-
-    def nearest(self, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
-        """Orthonormal read-outs of the sums nearest in H¹ to values in the middle of each edge and linear between."""
-        place = torch.tensor(rule("gauss", self.nodes).nodes, device=self.polygon.device)[:, None]
-        edge = shares(self.polygon)[:, None, None]
-        before, after = spinors.roll(1, 0)[:, None], spinors.roll(-1, 0)[:, None]
-        back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
-        ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
-        wanted = (1 - back - ahead) * spinors[:, None] + back * before + ahead * after
-        factor = _norm_of_edge(self.nodes, wanted.device).to(wanted)
-        weighted = (factor.mT @ (factor @ wanted) * edge).flatten(0, 1)
-        nearest: Tensor = torch.linalg.solve_triangular(
-            self.norm, self.features.flatten(0, 1).mH @ weighted, upper=False
-        )
-        return nearest
-
-    def rim(self, readout: Complex[Tensor, "k 2"]) -> EdgeIntegrals:
-        """The surface's boundary for orthonormal read-outs, at the nodes of the fit."""
-        return EdgeIntegrals(polygon=self.polygon, spinors=self.features @ self.raw(readout))
-
-    def network(self, raw: Complex[Tensor, "k 2"]) -> CauchyNetwork:
-        """The network with read-outs of the features themselves."""
-        return CauchyNetwork.of_raw_features(
-            self.polygon, hessenberg=self.hessenberg, poles=self.poles, scales=self.scales, readout=raw
-        )
+def _basis(vertices: Complex[np.ndarray, " n"], nodes: int, device: torch.device) -> Basis:
+    none = torch.zeros(0, dtype=torch.complex128, device=device)
+    poles = polygon_poles(vertices, most=max(_MOST_UNITS, len(vertices)))
+    return Basis.on([torch.as_tensor(vertices, device=device)], [poles], (), none, nodes=nodes)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Passing:
-    """The surface of a basis on its way through the loop's points."""
-
-    basis: _Basis
-    points: Float[Tensor, "n 3"]
-    rim: EdgeIntegrals
-
-    @cached_property
-    def error(self) -> Float[Tensor, "n 3"]:
-        return self.rim.centred(self.points)
-
-    def at(self, readout: Complex[Tensor, "k 2"]) -> _Passing:
-        return replace(self, rim=self.basis.rim(readout))
-
-    def linearised(self) -> PointEquations:
-        over_edge = self.rim.changes(self.basis.features)
-        to_vertex = over_edge.cumsum(0).roll(1, 0)
-        to_vertex[0] = 0
-        to_vertex -= to_vertex.mean(0)
-        by_p, by_q = (
-            torch.linalg.solve_triangular(self.basis.norm, part.mH, upper=False) for part in to_vertex.unbind(1)
-        )
-        return PointEquations.of(by_p, by_q)
-
-
-@lru_cache
-def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
-    """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of low degree, from its values at an edge's nodes.
-
-    The edge is the unit of length; of other functions it is their projection's.
-    """
-    places, weights = rule("gauss", count)
-    degrees = np.arange(_NORM_DEGREE + 1)
-    values = np.polynomial.legendre.legvander(2 * places - 1, _NORM_DEGREE)
-    slopes = (
-        2 * np.polynomial.legendre.legval(2 * places - 1, np.polynomial.legendre.legder(np.eye(_NORM_DEGREE + 1))).T
-    )
-    both = np.diag(1 / (2 * degrees + 1)) + slopes.T @ (weights[:, None] * slopes)
-    projection = (2 * degrees[:, None] + 1) * (values * weights[:, None]).T
-    return torch.tensor(np.linalg.cholesky(both).T @ projection, device=device)
+def _nearest(rim: OnRim, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
+    """Orthonormal read-outs of the sums nearest in H¹ to values in the middle of each edge and linear between."""
+    place = torch.tensor(rule("gauss", rim.features.shape[1]).nodes, device=spinors.device)[:, None]
+    edge = shares(rim.polygon)[:, None, None]
+    before, after = spinors.roll(1, 0)[:, None], spinors.roll(-1, 0)[:, None]
+    back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
+    ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
+    return rim.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)

@@ -193,13 +193,17 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def area(self) -> float:
         """Area of the whole surface by an integral over ∂Ω alone, A = ½ ∮ (r − c) · Im(φ dz)."""
-        rims = [RimPrimitive.along(boundary, self._null_curve, self.order) for boundary in self.domain.boundaries]
+        rims = self.rim_primitives(self.order)
         area = sum(rim.area for rim in rims)
         if self.domain.holes:
             # each rim's own r starts at 0; together they need their places, as ∮ Im(φ dz) of one alone may not vanish
             start = self.position(np.array([b.point(np.zeros(())) for b in self.domain.boundaries]))
             area += 0.5 * float(((start - start[0]) * [rim.at_breaks[-1].imag for rim in rims]).sum())
         return area
+
+    def rim_primitives(self, order: int) -> tuple[RimPrimitive, ...]:
+        """∫ φ dz along every boundary of Ω, by panels of so many nodes."""
+        return tuple(RimPrimitive.along(boundary, self._null_curve, order) for boundary in self.domain.boundaries)
 
     def periods(self) -> Complex[np.ndarray, "holes 3"]:
         """∮ φ dz along the boundary of each hole of Ω, as it runs: clockwise.

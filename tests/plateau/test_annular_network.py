@@ -11,9 +11,8 @@ from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.corners import CornerPairs
-from spinor_geom.plateau.hole_field import HoleField
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, WayAcross
+from spinor_geom.plateau.moduli import CornerPairs, ModulusFields
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, way_across
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 
@@ -121,12 +120,12 @@ def problem_on_annulus(branch=None):
         CurveTensors.of(BoundaryCurve.from_loop(sampled(ring(r, 0.0), 24)), torch.device("cpu")) for r in (1.0, 0.4)
     )
     pairs = CornerPairs(t=np.zeros(0), s=np.zeros(0))
-    return panels, PlateauProblem.on_panels(panels, network, curves, pairs, WayAcross.through(DOMAIN)), network
+    return panels, PlateauProblem.on_panels(DOMAIN, panels, network, curves, pairs), network
 
 
 def test_integrals_go_along_both_boundaries_and_across():
     panels, problem, _ = problem_on_annulus()
-    z = torch.from_numpy(np.append(panels.z, WayAcross.through(DOMAIN).z))
+    z = torch.from_numpy(np.append(panels.z, way_across(DOMAIN)[0]))
     integral = problem.integrate((z**3 * problem.dz)[:, None])[:, 0]
     expected = torch.from_numpy(panels.z) ** 4 / 4
     difference = integral - expected
@@ -154,7 +153,7 @@ def test_derivative_of_a_network_around_a_hole(branch):
 
 def test_hole_grows_along_its_field():
     panels, _, _ = problem_on_annulus()
-    field = HoleField.of(DOMAIN, panels)
+    field = ModulusFields.of_hole(DOMAIN, panels)
     grown = field.moved(DOMAIN, np.array([0.1]))
     radius = np.abs(grown.holes[0].vertices)
     assert np.ptp(radius) < 1e-2 * radius.mean()

@@ -9,7 +9,7 @@ import torch
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.capacity_path import mean_modulus
-from spinor_geom.plateau.circles import DirichletForm, HarmonicExtension
+from spinor_geom.plateau.circles import DirichletForm
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import EnergyPoint
 from tests.plateau.rims import facing
@@ -41,13 +41,6 @@ def test_normal_derivatives_of_a_harmonic_function(where, n):
     form = DirichletForm.of(where, n)
     torch.testing.assert_close(form(value[..., None])[..., 0], exact, rtol=1e-11, atol=1e-11)
     torch.testing.assert_close(form.matrix() @ value.flatten(), exact.flatten(), rtol=1e-11, atol=1e-11)
-
-
-def test_extension_inside():
-    z = torch.tensor([0.1 + 0.5j, -0.7, 0.4 - 0.6j], dtype=torch.complex128)
-    centres = THREE.centres.tolist()
-    found = HarmonicExtension.of(THREE, harmonic(THREE.circles(160), centres)[0][..., None])(z)
-    torch.testing.assert_close(found[:, 0], harmonic(z, centres)[0], rtol=1e-11, atol=1e-11)
 
 
 def test_mean_modulus_of_a_ring_is_its_own():

@@ -11,7 +11,7 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import edge_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.corners import CornerPairs, ModulusFields
+from spinor_geom.plateau.moduli import CornerPairs, ModulusFields
 from tests.loops import CONVEX, L_SHAPE, planar
 
 FLAT = np.array([1, 1j, 0])
@@ -36,7 +36,7 @@ def fields_on(domain, panels):
         scales=torch.from_numpy(poles.scales),
         degree=8,
     ).features(z)
-    return ModulusFields.of(domain, panels, features.numpy())
+    return ModulusFields.of_corners(domain, panels, features.numpy())
 
 
 def slopes(fields, panels):
@@ -91,7 +91,7 @@ def test_field_of_a_winding_strip_stretches_it_along_its_length():
 def test_three_corners_have_no_moduli():
     for domain in (domain_over([(0, 0), (2, 0), (0.5, 1.5)]), PlaneDomain.disk()):
         panels = panels_on(domain)
-        fields = ModulusFields.of(domain, panels, np.ones((len(panels.t), 1), complex))
+        fields = ModulusFields.of_corners(domain, panels, np.ones((len(panels.t), 1), complex))
         assert fields.nodes.shape == (len(panels.t), 0)
         assert fields.vertices.shape == (len(domain.boundary.vertices), 0)
 

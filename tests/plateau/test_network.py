@@ -9,8 +9,8 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import network, solve_plateau
-from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.plateau.gauss_newton import Fit
+from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.network_route import Cauchy
 from spinor_geom.plateau.problem import CurveTensors

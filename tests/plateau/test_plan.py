@@ -27,7 +27,6 @@ from spinor_geom.plateau.plan import (
     nearest_surface,
     plan,
 )
-from spinor_geom.plateau.rims import PARTED
 from spinor_geom.plateau.task import Task
 from spinor_geom.training import LevenbergMarquardt
 from tests.loops import CONVEX, noisy_ellipse, planar
@@ -91,7 +90,15 @@ PLANS = {
     "several, rough, free": (rough_pair(), {"between": "free"}, (ThroughPoints(), OnCircles(), ByNetwork())),
     "three": (facing(TETRAHEDRON[:3]), {"between": "free"}, (OnCircles(),)),
     "several, plane": ((ring(1.0, 0.0), ring(0.5, 0.0)), {}, (InPlane(), OnCircles(), ByNetwork())),
-    "several, apart": (coaxial(1.0), {}, (NoneBetween(PARTED),)),
+    "several, apart": (
+        coaxial(1.0),
+        {},
+        (
+            NoneBetween(
+                "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
+            ),
+        ),
+    ),
     "trained": (SMOOTH, {"model": "mlp"}, (ByTraining(LevenbergMarquardt(), warm_start=True),)),
 }
 

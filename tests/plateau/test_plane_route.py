@@ -109,3 +109,11 @@ def test_loops_of_high_degree_are_read_again(tmp_path):
     t = np.linspace(0, 1, 50)
     assert (again.domain.boundary.point(t) == solution.domain.boundary.point(t)).all()
     assert again.area() == solution.surface.area()
+
+
+def test_a_sliver_of_three_points_is_met_by_its_curve() -> None:
+    # its curve hurries along the long sides
+    sliver = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 0), (0.8286, 0.1816, 0)], corners=[])
+    solution = solve_plateau(sliver)
+    assert solution.route == "plane"
+    assert solution.boundary_residual.rms_per_edge < 1e-13

@@ -260,19 +260,19 @@ def noisy(loops, *, noise=0.15, seed=0):
     ]
 
 
-@pytest.mark.parametrize(("directions", "count"), [(TETRAHEDRON[:3], 60), (TETRAHEDRON, 100)])
+# three faces of a cube come so near to each other that places on ∂Ω crowd by 1 : 35
+@pytest.mark.parametrize(("directions", "count"), [(TETRAHEDRON[:3], 60), (CUBE[:3], 60), (TETRAHEDRON, 100)])
 def test_noisy_rims_are_met_in_their_points(directions, count):
     solution = solve_plateau(noisy(facing(directions, count=count)), between="free")
     assert solution.route == "vertices"
     assert solution.converged
     assert solution.boundary_residual.rms_per_edge < 1e-3
-    # positions by closed integrals, not by those along ∂Ω that were fitted
+    # positions by integrals through Ω, not by those along ∂Ω that were fitted
     for rim in solution.rims:
         away = np.linalg.norm(solution.surface.position(rim.points_in_domain()) - rim.loop.points, axis=1)
         assert away.max() < 1e-2 * rim.loop.mean_edge_length
         assert rim.bulge < 0.5 * rim.loop.mean_edge_length
-    # coefficients of high powers are large, and rounding errors with them
-    assert solution.annulus.period < 1e-6
+    assert solution.annulus.period < 1e-8
     # noise makes the surface between smooth circles larger, by little
     smooth = solve_plateau(facing(directions, count=count)).area
     assert smooth < solution.area < smooth * 1.03

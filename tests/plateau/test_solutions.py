@@ -133,11 +133,14 @@ def test_two_searches_are_equal_bit_for_bit():
 # --- ways to other disks ----------------------------------------------------------------------------------------------
 
 
-def test_mirrored_disk_and_ridge_lead_to_the_other_stable_disk_and_to_the_saddle(monkeypatch):
+def test_ridge_between_two_stable_disks_leads_to_the_saddle(monkeypatch):
     rim, function = solver_of(seam(0.75, 64), monkeypatch)
     search = solutions._Search(rim=rim, solve=function)
     search.start(partial(first_disk, rim.points))
-    search.start(search.mirrored)
+    # mirrored in the harmonic disk, which is beside the saddle
+    middle = rim.round_disk()
+    first = rim.round_positions(search.entries[0].solution)
+    search.start_from(replace(middle, vertices=2 * middle.vertices - first))
     (pair,) = list(search.open_pairs())
     search.start(partial(search.ridge, *pair))
     assert [s.stability.index for s in search.result()] == [0, 0, 1]

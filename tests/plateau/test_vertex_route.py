@@ -13,6 +13,7 @@ from spinor_geom.errors import SurfaceError
 from spinor_geom.gallery.surfaces import enneper
 from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.steps import Steps
@@ -140,7 +141,7 @@ def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPat
     with pytest.raises(SurfaceError, match="edges away from the points"):
         solved()
     monkeypatch.undo()
-    monkeypatch.setattr("spinor_geom.plateau.vertex_route._LARGEST_BULGE", 1e-3)
+    monkeypatch.setattr(BoundaryCurve, "bulge", lambda _: 1.0)
     with pytest.raises(SurfaceError, match="from the edges between them"):
         solved()
 

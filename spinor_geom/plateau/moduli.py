@@ -1,10 +1,12 @@
-"""Corners of Γ: which nodes may go where, and the conformal moduli that decide whether Ω's corners can meet them.
+"""Corners of Γ: which nodes may go where; and the moduli that decide whether Ω's corners or rims can meet those of Γ.
 
 A conformal map takes three boundary points where one wants; with n corners, n − 3 numbers, the moduli of Ω with its
 corners, must be right before a surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them
 to a few digits. They are corrected with the fit: Ω is moved along fields v = conj(g), g holomorphic with g' = 0 at the
 corners. Such a field is conformal at the corners, so their angles stay, and no holomorphic change of coordinates undoes
 it where its Beltrami coefficient conj(g') is along a quadratic differential of Ω.
+
+A harmonic surface between two rims is conformal for one modulus of Ω only: its hole grows or shrinks with the fit.
 """
 
 from __future__ import annotations
@@ -14,9 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 from jaxtyping import Complex, Float
+from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.panels import Panels
-from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,18 +43,18 @@ class CornerPairs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModulusFields:
-    """Vector fields conj(g) on ∂Ω that change the moduli of Ω and keep its corners' angles.
+    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps its corners' angles, or a hole's growth.
 
     Attributes:
         nodes: (nodes, k), at the nodes of the panels they were made with, one field a column, in units of Ω.
-        vertices: (m, k), at the vertices of ∂Ω; each field is as large as Ω's diameter at most.
+        vertices: (m, k), at the vertices of ∂Ω, or of its hole; each field is as large as Ω's diameter at most.
     """
 
     nodes: Complex[np.ndarray, "nodes k"]
     vertices: Complex[np.ndarray, "m k"]
 
     @classmethod
-    def of(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "nodes n"]) -> ModulusFields:
+    def of_corners(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "nodes n"]) -> ModulusFields:
         """As many fields as a domain has moduli: three fewer than its corners, none where it has fewer than four.
 
         The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
@@ -85,13 +90,37 @@ class ModulusFields:
         size = np.abs(start[at_vertex] - middle).max(axis=0) / domain.diameter
         return cls(nodes=np.conj((g - middle) / size), vertices=np.conj((start[at_vertex] - middle) / size))
 
+    @classmethod
+    def of_hole(cls, domain: PlaneDomain, panels: Panels) -> ModulusFields:
+        """The field along the hole's normals, about as long as the annulus is wide, at most as the hole's radius.
+
+        Longer where there is more room, it keeps the hole's shape near to a level curve of the harmonic function
+        between the boundaries.
+        """
+        (hole,), outer = domain.holes, domain.boundary.vertices
+        w = hole.vertices
+        ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
+        gap, _ = cKDTree(plane_coordinates(outer)).query(plane_coordinates(w))
+        radius = np.abs(w - w.mean()).mean()
+        tangent = ahead / np.abs(ahead) + back / np.abs(back)
+        tangent /= np.maximum(np.abs(tangent), np.finfo(np.float64).tiny)
+        field = 1j * tangent / (1 / gap + 1 / radius)
+        spline = CubicSpline(hole.parameters, np.append(field, field[0]), bc_type="periodic")
+        split = panels.order * panels.rims[0]
+        nodes = np.zeros(len(panels.t), dtype=np.complex128)
+        nodes[split:] = spline(panels.t[split:] - 2)
+        return cls(nodes=nodes[:, None], vertices=field[:, None])
+
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
-        """Ω with its boundary's vertices moved, at most by a tenth of its diameter.
+        """Ω with its hole grown, or with its boundary's vertices moved, at most by a tenth of its diameter.
 
         Raises:
-            DomainError: the moved polygon is not simple.
+            DomainError: the moved boundaries are not simple, or cross.
         """
         move = self.vertices @ amounts
+        if domain.holes:
+            hole = SplineBoundary.through(domain.holes[0].vertices + move)
+            return PlaneDomain.inside(domain.boundary, domain.log_scale, holes=(hole,))
         move *= min(1.0, 0.1 * domain.diameter / np.abs(move).max(initial=1e-300))
         return PlaneDomain.from_boundary(domain.boundary.vertices + move, domain.boundary.corners, domain.log_scale)
 
