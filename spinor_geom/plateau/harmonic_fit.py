@@ -17,14 +17,14 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled
-from spinor_geom.plateau.lift import Lift, lifted_together
+from spinor_geom.plateau.lift import WORTHWHILE, Lift, lifted_together
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.problem import CurveTensors
 
 # How many times more nodes come next: on rough loops the distance falls not much faster than their number grows.
 _MORE_NODES, _MOST_MORE = 1.5, 3.0
-# Where so many times more nodes do not halve the residual, it is not their number that limits it.
-_PATIENCE = 3
+# Where so many times more nodes are not worthwhile, it is not their number that limits it.
+PATIENCE = 3
 # Nodes of the loops that are fitted as one batch, 64 short ones: half as many take an eighth longer.
 _BATCH_NODES = 16384
 
@@ -78,14 +78,14 @@ class Fit:
             return
         self.slide = disk.slide
         if lift is not None and (self.best is None or lift.misfit.rms < self.best[0].misfit.rms):
-            if self.best is None or lift.misfit.rms < self.best[0].misfit.rms / 2:
+            if self.best is None or lift.misfit.rms < self.best[0].misfit.rms * WORTHWHILE:
                 self.last_gain = self.attempt
             self.best = lift, disk
         # without a lift more nodes may tell the sheets apart
         short = 1.0 if lift is None else self._excess(lift, self.allowed)
         more = float(np.clip(short, _MORE_NODES, _MOST_MORE if self.is_rough else _MORE_NODES))
         is_met = self.best is not None and self._excess(self.best[0], self.enough) <= 1
-        if is_met or self.attempt - self.last_gain >= _PATIENCE:
+        if is_met or self.attempt - self.last_gain >= PATIENCE:
             self.limit = "more nodes on the domain's boundary do not help"
         elif self.nodes >= self.most_nodes:
             self.limit = f"{self.nodes} nodes are the most that are tried"

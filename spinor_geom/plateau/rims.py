@@ -26,8 +26,9 @@ from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
+from spinor_geom.plateau.harmonic_fit import PATIENCE
 from spinor_geom.plateau.harmonic_route import points_of_domain
-from spinor_geom.plateau.lift import Lift, circles_of, lifted_between, surface_of
+from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.moduli_search import ModuliSearch
 from spinor_geom.plateau.network_route import Budget
@@ -60,8 +61,6 @@ _WELL_BELOW = 1e-3
 _RIVAL = 1.3
 # Gradient at which a search stops, and above which it has found nothing.
 _FOUND, _SETTLED = 1e-12, 1e-3
-# More nodes that do not lower the distance to this share do not help, twice in a row.
-_WORTHWHILE, _PATIENCE = 0.7, 2
 # Gradient above which the energy is brought down anew.
 _POOR = 1e-6
 # Why there is no annulus where that is seen from the rims alone.
@@ -344,12 +343,12 @@ class RimsSolver:
                 except SurfaceError as failure:  # more nodes may tell the sheets apart
                     error = failure
                     continue
-            vain = 0 if best is None or lift.misfit.rms < _WORTHWHILE * best[0].misfit.rms else vain + 1
+            vain = 0 if best is None or lift.misfit.rms < WORTHWHILE * best[0].misfit.rms else vain + 1
             if best is None or lift.misfit.rms < best[0].misfit.rms:
                 best = lift, finer
             told = best[0].misfit
             met = told.rms <= goal and told.max_per_local_edge <= LOCAL_TOLERANCES * self.options.tolerance
-            if met or vain == _PATIENCE:
+            if met or vain == PATIENCE:
                 break
         else:
             limit = f"{self._most_nodes} nodes on each rim are the most that are tried"
