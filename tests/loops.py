@@ -77,3 +77,9 @@ def is_disk_on(loop: BoundaryLoop, vertices, faces) -> bool:
         and len(vertices) - len(edges) + len(faces) == 1
         and sorted(map(tuple, lone.tolist())) == sorted((i, (i + 1) % m) for i in range(m))
     )
+
+
+def figure_eight() -> np.ndarray:
+    """A plane curve of complex numbers that crosses itself once, between its points."""
+    t = 2 * np.pi * (np.arange(80) + 0.3) / 80
+    return np.sin(t) + 1j * np.sin(2 * t)

@@ -70,8 +70,18 @@ def minimum_area_strip(
     return np.array(faces[::-1]), float(rows[m, start, n])
 
 
+def runs_back(first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether a strip from the first of two closed polygons to the second reversed has less area."""
+    first, second = (points[_thinned(points)] for points in (first, second))
+    return minimum_area_strip(first, second[::-1])[1] < minimum_area_strip(first, second)[1]
+
+
+def _thinned(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " k"]:
+    return np.arange(0, len(points), math.ceil(len(points) / _MOST_POINTS))
+
+
 def discrete_annulus(
-    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], *, relative_change: float
+    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], *, relative_change: float = _FIRST_CHANGE
 ) -> tuple[PlaneTriangulation, Disk]:
     """A triangulated annulus of stationary area between two polygons, both with it on their left.
 
@@ -142,8 +152,7 @@ def _strip_places(
     first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]
 ) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
     """Places on a round annulus: angles by the strip, radii by its mean width."""
-    kept = [np.arange(len(p)) * max(1, math.ceil(len(p) / _MOST_POINTS)) for p in (first, second)]
-    kept = [index[index < len(p)] for index, p in zip(kept, (first, second), strict=True)]
+    kept = [_thinned(p) for p in (first, second)]
     faces, area = minimum_area_strip(first[kept[0]], second[kept[1]])
     turn = np.exp(2j * np.pi * (np.arange(len(faces)) + 0.5) / len(faces))
     total = np.zeros(len(kept[0]) + len(kept[1]), dtype=np.complex128)
@@ -183,9 +192,11 @@ def _conformal_places(
     return np.exp(1j * angles[0]), math.exp(-modulus) * np.exp(-1j * (angles[1] + shift))
 
 
-def nodes_on_cylinder(annulus: PlaneTriangulation, vertices: Float[np.ndarray, "v 3"]) -> float:
+def nodes_on_cylinder(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], rims: tuple[int, ...]
+) -> float:
     """How many equal steps of the angle resolve the gap and every edge of a discrete annulus over a round one."""
-    places = _conformal_places(vertices, annulus.faces, annulus.rims[0], annulus.boundary_size)
+    places = _conformal_places(vertices, faces, rims[0], sum(rims))
     modulus = -math.log(abs(places[1][0]))
     shortest = min(float(np.abs(np.angle(np.roll(z, -1) / z)).min()) for z in places)
     return 2 * math.pi / max(min(modulus / _NODES_PER_MODULUS, shortest), float(np.finfo(np.float64).tiny))

@@ -1,17 +1,17 @@
-"""Boundary first flattening of a discrete disk: boundary lengths kept, or as nearly as a simple domain allows."""
+"""Boundary first flattening: boundary lengths kept, or as nearly as a simple plane domain allows."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
-from scipy.spatial import cKDTree
+import scipy.linalg
+from jaxtyping import Complex, Float, Int
 
-from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.delaunay import Rims, rim_successors
+from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.operators import (
     factor_symmetric,
@@ -24,39 +24,48 @@ from spinor_geom.mesh.operators import (
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 # Widths of the smoothing as fractions of the boundary length: slow windings first, then ever more local tangles.
 _WIDTHS = (0.06, 0.03, 0.015)
+# Newton steps to holes that close, and the log scale at which they have come to nothing: floats tell edges no more.
+_CLOSING_STEPS, _LARGEST_SCALE = 6, -float(np.log(np.finfo(np.float64).eps))
 
-# gives the Dirichlet-to-Neumann matrix Λ of a disk's boundary
+# gives the Dirichlet-to-Neumann matrix Λ of a surface's boundary
 NeumannMatrix = Callable[[], Float[np.ndarray, "m m"]]
+# makes of polygons the points of the curves that are drawn through their vertices
+Drawn = Callable[[tuple[Complex[np.ndarray, "_"], ...]], tuple[Complex[np.ndarray, "_"], ...]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flattening:
-    """Boundary of a plane domain conformal to a discrete disk.
+    """Boundary of a plane domain conformal to a discrete surface.
 
     Attributes:
-        boundary: the images of the disk's boundary vertices, counter-clockwise.
-        log_scale: u at those vertices: logarithm of the length in the plane per length on the disk, mean of two edges.
-        clearance: smallest distance across the outside between far parts of the boundary, in local edge lengths
+        rims: the images of the boundary vertices, the outer rim's counter-clockwise, then those of holes, clockwise.
+        log_scale: u at those vertices: logarithm of the length in the plane per length in space, mean of two edges.
+        clearance: smallest distance across the outside between far parts of the outer rim, in local edge lengths
             (infinite where no two parts come near).
     """
 
-    boundary: Complex[np.ndarray, " m"]
+    rims: tuple[Complex[np.ndarray, "_"], ...]
     log_scale: Float[np.ndarray, " m"]
     clearance: float
+
+    @property
+    def boundary(self) -> Complex[np.ndarray, " m"]:
+        """The images of all boundary vertices."""
+        return np.concatenate(self.rims)
 
 
 def dirichlet_to_neumann(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
 ) -> tuple[NeumannMatrix, Float[np.ndarray, " m"]]:
-    """Dirichlet-to-Neumann matrix Λ of a discrete disk and its boundary's turning angles k₀ when flattened at u = 0.
+    """Dirichlet-to-Neumann matrix Λ of a discrete surface and its boundary's turning k₀ when flattened at u = 0.
 
-    A flattening with boundary log scale u turns by k₀ + Λu at its vertices; the turning sums to 2π. Λ is made when it
-    is asked for: most boundaries are simple at u = 0.
+    A flattening with boundary log scale u turns by k₀ + Λu at its vertices; a disk's turning sums to 2π. Λ is made when
+    it is asked for: most boundaries are simple at u = 0.
 
     Args:
-        vertices: the boundary vertices come first, in boundary order.
-        faces: a disk, counter-clockwise.
-        boundary_size: m.
+        vertices: the boundary vertices come first, in boundary order, rim by rim.
+        faces: counter-clockwise.
+        boundary_size: m, of all rims.
 
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
@@ -83,33 +92,40 @@ def flatten(
     faces: Int[np.ndarray, "f 3"],
     boundary_size: int,
     *,
+    holes: Rims = (),
     clearance: float = 1.5,
-    drawn: Callable[[Complex[np.ndarray, " m"]], Complex[np.ndarray, " k"]] | None = None,
+    drawn: Drawn | None = None,
 ) -> Flattening:
-    """Flattens a discrete disk conformally, with boundary scale 1 where the result is a simple polygon.
+    """Flattens a discrete surface conformally, with boundary scale as near to 1 as a simple boundary allows.
 
-    Where two parts of the boundary cross, or come nearer than `clearance` edges across the outside, u is the minimiser
-    of α(|u|²/ℓ² + u·Λu/ℓ) + |S(k₀ + Λu)/ds − 2π/ℓ|² with a Gaussian smoothing S along the boundary of length ℓ: it
-    straightens the slow winding and leaves corners alone. α is lowered until the boundary is clear. Small lobes, as
-    ragged rims have them, are drawn in where that does not help (see `untangled`).
+    A disk's boundary turns by 2π and closes at u = 0. Around holes |u|²/ℓ² + u·Λu/ℓ is least under the conditions that
+    each rim turns by −2π and closes, by Newton's method. Each rim is laid out by itself; the place, turn and scale of
+    the holes are those of least conformal energy, which is Dirichlet's less the area.
+
+    Where rims cross, or two parts of the outer one come nearer than `clearance` edges across the outside, u is the
+    minimiser of α(|u|²/ℓ² + u·Λu/ℓ) + |S(k₀ + Λu)/ds − κ|² with κ the curvature of circles as long as the rims and a
+    Gaussian smoothing S along them: it straightens the slow winding and leaves corners alone. α is lowered until the
+    boundary is clear. Small lobes, as ragged rims have them, are drawn in where that does not help (see `untangled`).
 
     Args:
-        vertices: boundary vertices first, in boundary order.
-        faces: a disk, counter-clockwise.
+        vertices: those of the outer rim first, then those of the holes, in order with the surface on their left.
+        faces: counter-clockwise.
         boundary_size: number m of boundary vertices.
+        holes: numbers of those on the rims of holes, which come last.
         clearance: smallest allowed gap in local edge lengths; smaller gaps are accepted if nothing larger is found.
-        drawn: points in order of the curve that will be drawn through the boundary's vertices, which is to be simple
-            too; without it their polygon is enough.
+        drawn: gives the points, in order, of the curve that will be drawn through each rim's vertices; these curves are
+            to bound a domain too. Without it the polygons are enough.
 
     Raises:
         DomainError: no simple domain was found.
 
-    Source: Sawhney & Crane (2018) for u ↦ k₀ + Λu.
+    Source: Sawhney & Crane (2018) for u ↦ k₀ + Λu; Lévy et al., "Least squares conformal maps", ACM TOG 21 (2002), for
+    the conformal energy.
     """
-    m = boundary_size
-    neumann, turning = dirichlet_to_neumann(vertices, faces, m)
-    edge = np.linalg.norm(np.roll(vertices[:m], -1, axis=0) - vertices[:m], axis=1)
-    return flatten_boundary(edge, turning, neumann, clearance=clearance, drawn=drawn)
+    neumann, turning = dirichlet_to_neumann(vertices, faces, boundary_size)
+    after = rim_successors((boundary_size - sum(holes), *holes))
+    edge = np.linalg.norm(vertices[after] - vertices[:boundary_size], axis=1)
+    return flatten_boundary(edge, turning, neumann, holes=holes, clearance=clearance, drawn=drawn)
 
 
 def flatten_boundary(
@@ -118,16 +134,18 @@ def flatten_boundary(
     neumann: NeumannMatrix,
     *,
     clearance: float,
+    holes: Rims = (),
     saws: bool = False,
-    drawn: Callable[[Complex[np.ndarray, " m"]], Complex[np.ndarray, " k"]] | None = None,
+    drawn: Drawn | None = None,
 ) -> Flattening:
     """The boundary of `flatten` from edge lengths, turning angles at u = 0 and the matrix Λ.
 
     Args:
         edge: lengths.
-        turning: angles in radians, their sum 2π.
+        turning: angles in radians.
         neumann: gives Λ.
         clearance: as for `flatten`.
+        holes: as for `flatten`.
         saws: leaves u·Λu out. The boundary may then turn to and fro from vertex to vertex, which rounding it off
             undoes, and has fewer notches where it winds about itself.
         drawn: as for `flatten`.
@@ -135,57 +153,138 @@ def flatten_boundary(
     Raises:
         DomainError: no simple domain was found.
     """
-    laid_out = itertools.starmap(partial(lay_out, edge), _candidates(edge, turning, neumann, saws=saws))
+    rims = (len(edge) - sum(holes), *holes)
     # tee: what was laid out in vain is not laid out again for its lobes
-    plain, lobed = itertools.tee(polygon for polygon in laid_out if polygon is not None)
-    for polygons in (plain, map(untangled, lobed)):
-        flat = _least_straightened(polygons, edge, clearance, drawn)
+    plain, lobed = itertools.tee(_laid_out(edge, turning, neumann, rims, saws=saws))
+    for boundaries in (plain, (tuple(map(untangled, boundary)) for boundary in lobed)):
+        flat = _least_straightened(boundaries, edge, clearance, drawn)
         if flat is not None:
             return flat
     raise DomainError(
-        f"no simple plane domain was found for a boundary of {len(edge)} vertices: it stays crossed however it is "
-        "straightened; check that the loop does not cross itself"
+        f"no simple plane domain was found for a boundary of {' + '.join(map(str, rims))} vertices: it stays crossed "
+        "however it is straightened; check that the loop does not cross itself"
     )
 
 
 def _least_straightened(
-    polygons: Iterable[Complex[np.ndarray, " m"] | None],
+    boundaries: Iterable[tuple[Complex[np.ndarray, "_"] | None, ...]],
     edge: Float[np.ndarray, " m"],
     clearance: float,
-    drawn: Callable[[Complex[np.ndarray, " m"]], Complex[np.ndarray, " k"]] | None,
+    drawn: Drawn | None,
 ) -> Flattening | None:
-    """The first simple polygon with enough clearance; where none has, the first with half of it, or with any."""
+    """The first boundary of a domain with enough clearance; where none has, the first with half of it, or with any."""
     found: list[Flattening] = []
-    for polygon in polygons:
-        if polygon is None or not is_simple(polygon) or (drawn is not None and not is_simple(drawn(polygon))):
+    for boundary in boundaries:
+        rims = tuple(rim for rim in boundary if rim is not None)
+        if len(rims) < len(boundary) or not bound_domain(rims) or (drawn is not None and not bound_domain(drawn(rims))):
             continue
-        found.append(
-            Flattening(boundary=polygon, log_scale=log_scale_of(polygon, edge), clearance=outer_clearance(polygon))
-        )
+        parts = np.split(edge, np.cumsum([len(rim) for rim in rims[:-1]]))
+        scales = [log_scale_of(rim, lengths) for rim, lengths in zip(rims, parts, strict=True)]
+        found.append(Flattening(rims=rims, log_scale=np.concatenate(scales), clearance=outer_clearance(rims[0])))
         if found[-1].clearance >= clearance:
             return found[-1]
-    # little straightening comes before a little more room: polygons are in order of their straightening
+    # little straightening comes before a little more room: boundaries are in order of their straightening
     return next((flat for share in (0.5, 0.0) for flat in found if flat.clearance >= share * clearance), None)
 
 
+def _laid_out(
+    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: NeumannMatrix, rims: Rims, *, saws: bool
+) -> Iterator[tuple[Complex[np.ndarray, "_"], ...]]:
+    """The rims as polygons, for one boundary log scale after the other, the nearest to 0 first."""
+    ends = np.cumsum(rims[:-1])
+    for turned, log_scale, matrix in _candidates(edge, turning, neumann, rims, saws=saws):
+        parts = zip(*(np.split(each, ends) for each in (edge, turned, log_scale)), strict=True)
+        polygons = [polygon for part in parts if (polygon := lay_out(*part)) is not None]
+        if len(polygons) == len(rims):
+            yield tuple(polygons) if matrix is None else (polygons[0], *_placed(polygons, matrix))
+
+
 def _candidates(
-    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: NeumannMatrix, *, saws: bool
-) -> Iterator[tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]]:
-    """Turning angles and boundary log scales to try, the nearest to 0 first."""
-    yield turning, np.zeros(len(edge))
+    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: NeumannMatrix, rims: Rims, *, saws: bool
+) -> Iterator[tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, "m m"] | None]]:
+    """Turning angles and boundary log scales to try, the nearest to 0 first, with Λ where there are holes."""
+    ends = np.cumsum(rims)
+    holes = [slice(start, end) for start, end in itertools.pairwise(ends.tolist())]
+    if not holes:
+        yield turning, np.zeros(len(edge)), None
     matrix = neumann()
-    ds = (edge + np.roll(edge, 1)) / 2
-    length = ds.sum()
+    if not np.isfinite(matrix).all():
+        return
+    parts = np.split(edge, ends[:-1])
+    ds = np.concatenate([(part + np.roll(part, 1)) / 2 for part in parts])
+    length = ds.sum() / len(rims)
+    even = np.concatenate([np.full(len(part), 2 * np.pi / part.sum()) for part in parts])
+    even[ends[0] :] *= -1
     # S is blind to what changes from vertex to vertex: without Λ here slivers turn the boundary to and fro
     size = np.diag(ds) / length**2 + (0 if saws else matrix / length)
-    for width in _WIDTHS:
-        smooth = smoothing(edge, width)
-        slope = smooth @ matrix
-        normal = slope.T @ (ds[:, None] * slope)
-        load = slope.T @ (ds * (2 * np.pi / length - smooth @ turning))
-        for strength in _STRENGTHS:
-            log_scale = np.linalg.solve(normal + strength * size, load)
-            yield turning + matrix @ log_scale, log_scale
+
+    def systems() -> Iterator[tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]]:
+        if holes:
+            yield size, np.zeros(len(edge))
+        for width in _WIDTHS:
+            smooth = scipy.linalg.block_diag(*(smoothing(part, width) for part in parts))
+            slope = smooth @ matrix
+            normal, load = slope.T @ (ds[:, None] * slope), slope.T @ (ds * (even - smooth @ turning))
+            yield from ((normal + strength * size, load) for strength in _STRENGTHS)
+
+    for normal, load in systems():
+        factor = scipy.linalg.cho_factor(normal)
+        u = scipy.linalg.cho_solve(factor, load)
+        for _ in range(_CLOSING_STEPS if holes else 0):
+            gap, slope = map(
+                np.concatenate, zip(*(_gap(u, edge, turning, matrix, hole) for hole in holes), strict=True)
+            )
+            along = scipy.linalg.cho_solve(factor, slope.T)
+            u = u - along @ np.linalg.solve(slope @ along, gap)
+            if not np.abs(u).max() < _LARGEST_SCALE:
+                break
+        else:
+            yield turning + matrix @ u, u, matrix if holes else None
+
+
+def _gap(
+    u: Float[np.ndarray, " m"],
+    edge: Float[np.ndarray, " m"],
+    turning: Float[np.ndarray, " m"],
+    neumann: Float[np.ndarray, "m m"],
+    rim: slice,
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 m"]]:
+    """By how much a hole's rim laid out with log scale u does not close, by its length, and turns by more than −2π.
+
+    Returns:
+        Both coordinates of the gap and the turning, and their derivatives by u.
+    """
+    flux = neumann[rim]
+    turned = turning[rim] + flux @ u
+    count = len(turned)
+    own = np.arange(count)
+    after = np.roll(own, -1)
+    step = edge[rim] * np.exp((u[rim] + u[rim][after]) / 2 + 1j * np.cumsum(turned))
+    # directions are taken from their mean: from that of the first edge, a rim far from closed would bend there
+    ahead = step[::-1].cumsum()[::-1] - step.sum() * (1 - own / count)
+    slope = 1j * (ahead @ flux)
+    slope[rim] += (step + np.roll(step, 1)) / 2
+    total = np.abs(step).sum()
+    gap, slope = step.sum() / total, slope / total
+    return (
+        np.array([gap.real, gap.imag, turned.sum() + 2 * np.pi]),
+        np.stack([slope.real, slope.imag, flux.sum(axis=0)]),
+    )
+
+
+def _placed(
+    rims: Sequence[Complex[np.ndarray, "_"]], neumann: Float[np.ndarray, "m m"]
+) -> list[Complex[np.ndarray, "_"]]:
+    """The holes where the conformal energy ½ z*Λz − area of t + βz for each is least."""
+    outer, *shapes = rims
+    shapes = [shape - shape.mean() for shape in shapes]
+    basis = scipy.linalg.block_diag(*(np.stack([np.ones_like(shape), shape], axis=1) for shape in shapes))
+    m = len(outer)
+    quadratic = basis.conj().T @ neumann[m:, m:] @ basis
+    areas = [np.imag(np.conj(shape) * np.roll(shape, -1)).sum() for shape in shapes]  # twice, and negative
+    quadratic[np.diag_indices_from(quadratic)] -= np.ravel([(0.0, area) for area in areas])
+    moves = np.linalg.solve(quadratic, -basis.conj().T @ (neumann[m:, :m] @ outer)).reshape(-1, 2)
+    return [t + beta * shape for (t, beta), shape in zip(moves, shapes, strict=True)]
 
 
 def smoothing(edge: Float[np.ndarray, " m"], width: float) -> Float[np.ndarray, "m m"]:
@@ -220,97 +319,3 @@ def lay_out(
     if closed.min() <= 0:
         return None
     return np.asarray(np.concatenate([[0.0], np.cumsum(closed * direction)[:-1]]))
-
-
-def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
-    """Pairs i < j of edges of a closed polygon that cross; neighbours count where one folds back onto the other."""
-    m = len(polygon)
-    ends = np.stack([polygon, np.roll(polygon, -1)])
-    edge, middle = ends[1] - ends[0], ends.mean(axis=0)
-    half = 0.5 * np.abs(edge)
-    tree = cKDTree(plane_coordinates(middle))
-    # the share is for round-off: edges cross only where their middles are within half their lengths
-    i, j = tree.query_pairs(2.001 * half.max(), output_type="ndarray").T
-    near = (np.abs(middle[i] - middle[j]) <= 1.001 * (half[i] + half[j])) & (j - i > 1) & (j - i < m - 1)
-    i, j = i[near], j[near]
-    on_line = 1e-12 * np.abs(edge) * np.abs(polygon - polygon[0]).max()
-
-    def apart(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-        side = np.imag(np.conj(edge[one]) * (ends[:, other] - polygon[one]))
-        # points on the line of an edge are on neither side: edges of one straight side do not cross by round-off
-        side[np.abs(side) <= on_line[one]] = 0
-        return np.asarray(side[0] * side[1] < 0)
-
-    hit = apart(i, j)
-    hit[hit] = apart(j[hit], i[hit])
-    turn = np.conj(edge) * np.roll(edge, -1)
-    back = np.flatnonzero((turn.imag == 0) & (turn.real < 0))
-    folds = np.sort(np.stack([back, (back + 1) % m], axis=1), axis=1)
-    pairs = np.concatenate([np.stack([i[hit], j[hit]], axis=1), folds])
-    return np.asarray(pairs[np.lexsort(pairs.T[::-1])])
-
-
-def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
-    """Whether a closed polygon runs counter-clockwise, stands still nowhere and does not cross itself."""
-    after = np.roll(polygon, -1)
-    edges = np.abs(after - polygon)
-    # a shorter edge is lost in the arc length around
-    moves = bool((edges > np.finfo(np.float64).eps * edges.sum()).all())
-    return moves and bool(np.imag(np.conj(polygon) * after).sum() > 0) and not len(crossing_edges(polygon))
-
-
-def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] | None:
-    """A simple polygon near to one that is crossed only by small lobes of itself; None where far parts cross.
-
-    The vertices of each lobe are drawn towards the chord that closes it until it is gone. Ragged rims of scans unfold
-    with such lobes; any simple domain will do there, and only a few edges are moved.
-    """
-    z: Complex[np.ndarray, " m"] = polygon.copy()
-    m = len(polygon)
-    for _ in range(60):
-        pairs = crossing_edges(z)
-        if not len(pairs):
-            return z
-        first, last = pairs.T
-        forwards = last - first
-        swap = forwards > m - forwards
-        first, last = np.where(swap, last, first), np.where(swap, first, last)
-        size = np.mod(last - first, m)  # inner vertices of the lobe: first + 1 … last
-        if size.max() > min(24, m // 3):
-            return None
-        for start, count in zip(first.tolist(), size.tolist(), strict=True):
-            inner = (start + 1 + np.arange(count)) % m
-            share = np.arange(1, count + 1) / (count + 1)
-            chord = z[start] + share * (z[(start + count + 1) % m] - z[start])
-            z[inner] += 0.5 * (chord - z[inner])
-    return None
-
-
-def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
-    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths.
-
-    Far: the way along the boundary is more than four times the gap plus six edges.
-    """
-    a, b = polygon, np.roll(polygon, -1)
-    edge = np.abs(b - a)
-    local = (edge + np.roll(edge, 1)) / 2
-    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]])
-    along = np.abs(s[:, None] - s)
-    along = np.minimum(along, edge.sum() - along)
-    gap = np.abs(a[:, None] - a)
-    relative = gap / np.maximum(local[:, None], local)
-    i, j = np.nonzero(np.triu((relative < 8) & (along > 4 * gap + 6 * np.maximum(local[:, None], local))))
-    if not len(i):
-        return np.inf
-    order = np.argsort(relative[i, j])
-    i, j = i[order], j[order]
-    # the smallest gaps first: the first that lies outside all along is the answer
-    for start in range(0, len(i), 256):
-        block = slice(start, start + 256)
-        along_gap = a[i[block], None] + np.array([0.2, 0.5, 0.8]) * (a[j[block]] - a[i[block]])[:, None]
-        d = a - along_gap[:, :, None]
-        outside = (np.angle(np.roll(d, -1, axis=2) * np.conj(d)).sum(axis=2) < np.pi).all(axis=1)
-        if outside.any():
-            first = start + int(np.argmax(outside))
-            return float(relative[i[first], j[first]])
-    return np.inf

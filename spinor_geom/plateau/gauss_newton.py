@@ -13,9 +13,6 @@ from torch import Tensor
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.steps import Steps
 
-# Weight of the period around a hole against the RMS distance from Γ: a gap is a fault wherever the boundary slides.
-_PERIOD = 30.0
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
@@ -48,7 +45,7 @@ def gauss_newton(
 ) -> Fit:
     """Minimises ∮ |r − Γ(s)|² |dz| over read-outs, constant and slide by Levenberg-Marquardt.
 
-    Around a hole the square of the period Re ∮ φ dz is added, with a large weight.
+    Around a hole the square of the period Re ∮ φ dz is added: a gap is a fault wherever the boundary slides.
 
     The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s then
     moves along the tangent and back onto the increasing sequences.
@@ -100,7 +97,7 @@ class _State:
     amounts: Tensor
     error: Tensor  # r + c − Γ(s), (nodes, 3)
     tangent: Tensor  # Γ'(s), (nodes, 3)
-    gap: Tensor  # Re ∮ φ dz around each hole, weighted, (holes, 3)
+    gap: Tensor  # Re ∮ φ dz around each hole, (holes, 3)
     energy: float
 
     @classmethod
@@ -116,7 +113,7 @@ class _State:
         point, tangent = problem.point_and_derivative(slide)
         velocity = problem.velocities(readout)
         error = problem.integrate(velocity).real - point
-        gap = _PERIOD * problem.around_hole(velocity).real
+        gap = problem.around_hole(velocity).real
         if len(amounts):
             error = error + problem.moved(readout) @ amounts
         if constant is None:
@@ -168,7 +165,7 @@ class _Linear:
             block[:, n + 3 :] = torch.einsum("mi,mik->mk", e, moved[nodes])
         if gaps:
             axes = torch.eye(3, dtype=rows.dtype, device=rows.device)
-            rows[-gaps:, :n] = _PERIOD * (_by_spinors(axes) @ around[:, None]).flatten(2).flatten(0, 1)
+            rows[-gaps:, :n] = (_by_spinors(axes) @ around[:, None]).flatten(2).flatten(0, 1)
         return cls(rows=rows, normal_matrix=gram(rows), held=held)
 
     def gradient(self, state: _State, root: Float[Tensor, "nodes 1"]) -> Float[Tensor, " k"]:

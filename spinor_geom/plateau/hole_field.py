@@ -12,17 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 
-from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
-from spinor_geom.mesh.operators import cotangent_laplacian
 
 # One move changes the annulus' width by this share at most.
 _LARGEST_MOVE = 0.2
-# Passes of the average of neighbours that smooths the width.
-_SMOOTHING = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,20 +42,14 @@ class HoleField:
             domain: Ω, with one hole.
             panels: on all of ∂Ω.
         """
-        mesh, (hole,) = domain.triangulation, domain.holes
-        first, size = mesh.rims[0], mesh.boundary_size
-        laplacian = cotangent_laplacian(plane_coordinates(mesh.points), mesh.faces)
-        height = harmonic_extension(laplacian, np.repeat([0.0, 1.0], mesh.rims)[:, None])
+        (hole,), outer = domain.holes, domain.boundary.vertices
         w = hole.vertices
         ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
-        slope = (laplacian @ height)[first:size, 0] / ((np.abs(ahead) + np.abs(back)) / 2)
-        # the mean of the slopes and of those of neighbours: a vertex alone means little
-        for _ in range(_SMOOTHING):
-            slope = (np.roll(slope, 1) + 2 * slope + np.roll(slope, -1)) / 4
+        gap, _ = cKDTree(plane_coordinates(outer)).query(plane_coordinates(w))
         radius = np.abs(w - w.mean()).mean()
         tangent = ahead / np.abs(ahead) + back / np.abs(back)
         tangent /= np.maximum(np.abs(tangent), np.finfo(np.float64).tiny)
-        field = 1j * tangent / (np.maximum(slope, 0) + 1 / radius)
+        field = 1j * tangent / (1 / gap + 1 / radius)
         spline = CubicSpline(hole.parameters, np.append(field, field[0]), bc_type="periodic")
         split = panels.order * panels.rims[0]
         nodes = np.zeros(len(panels.t), dtype=np.complex128)

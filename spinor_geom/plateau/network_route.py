@@ -1,20 +1,23 @@
-"""The network route to a minimal disk: Gauss-Newton for a Cauchy network on an Ω flattened from a discrete disk.
+"""The network route: Gauss-Newton for a Cauchy network on an Ω flattened from a discrete disk or annulus.
 
-It takes every loop, with corners or without, and goes to the minimal disk nearest to where it starts, saddles of the
-area included.
+It takes every loop, with corners or without, and two loops that crowd on a round annulus, and goes to the minimal
+surface nearest to where it starts, saddles of the area included.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.discrete.minimal_surface import finer_disk
+from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
+from spinor_geom.discrete.strip import discrete_annulus, nodes_on_cylinder, runs_back
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
@@ -24,7 +27,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.corners import CornerPairs
-from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
@@ -33,12 +36,13 @@ from spinor_geom.plateau.roughness import roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.formulas import phi
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.frames import spin_invariant
+from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
-# Quadrature nodes on each piece of a path in Ω, times the number of rounds: each brings poles nearer to ∂Ω.
-_PATH_ORDER = 16
+# Nodes on a round annulus beyond which a domain is made for two rims.
+_CROWDED = 1200.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,96 +68,284 @@ class Cauchy:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NetworkSolver:
-    """One loop on the network route.
+class _Side:
+    """A loop with the surface on its left.
 
     Attributes:
-        loop: the loop at unit size.
-        rim: indices of its points that stand for it in discrete disks.
-        curve: Γ.
+        number: of the loop.
+        back: whether it runs against the one that was given.
+        loop: at unit size.
+        curve: Γ through it.
+        indices: of the points that stand for it.
+        corners: which of those are corners of Ω.
+    """
+
+    number: int
+    back: bool
+    loop: BoundaryLoop
+    curve: BoundaryCurve
+    indices: Int[np.ndarray, " k"]
+    corners: Bool[np.ndarray, " k"]
+
+    @property
+    def knots(self) -> Float[np.ndarray, " k1"]:
+        """Parameters of Γ at the points, the first one again at the end."""
+        return np.append(self.curve.breaks[self.indices], self.curve.breaks[self.indices[0]] + 1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NetworkSolver:
+    """One loop or two on the network route.
+
+    Attributes:
+        loops: at unit size.
+        curves: Γ through each.
         options: of the network.
-        budget: what a fit may cost.
+        allowed: RMS distance from Γ to reach.
+        tolerance: that in mean edges.
+        steps: all that are taken, and their limit.
         device: where the linear algebra runs.
         clock: of the stages.
     """
 
-    loop: BoundaryLoop
-    rim: Int[np.ndarray, " k"]
-    curve: BoundaryCurve
+    loops: tuple[BoundaryLoop, ...]
+    curves: tuple[BoundaryCurve, ...]
     options: Cauchy
-    budget: Budget
+    allowed: float
+    tolerance: float
+    steps: Steps
     device: torch.device
     clock: Clock
 
-    def found_from(self, disk: Disk) -> Found:
-        """The minimal disk that a discrete one leads to.
+    @cached_property
+    def _sides(self) -> tuple[_Side, ...]:
+        """The loops in the order of Ω's boundaries: the longest goes outside, where there is more room."""
+        with self.clock.stage("first fill"):
+            reverse = len(self.loops) > 1 and runs_back(*(loop.points for loop in self.loops))
+        sides = []
+        for number, (loop, curve) in enumerate(zip(self.loops, self.curves, strict=True)):
+            back = reverse and number > 0
+            indices = rim_indices(loop)
+            sides.append(
+                _Side(
+                    number=number,
+                    back=back,
+                    loop=loop.reversed() if back else loop,
+                    curve=curve.reversed() if back else curve,
+                    indices=indices,
+                    corners=loop.corners[indices] & (len(self.loops) == 1),
+                )
+            )
+        return tuple(sorted(sides, key=lambda side: -side.loop.perimeter))
+
+    @cached_property
+    def first_surface(self) -> Disk:
+        """The discrete disk or annulus over the points that stand for the loops.
 
         Raises:
-            DomainError: its flattening gives no simple domain.
-            SingularMatrixError: the discrete disk or the fit is degenerate.
+            FirstFillError: no discrete disk over the loop was found.
+            DomainError: there is no discrete annulus between the loops.
+            SingularMatrixError: it is degenerate.
         """
-        fitted = self._fitted_from(disk)
-        missed = self.budget.excess(fitted.residual) > 1
-        # another start does not help where one point of a loop in ten turns by more
-        if missed and self._turning <= np.radians(60) and not self.budget.steps.are_spent:
-            fitted = self._improved(fitted, disk)
-        with self.clock.stage("surface"):
-            surface, astray = fitted_surface(fitted)
-            area = surface.area()
-        return Found(
-            curves=(self.curve,),
-            surface=surface,
-            matchings=(fitted.stage.matchings(fitted.fit)[0],),
-            misfit=fitted.residual.misfit.and_astray(astray),
-            area=area,
-            route="network",
-            limit=limit_of(fitted, self.budget, self._turning),
-        )
+        rims = [side.loop.points[side.indices] for side in self._sides]
+        with self.clock.stage("first fill"):
+            return first_disk(*rims) if len(rims) == 1 else discrete_annulus(*rims)[1]
+
+    @property
+    def crowds(self) -> bool:
+        """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
+        first, second = (curve.coefficients[-1] for curve in self.curves)
+        gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
+        length = sum(loop.perimeter for loop in self.loops) / 2
+        # 4 nodes on a length as long as the gap is wide, and ten times as many to be sure
+        if 40 * length * gaps.max() < _CROWDED * gaps.min() ** 2:
+            return False
+        try:
+            surface = self.first_surface
+            return nodes_on_cylinder(surface.vertices, surface.faces, self._sizes) > _CROWDED
+        except (DomainError, SingularMatrixError):
+            return False
+
+    @property
+    def _sizes(self) -> tuple[int, ...]:
+        return tuple(len(side.indices) for side in self._sides)
 
     @property
     def _turning(self) -> float:
-        return roughness(self.loop)
+        return max(map(roughness, self.loops))
+
+    def found_from(self, start: Disk) -> Found:
+        """The minimal surface that a discrete one leads to.
+
+        Raises:
+            DomainError: its flattening gives no simple domain.
+            SingularMatrixError: the discrete surface or the fit is degenerate.
+        """
+        fitted = self._fitted_from(start)
+        # another start does not help where one point of a loop in ten turns by more
+        if len(self.loops) == 1 and self._is_missed(fitted) and self._turning <= np.radians(60):
+            fitted = self._improved(fitted, start)
+        with self.clock.stage("surface"):
+            surface, astray = fitted_surface(fitted)
+            area = surface.area()
+        between = None
+        if surface.domain.holes:
+            between = Between(
+                order=tuple(side.number for side in self._sides),
+                back=tuple(side.back for side in self._sides),
+                modulus=None,
+                antiperiodic=(fitted.stage.branch is not None,),
+                period=float(np.linalg.norm(surface.periods().real)),
+            )
+        return Found(
+            curves=tuple(side.curve for side in self._sides),
+            surface=surface,
+            matchings=tuple(fitted.stage.matchings(fitted.fit)),
+            misfit=fitted.residual.misfit.and_astray(astray),
+            area=area,
+            route="network" if between is None else "annular network",
+            limit=self._limit(fitted),
+            between=between,
+        )
 
     def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
         """The better of a fit and one that starts from a finer disk; the fit itself where that disk cannot be made."""
         try:
             with self.clock.stage("first fill"):
-                finer = finer_disk(disk, len(self.rim))
-            again = self._fitted_from(finer)
+                finer = finer_disk(disk, *self._sizes)
+            return min(fitted, self._fitted_from(finer), key=lambda one: one.rms)
         except (DomainError, SingularMatrixError):  # what a second try fails at must not cost the first one's result
             return fitted
-        return again if again.residual.misfit.rms < fitted.residual.misfit.rms else fitted
 
-    def _fitted_from(self, disk: Disk) -> Fitted:
-        """The fit that starts from a discrete disk: its flattening gives Ω, its frames p and q."""
-        rim, curve, device = self.rim, self.curve, self.device
+    def _fitted_from(self, start: Disk) -> Fitted:
+        """The fit that starts from a discrete surface: its flattening gives Ω, its frames p and q."""
+        sides, device = self._sides, self.device
+
+        def boundaries(rims: tuple[Complex[np.ndarray, "_"], ...]) -> list[SplineBoundary]:
+            return [SplineBoundary.through(rim, side.corners) for rim, side in zip(rims, sides, strict=True)]
+
         with self.clock.stage("flattening"):
-            corners = self.loop.corners[rim]
             flat = flatten(
-                disk.vertices,
-                disk.faces,
-                len(rim),
-                drawn=lambda polygon: sampled(SplineBoundary.through(polygon, corners), each=4),
+                start.vertices,
+                start.faces,
+                sum(self._sizes),
+                holes=self._sizes[1:],
+                drawn=lambda rims: tuple(sampled(boundary, each=4) for boundary in boundaries(rims)),
             )
-            domain = PlaneDomain.from_boundary(flat.boundary, corners, flat.log_scale)
+            outer, *holes = boundaries(flat.rims)
+            domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
         with self.clock.stage("features"):
-            pairs = CornerPairs(t=domain.boundary.parameters[:-1][corners], s=curve.breaks[rim[corners]])
+            images = images_in_plane(start.vertices, start.faces, flat.boundary)
+            lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, device)
+            spinors, branch = lifted(), None
+            rims = torch.split(spinors, list(self._sizes))
+            if holes and all(spin_invariant(*rim.unbind(-1)) < 0 for rim in rims):
+                branch = _middle(flat.rims[1])
+                spinors = lifted(branch=branch)
+            corners = sides[0].corners
+            pairs = CornerPairs(t=outer.parameters[:-1][corners], s=sides[0].knots[:-1][corners])
             stage = Discretisation.first(
                 domain,
-                (CurveTensors.of(curve, device),),
+                tuple(CurveTensors.of(side.curve, device) for side in sides),
                 pairs,
                 degree=self.options.degree,
-                offset=self.budget.offset,
-                tolerance=self.budget.allowed / self.loop.mean_edge_length,
+                offset=self.options.pole_offset,
+                tolerance=self.tolerance,
+                branch=branch,
             )
         with self.clock.stage("fit"):
-            images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
-            spinors = lifted_spinors(disk.vertices, disk.faces, images, len(rim), device)
-            edge = np.searchsorted(domain.boundary.parameters, stage.panels.t, side="right") - 1
-            readout = stage.readout_of(spinors[torch.as_tensor(edge, device=device)])
-            knots = np.append(curve.breaks[rim], curve.breaks[rim[0]] + 1)
-            slide = torch.as_tensor(np.interp(stage.panels.t, domain.boundary.parameters, knots), device=device)
-            return fit_and_refine(stage, readout, slide, self.budget)
+            edge = torch.as_tensor(np.searchsorted(domain.arcs[:, 0], stage.panels.t, side="right") - 1, device=device)
+            z = torch.as_tensor(stage.panels.z, device=device)
+            readout = stage.readout_of(spinors[edge] * stage.network.sign_changing(z)[:, None])
+            parts = zip(stage.panels.own_parameters, domain.boundaries, sides, strict=True)
+            slides = [np.interp(t, boundary.parameters, side.knots) for t, boundary, side in parts]
+            return self._refined(stage, readout, torch.as_tensor(np.concatenate(slides), device=device))
+
+    def _refined(
+        self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
+    ) -> Fitted:
+        """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
+        if stage.domain.holes:  # the modulus of a mesh is never quite right
+            best = self._with_right_moduli(stage, readout, slide)
+        else:
+            best = self._fitted(stage, readout, slide)
+            # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
+            if best.rms > self.allowed and stage.has_moduli:
+                corrected = self._with_right_moduli(stage, readout, slide)
+                best = replace(min(best, corrected, key=lambda one: one.rms), folds=corrected.folds)
+        while best.rounds < 3 and self._is_missed(best):
+            finer = best.stage.refined(best.residual.energy, best.rms / self._excess(best))
+            if finer is None:
+                break
+            again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
+            if again.rms >= best.rms:
+                break
+            best = replace(again, rounds=best.rounds + 1, folds=best.folds)
+        return best
+
+    def _with_right_moduli(
+        self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
+    ) -> Fitted:
+        """A fit in which Ω may move to its conformal moduli; the moves are made, and it is fitted again."""
+        last, folds = np.inf, False
+        while True:
+            fit = self._fit(stage.flexible(), readout, slide)
+            readout, slide = fit.readout, fit.slide
+            # a shorter move changes nothing: Ω's scale is near to 1
+            if stage.length_of_move(fit) < 0.01 * fit.residual:
+                break
+            try:
+                moved = stage.moved(fit, offset=self.options.pole_offset)
+            except DomainError:  # what is fitted so far stands
+                folds = True
+                break
+            readout, slide = moved.transferred(stage, fit)
+            stage = moved  # whatever the fit gained by the move, it is lost without it
+            if fit.residual > last / 2 or self.steps.are_spent:
+                break
+            last = fit.residual
+        return replace(self._fitted(stage, readout, slide), folds=folds)
+
+    def _fitted(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fitted:
+        fit = self._fit(stage, readout, slide)
+        return Fitted(stage=stage, fit=fit, residual=independent_residual(stage, fit, points=sum(map(len, self.loops))))
+
+    def _fit(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fit:
+        """Gauss-Newton with what is left of the steps."""
+        # while it converges fast, steps cost little and every digit is real
+        goal = 1e-6 * self.allowed
+        return gauss_newton(
+            stage.problem, readout, slide, goal=goal, allowed=self.allowed, steps=self.steps, stall=0.05
+        )
+
+    def _excess(self, fitted: Fitted) -> float:
+        return fitted.residual.misfit.excess(allowed=self.allowed, tolerance=self.tolerance)
+
+    def _is_missed(self, fitted: Fitted) -> bool:
+        """Whether a fit is to come nearer to Γ, and there are steps left for it."""
+        return self._excess(fitted) > 1 and not self.steps.are_spent
+
+    def _limit(self, fitted: Fitted) -> str:
+        """What keeps a fit from coming nearer to Γ, as the end of a sentence."""
+        stage = fitted.stage
+        features = stage.network.mixing.shape[1]
+        if self.steps.are_spent:
+            return "the limit on steps or on time was reached"
+        if fitted.folds:
+            return (
+                "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "
+                f"its network of {features} features follows the boundary no better"
+            )
+        at_corners = stage.share_at_corners(fitted.residual.energy)
+        if at_corners > 0.5:
+            where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
+        elif self._turning > np.radians(25.0):  # beyond the turns of round loops of some 30 points
+            where = f"the loop is rough: one point in ten turns by more than {np.degrees(self._turning):.0f}°"
+        else:
+            where = "more units bring it no nearer"
+        if stage.is_full:
+            return f"the network has as many features as it may have, {features}, and {where}"
+        return f"a network of {features} features follows the boundary no better: {where}"
 
 
 def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
@@ -167,7 +359,7 @@ def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fitted:
-    """The best round: its discretisation, its fit, its residual at unit size, and its number.
+    """A round: its discretisation, its fit, its residual at unit size, and its number.
 
     `folds` says that Ω would fold if it moved to the conformal moduli that a fit asked for.
     """
@@ -175,128 +367,23 @@ class Fitted:
     stage: Discretisation
     fit: Fit
     residual: Residual
-    rounds: int
-    folds: bool
+    rounds: int = 1
+    folds: bool = False
+
+    @property
+    def rms(self) -> float:
+        """RMS distance from Γ."""
+        return self.residual.misfit.rms
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Budget:
-    """What a fit may cost, and how near it shall come.
-
-    Attributes:
-        allowed: RMS distance at unit size.
-        tolerance: that in mean edges.
-        points: of all loops.
-        offset: of the poles, in local edges.
-        steps: all that are taken, and their limit.
-    """
-
-    allowed: float
-    tolerance: float
-    points: int
-    offset: float
-    steps: Steps
-
-    def fit(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fit:
-        """Gauss-Newton with what is left of the steps."""
-        # while it converges fast, steps cost little and every digit is real
-        goal = 1e-6 * self.allowed
-        return gauss_newton(
-            stage.problem, readout, slide, goal=goal, allowed=self.allowed, steps=self.steps, stall=0.05
-        )
-
-    def excess(self, residual: Residual) -> float:
-        """How many times farther from Γ than it may be: 1 or less where the tolerance is met."""
-        return residual.misfit.excess(allowed=self.allowed, tolerance=self.tolerance)
-
-
-def limit_of(fitted: Fitted, budget: Budget, turning: float) -> str:
-    """What keeps a fit from coming nearer to Γ, as the end of a sentence.
-
-    Args:
-        fitted: the fit.
-        budget: what it might cost.
-        turning: angle that nine in ten of the points of Γ do not exceed.
-    """
-    stage = fitted.stage
-    features = stage.network.mixing.shape[1]
-    if budget.steps.are_spent:
-        return "the limit on steps or on time was reached"
-    if fitted.folds:
-        return (
-            "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "
-            f"its network of {features} features follows the boundary no better"
-        )
-    at_corners = stage.share_at_corners(fitted.residual.energy)
-    if at_corners > 0.5:
-        where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
-    elif turning > np.radians(25.0):  # beyond the turns of round loops of some 30 points
-        where = f"the loop is rough: one point in ten turns by more than {np.degrees(turning):.0f}°"
-    else:
-        where = "more units bring it no nearer"
-    if stage.is_full:
-        return f"the network has as many features as it may have, {features}, and {where}"
-    return f"a network of {features} features follows the boundary no better: {where}"
-
-
-def fit_and_refine(
-    stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"], budget: Budget
-) -> Fitted:
-    """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
-    best: Fitted | None = None
-    folds = False
-    if stage.domain.holes:
-        # the modulus of a mesh is never quite right
-        first = _with_right_moduli(stage, readout, slide, budget)
-        stage, folds, readout, slide = first.stage, first.folds, first.fit.readout, first.fit.slide
-    for number in range(1, 4):
-        fit = budget.fit(stage, readout, slide)
-        residual = independent_residual(stage, fit, points=budget.points)
-        # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
-        if best is None and residual.misfit.rms > budget.allowed and stage.has_moduli and not stage.domain.holes:
-            corrected = _with_right_moduli(stage, readout, slide, budget)
-            folds = corrected.folds
-            if corrected.residual.misfit.rms < residual.misfit.rms:
-                stage, fit, residual = corrected.stage, corrected.fit, corrected.residual
-        if best is not None and residual.misfit.rms >= best.residual.misfit.rms:
-            break
-        best = Fitted(stage=stage, fit=fit, residual=residual, rounds=number, folds=folds)
-        excess = budget.excess(residual)
-        if excess <= 1 or budget.steps.are_spent:
-            break
-        finer = stage.refined(residual.energy, residual.misfit.rms / excess)
-        if finer is None:
-            break
-        readout, slide = finer.transferred(stage, fit)
-        stage = finer
-    assert best is not None
-    return best
-
-
-def _with_right_moduli(
-    stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"], budget: Budget
-) -> Fitted:
-    """A fit in which Ω may move, so that its corners can meet Γ's; the moves are made, and it is fitted again."""
-    last, folds = np.inf, False
-    while True:
-        fit = budget.fit(stage.flexible(), readout, slide)
-        readout, slide = fit.readout, fit.slide
-        # a shorter move changes nothing: Ω's scale is near to 1
-        if stage.length_of_move(fit) < 0.01 * fit.residual:
-            break
-        try:
-            moved = stage.moved(fit, offset=budget.offset)
-        except DomainError:  # what is fitted so far stands
-            folds = True
-            break
-        readout, slide = moved.transferred(stage, fit)
-        stage = moved  # whatever the fit gained by the move, it is lost without it
-        if fit.residual > last / 2 or budget.steps.are_spent:
-            break
-        last = fit.residual
-    fit = budget.fit(stage, readout, slide)
-    residual = independent_residual(stage, fit, points=budget.points)
-    return Fitted(stage=stage, fit=fit, residual=residual, rounds=1, folds=folds)
+def _middle(hole: Complex[np.ndarray, " n"]) -> complex:
+    """A point in a hole far from its boundary: the centre of the largest circle inside a triangle of a mesh of it."""
+    mesh = PlaneDomain.from_boundary(hole[::-1]).triangulation
+    corners = mesh.points[mesh.faces]
+    a, b, c = corners.T
+    sides = np.abs(np.stack([b - c, c - a, a - b], axis=1))
+    radius = np.imag(np.conj(b - a) * (c - a)) / sides.sum(axis=1)
+    return complex(np.average(corners[radius.argmax()], weights=sides[radius.argmax()]))
 
 
 def fitted_surface(fitted: Fitted) -> tuple[SpinorSurface, float]:
@@ -308,7 +395,7 @@ def fitted_surface(fitted: Fitted) -> tuple[SpinorSurface, float]:
     network, device = stage.network, fit.readout.device
     with torch.no_grad():
         network.readout.copy_(fit.readout)
-    surface = SpinorSurface(network, stage.domain, order=_PATH_ORDER * fitted.rounds).to(device)
+    surface = SpinorSurface(network, stage.domain, order=PATH_ORDER * fitted.rounds).to(device)
     if stage.domain.holes:
         close_period(surface)
     some = torch.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order, device=device)

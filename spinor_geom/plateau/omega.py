@@ -10,8 +10,8 @@ from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
 from torch import Tensor
 
-from spinor_geom.domain.flattening import is_simple
 from spinor_geom.domain.plane_domain import FourierBoundary
+from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.dirichlet import DirichletForm

@@ -11,7 +11,6 @@ import numpy as np
 
 from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -127,7 +126,7 @@ class OnFlattening:
 
     def surface(self, task: Task) -> Found:
         """The disk to which the area falls from there."""
-        return task.harmonic.flattened(_at_unit_size(self.start, task), task.network.rim)
+        return task.harmonic.flattened(_at_unit_size(self.start, task), task.rim.indices)
 
 
 @dataclass(frozen=True)
@@ -138,14 +137,8 @@ class ByNetwork:
 
     def surface(self, task: Task) -> Found:
         """The disk or annulus nearest to the start, saddles of the area included."""
-        if not task.is_disk:
-            return task.rims.on_network()
-        if self.start is not None:
-            start = _at_unit_size(self.start, task)
-        else:
-            with task.clock.stage("first fill"):
-                start = first_disk(task.unit.points[task.network.rim])
-        return task.network.found_from(start)
+        network = task.network
+        return network.found_from(network.first_surface if self.start is None else _at_unit_size(self.start, task))
 
 
 @dataclass(frozen=True)
@@ -201,7 +194,7 @@ def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
     through = (ThroughPoints(),) if options.between == "free" and rims.is_rough else ()
     if len(task.loops) > 2:
         return (*in_plane, *through, OnCircles())
-    on_domain = (ByNetwork(), OnCircles()) if rims.crowds else (OnCircles(), ByNetwork())
+    on_domain = (ByNetwork(), OnCircles()) if task.network.crowds else (OnCircles(), ByNetwork())
     return (*in_plane, *through, *on_domain)
 
 

@@ -21,9 +21,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.corners import CornerPairs
 from spinor_geom.plateau.slide import nearest_increasing
 from spinor_geom.surface.formulas import phi
-
-# Quadrature nodes of each piece of a way through Ω.
-_WAY_ORDER = 16
+from spinor_geom.surface.spinor_surface import PATH_ORDER
 
 
 class TensorCurve(Protocol):
@@ -334,7 +332,7 @@ class WayAcross:
             edge = np.abs(beside - polygon[vertex]).min()
             count = max(0, math.floor(math.log2(length / (2 * edge) + 1)))
             breaks.append(edge * (2.0 ** np.arange(count + 1) - 1) / length)
-        nodes = rule("gauss", _WAY_ORDER)
+        nodes = rule("gauss", PATH_ORDER)
         ends = np.unique(np.concatenate([breaks[0], 1 - breaks[1]]))
         width = np.diff(ends)
         share = (ends[:-1, None] + width[:, None] * nodes.nodes).ravel()

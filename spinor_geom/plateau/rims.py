@@ -16,10 +16,9 @@ from torch import Tensor
 
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.errors import DomainError, SingularMatrixError, SurfaceError
+from spinor_geom.errors import SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.annulus_network import AnnulusNetworkSolver
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.clock import Clock
@@ -31,7 +30,6 @@ from spinor_geom.plateau.harmonic_route import points_of_domain
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.moduli_search import ModuliSearch
-from spinor_geom.plateau.network_route import Budget
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_beside
@@ -68,9 +66,6 @@ PARTED = "the rims are so far apart that a cone parts them through which no conn
 # The smooth curve that leads to a rough one: its width, in points and at least as a share of the loop; and how many
 # curves there are between.
 _SMOOTHING, _NARROWEST_AVERAGE, _DEFORMATIONS = 3.0, 0.03, 4
-# Nodes on the cylinder beyond which a domain is made for the rims; where the largest gap is fewer times the least, and
-# the mean gap wants few nodes, so many are never needed.
-_CROWDED, _EVEN, _FEW_NODES = 1200.0, 4.0, 128.0
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
@@ -89,7 +84,6 @@ class RimsSolver:
         curves: Γ through each.
         options: of the call.
         allowed: RMS distance from Γ to reach.
-        budget: of the network's fits.
         steps: of all routes.
         clock: of the stages.
     """
@@ -98,7 +92,6 @@ class RimsSolver:
     curves: tuple[BoundaryCurve, ...]
     options: Options
     allowed: float
-    budget: Budget
     steps: Steps
     clock: Clock
 
@@ -167,39 +160,6 @@ class RimsSolver:
     def _newton_step(self, distance: float) -> bool:
         self.steps.take("Newton", distance)
         return self.steps.left > 0
-
-    def on_network(self) -> Found:
-        """The annulus of a Cauchy network on a domain made for two rims.
-
-        Raises:
-            DomainError: no simple domain was found.
-            SingularMatrixError: the discrete annulus or the fit is degenerate.
-        """
-        return self._network.found()
-
-    @cached_property
-    def _network(self) -> AnnulusNetworkSolver:
-        first, second = self.loops
-        return AnnulusNetworkSolver.between(
-            (first, second, second.reversed()),
-            (self.curves[0], self.curves[1], self._reversed[1]),
-            options=self.options.cauchy,
-            budget=self.budget,
-            device=self.options.device,
-            clock=self.clock,
-        )
-
-    @cached_property
-    def crowds(self) -> bool:
-        """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
-        first, second = (curve.coefficients[-1] for curve in self.curves)
-        gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
-        if gaps.max() < _EVEN * gaps.min() and self._wanted_nodes < _FEW_NODES:
-            return False
-        try:
-            return self._network.nodes_on_cylinder > _CROWDED
-        except (DomainError, SingularMatrixError):
-            return False
 
     def _descended(self) -> Placement | None:
         """The surface that the energy falls to from the better start, or from several of nearly the same energy.

@@ -18,7 +18,7 @@ from spinor_geom.surface.frames import phi_from_frames, spinors_from_phi
 def images_in_plane(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, " n"]:
-    """Where the vertices of a discrete disk lie in Ω: its harmonic map with given images of the boundary."""
+    """Where the vertices of a discrete surface lie in Ω: its harmonic map with given images of the boundary."""
     around = np.column_stack([boundary.real, boundary.imag])
     points = harmonic_extension(mollified_laplacian(vertices, faces), around) @ np.array([1.0, 1.0j])
     points[: len(boundary)] = boundary
@@ -29,10 +29,12 @@ def lifted_spinors(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "f 3"],
     points: Complex[np.ndarray, " n"],
-    boundary_size: int,
+    rims: Rims,
     device: torch.device,
+    *,
+    branch: complex | None = None,
 ) -> Complex[Tensor, "m 2"]:
-    """P and q on each boundary edge of a discrete disk, with the signs that make them continuous on all of it.
+    """P and q on each boundary edge of a discrete surface, with the signs that make them continuous on all of it.
 
     From one edge of a ragged boundary to the next the frame may turn so far that the spinors beside each other do not
     tell the sign. From face to face it turns less: the signs are handed on along the tree of faces whose steps have the
@@ -42,18 +44,26 @@ def lifted_spinors(
         vertices: the first m are the boundary, in order.
         faces: counter-clockwise.
         points: the images of the vertices in Ω.
-        boundary_size: m.
+        rims: numbers of the boundary vertices of each rim.
         device: of the result.
+        branch: c in a hole around which p and q change their signs: p/√(z − c) and q/√(z − c), which do not, are given.
     """
     import igl
 
-    m = boundary_size
-    spinors = torch.stack(spinors_from_phi(lifted_frames(vertices, faces, points[:m], device)), dim=-1)
+    after = rim_successors(rims)
+    boundary = points[: len(after)]
+
+    def single_valued(phi: Complex[Tensor, "k 3"], z: Complex[np.ndarray, " k"]) -> Complex[Tensor, "k 2"]:
+        if branch is not None:
+            phi = phi / torch.as_tensor(z - branch, device=phi.device)[:, None]
+        return torch.stack(spinors_from_phi(phi), dim=-1)
+
+    spinors = single_valued(lifted_frames(vertices, faces, boundary, rims, device), (boundary + boundary[after]) / 2)
     corner, image = vertices[faces], points[faces]
     tangent, step = corner[:, 1] - corner[:, 0], image[:, 1] - image[:, 0]
     normal = np.cross(tangent, corner[:, 2] - corner[:, 0])
     frames = (torch.from_numpy(part) for part in (tangent, normal, step, np.ones(len(faces))))
-    inner = torch.stack(spinors_from_phi(phi_from_frames(*frames)), dim=-1).numpy()
+    inner = single_valued(phi_from_frames(*frames), image.mean(axis=1)).numpy()
     face, side = np.nonzero((beside := np.asarray(igl.triangle_triangle_adjacency(faces)[0])) >= 0)
     agreement = np.nan_to_num((inner[face].conj() * inner[beside[face, side]]).sum(axis=1).real / 2)
     # an edge of no weight would be none
@@ -66,7 +76,7 @@ def lifted_spinors(
     while (before != before[before]).any():
         sign, before = sign * sign[before], before[before]
     sign *= sign[before]
-    first = torch.from_numpy(sign[:, None] * inner).to(device)[_faces_along(faces, rim_successors((m,)))]
+    first = torch.from_numpy(sign[:, None] * inner).to(device)[_faces_along(faces, after)]
     return torch.where(((first.conj() * spinors).sum(-1, keepdim=True)).real < 0, -spinors, spinors)
 
 
@@ -74,21 +84,20 @@ def lifted_frames(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "f 3"],
     boundary: Complex[np.ndarray, " m"],
+    rims: Rims,
     device: torch.device,
-    *,
-    sizes: Rims | None = None,
 ) -> Complex[Tensor, "m 3"]:
-    """φ on each boundary edge of a discrete disk or annulus, as its frames there say.
+    """φ on each boundary edge of a discrete surface, as its frames there say.
 
     Args:
         vertices: the first m are the boundary, in order.
         faces: counter-clockwise.
         boundary: the images of the boundary vertices in Ω.
+        rims: numbers of the boundary vertices of each rim.
         device: of the result.
-        sizes: numbers of the vertices of several boundaries, one after the other; none for a single one.
     """
     m = len(boundary)
-    after = rim_successors(sizes or (m,))
+    after = rim_successors(rims)
     corner = vertices[faces[_faces_along(faces, after)]]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     tangent = vertices[after] - vertices[:m]

@@ -20,7 +20,7 @@ from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_fit import Fit
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.misfit import BoundaryResidual
-from spinor_geom.plateau.network_route import Budget, NetworkSolver, rim_indices
+from spinor_geom.plateau.network_route import NetworkSolver, rim_indices
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.rims import RimsSolver
 from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch
@@ -146,17 +146,18 @@ class Task:
     @property
     def rim(self) -> Rim:
         """The loop of a disk with the points that discrete disks over it have."""
-        return Rim(loop=self.loop, indices=self.network.rim)
+        return Rim(loop=self.loop, indices=rim_indices(self.unit))
 
     @cached_property
     def network(self) -> NetworkSolver:
-        """Of a disk's Cauchy network."""
+        """Of one loop's or two loops' Cauchy network."""
         return NetworkSolver(
-            loop=self.unit,
-            rim=rim_indices(self.unit),
-            curve=self.curve,
+            loops=self.units,
+            curves=self.curves,
             options=self.options.cauchy,
-            budget=self._budget,
+            allowed=self.allowed,
+            tolerance=self.options.tolerance,
+            steps=self.steps,
             device=self.options.device,
             clock=self.clock,
         )
@@ -183,19 +184,8 @@ class Task:
             curves=self.curves,
             options=self.options,
             allowed=self.allowed,
-            budget=self._budget,
             steps=self.steps,
             clock=self.clock,
-        )
-
-    @property
-    def _budget(self) -> Budget:
-        return Budget(
-            allowed=self.allowed,
-            tolerance=self.options.tolerance,
-            points=sum(map(len, self.units)),
-            offset=self.options.cauchy.pole_offset,
-            steps=self.steps,
         )
 
     def is_met(self, found: Found) -> bool:

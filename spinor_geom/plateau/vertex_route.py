@@ -91,7 +91,7 @@ def disk_through_points(
         flat = flatten(disk.vertices, disk.faces, len(points))
         images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
         domain = _domain(disk.faces, images, flat)
-        spinors = lifted_spinors(disk.vertices, disk.faces, images, len(points), device)
+        spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(points),), device)
     raw: Complex[Tensor, "k 2"] | None = None
     for nodes in (_NODES, 2 * _NODES):
         with clock.stage("features"):

@@ -26,6 +26,8 @@ from spinor_geom.surface import branch, curvature, formulas, frames, storage
 from spinor_geom.surface.anchors import find_anchors
 from spinor_geom.surface.interior import RimPrimitive, displacements
 
+# quadrature nodes on each piece of a path in Ω
+PATH_ORDER = 16
 # points given as a tensor are answered with tensors, points given as an array with arrays
 Points = TypeVar("Points", NDArray[Any], Tensor)
 # gap that counts as closed, as a share of the root of the area
@@ -70,7 +72,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         *,
         spinor_map: Complex[Tensor, "2 2"] | None = None,
         quadrature: RuleName = "gauss",
-        order: int = 16,
+        order: int = PATH_ORDER,
     ) -> None:
         """Raises OptionError for an unknown rule, an order it does not have, or a constant that is not one point."""
         super().__init__()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.discrete import first_fill
 from spinor_geom.discrete.first_fill import disk_without_inner_points, minimum_area_triangulation, unfolded_loop
-from spinor_geom.domain.flattening import is_simple
+from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.loops import CONVEX, L_SHAPE, is_disk_on, planar, polygon_area, ramp, slit

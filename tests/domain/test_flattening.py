@@ -3,26 +3,19 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from spinor_geom import gallery
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
-from spinor_geom.domain.flattening import (
-    crossing_edges,
-    dirichlet_to_neumann,
-    flatten,
-    flatten_boundary,
-    is_simple,
-    lay_out,
-    outer_clearance,
-    untangled,
-)
+from spinor_geom.discrete.strip import discrete_annulus, triangulated_annulus
+from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten, flatten_boundary, lay_out
+from spinor_geom.domain.polygons import is_simple
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError
-from tests.loops import L_SHAPE, noisy_ellipse, planar, ramp
-from tests.strategies import SEEDS, smooth_loops
+from tests.loops import L_SHAPE, figure_eight, noisy_ellipse, planar, ramp
+from tests.plateau.rims import ring
+from tests.strategies import smooth_loops
 
 FLAT = np.array([1, 1j, 0])
 
@@ -141,16 +134,16 @@ def test_flattening_is_straightened_where_the_curve_through_it_crosses_itself():
     vertices, faces, m = SURFACES["noisy"]
     seen = []
 
-    def crossed_at_first(polygon):
-        seen.append(polygon)
-        return polygon if len(seen) > 1 else np.array([0, 1 + 1j, 1, 1j])
+    def crossed_at_first(rims):
+        seen.append(rims[0])
+        return rims if len(seen) > 1 else (np.array([0, 1 + 1j, 1, 1j]),)
 
     flat = flatten(vertices, faces, m, drawn=crossed_at_first)
     np.testing.assert_array_equal(seen[0], flatten(vertices, faces, m).boundary)
     np.testing.assert_array_equal(seen[-1], flat.boundary)
     assert same_shape(seen[0], flat.boundary) > 1e-6
     with pytest.raises(DomainError, match="no simple plane domain"):
-        flatten(vertices, faces, m, drawn=np.conj)
+        flatten(vertices, faces, m, drawn=lambda rims: tuple(map(np.conj, rims)))
 
 
 # --- laying out -------------------------------------------------------------------------------------------------------
@@ -181,104 +174,6 @@ def test_polygon_that_cannot_close_is_none():
     assert lay_out(np.ones(4), np.full(4, 0.1), np.zeros(4)) is None
 
 
-# --- crossings --------------------------------------------------------------------------------------------------------
-
-
-def proper_crossings(a):
-    """Pairs of edges that are not neighbours and cross, one pair after another."""
-    m = len(a)
-
-    def side(p, q, r):
-        return np.sign(((q - p).conjugate() * (r - p)).imag)
-
-    return {
-        (i, j)
-        for i in range(m)
-        for j in range(i + 2, m)
-        if (j + 1) % m != i
-        and side(a[i], a[i + 1], a[j]) != side(a[i], a[i + 1], a[(j + 1) % m])
-        and side(a[j], a[(j + 1) % m], a[i]) != side(a[j], a[(j + 1) % m], a[i + 1])
-    }
-
-
-@settings(max_examples=30)
-@given(n=st.integers(4, 12), seed=SEEDS)
-def test_crossings_equal_those_found_pair_by_pair(n, seed):
-    polygon = np.random.default_rng(seed).normal(size=(n, 2)) @ np.array([1, 1j])
-    assert set(map(tuple, crossing_edges(polygon).tolist())) == proper_crossings(polygon)
-
-
-def test_edge_that_folds_back_onto_its_neighbour_counts():
-    assert crossing_edges(np.array([0, 2, 1, 1 + 1j, 1j])).tolist() == [[0, 1]]
-
-
-@pytest.mark.parametrize("angle", np.linspace(0.1, 1.5, 8))
-def test_edges_of_a_straight_side_do_not_cross(angle):
-    polygon = planar([(0, 0), (2, 0), (2.5, 1), (1.2, 2.2), (-0.3, 1.1)], 60).points @ FLAT * np.exp(1j * angle)
-    noise = np.random.default_rng(0).normal(size=(len(polygon), 2)) @ np.array([1, 1j])
-    assert is_simple(polygon)
-    assert is_simple(polygon + 1e-16 * noise)
-
-
-def test_only_counter_clockwise_polygons_without_crossings_are_simple():
-    assert is_simple(circle(20))
-    assert not is_simple(circle(20)[::-1])
-    assert not is_simple(np.array([0, 1 + 1j, 1, 1j]))
-    assert not is_simple(np.repeat(circle(20), [1] * 19 + [2]))
-
-
-# --- untangling -------------------------------------------------------------------------------------------------------
-
-
-def test_small_lobes_are_drawn_in_and_nothing_else_is_moved():
-    polygon = circle(60)
-    tangled = polygon.copy()
-    tangled[[20, 21]] = tangled[[21, 20]]
-    tangled[40:44] = tangled[40:44][::-1]
-    assert not is_simple(tangled)
-    result = untangled(tangled)
-    assert is_simple(result)
-    moved = np.flatnonzero(result != tangled)
-    assert set(moved.tolist()) <= set(range(19, 23)) | set(range(39, 45))
-
-
-def figure_eight():
-    # no vertex at the crossing
-    t = 2 * np.pi * (np.arange(80) + 0.3) / 80
-    return np.sin(t) + 1j * np.sin(2 * t)
-
-
-def test_far_parts_that_cross_are_not_untangled():
-    assert untangled(figure_eight()) is None
-
-
-def test_simple_polygon_is_left_as_it_is():
-    np.testing.assert_array_equal(untangled(circle(30)), circle(30))
-
-
-# --- clearance --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("gap", [0.2, 0.5])
-def test_clearance_of_a_horseshoe_is_its_gap_in_edges(gap):
-    # a ring of width 1 that is open by `gap` at its far end
-    outer = np.arcsin(gap / 2 / 3)
-    inner = np.arcsin(gap / 2 / 2)
-    angle = np.pi - np.linspace(outer, 2 * np.pi - outer, 180)
-    back = np.pi - np.linspace(2 * np.pi - inner, inner, 120)
-    polygon = np.concatenate([3 * np.exp(-1j * angle), 2 * np.exp(-1j * back)])
-    assert is_simple(polygon)
-    edge = np.abs(np.roll(polygon, -1) - polygon)
-    clearance = outer_clearance(polygon)
-    assert gap / edge.max() * 0.9 < clearance < gap / np.median(edge) * 1.2
-
-
-def test_narrow_inside_is_no_lack_of_clearance():
-    strip = planar([(0, 0), (20, 0), (20, 0.3), (0, 0.3)], 160).points @ FLAT
-    assert outer_clearance(strip) == np.inf
-    assert outer_clearance(circle(50)) == np.inf
-
-
 def test_boundary_that_stays_crossed_is_refused():
     """A figure eight turns by nothing; with Λ = 0 there is nothing to straighten it by."""
     sides = np.roll(figure_eight(), -1) - figure_eight()
@@ -295,3 +190,39 @@ def test_straightened_boundary_has_no_teeth(turns):
     turning = np.abs(np.angle(np.roll(np.roll(polygon, -1) - polygon, 1).conj() * (np.roll(polygon, -1) - polygon)))
     assert turning[~loop.corners].max() < 0.2
     np.testing.assert_allclose(turning[loop.corners], np.pi / 2, atol=0.2)
+
+
+# --- with a hole ------------------------------------------------------------------------------------------------------
+
+
+def ellipse(a, b, centre, count):
+    turn = 2 * np.pi * np.arange(count) / count
+    return centre + a * np.cos(turn) + 1j * b * np.sin(turn)
+
+
+@pytest.mark.parametrize("hole", [(0.3, 0.3, 0.6 + 0.1j), (0.9, 0.05, 0.0), (0.2, 0.25, -1.5)])
+def test_plane_annulus_is_laid_out_as_it_is(hole):
+    outer, inner = ellipse(2.0, 1.0, 0.0, 60), ellipse(*hole, 40)[::-1]
+    plane = triangulated_annulus(outer, inner)
+    turned = plane.points * np.exp(0.7j)
+    vertices = np.column_stack([turned.real, turned.imag, np.full(len(turned), 2.0)])
+    flat = flatten(vertices, plane.faces, 100, holes=(40,))
+    # the first vertex of the outer rim lies at 0, and its first edge is turned back to the real axis
+    both = flat.boundary
+    expected = plane.points[:100] - outer[0]
+    scale = both[1] / expected[1]
+    assert abs(abs(scale) - 1) < 1e-10
+    np.testing.assert_allclose(both, scale * expected, atol=1e-9)
+    assert np.ptp(flat.log_scale) < 1e-9
+
+
+def test_strip_around_a_tube_becomes_a_ring():
+    turn = np.arange(48) / 48
+    top, bottom = ring(1.0, 0.3, stretch=3.0).point(turn), ring(1.0, -0.3, stretch=3.0).point(turn)[::-1]
+    plane, descent = discrete_annulus(top, bottom, relative_change=1e-3)
+    flat = flatten(descent.vertices, plane.faces, 96, holes=(48,))
+    outer, inner = flat.rims
+    assert is_simple(outer)
+    assert is_simple(inner[::-1])
+    away = outer - inner.mean()
+    assert abs(np.angle(np.roll(away, -1) / away).sum() - 2 * np.pi) < 1e-9

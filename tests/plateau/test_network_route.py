@@ -11,7 +11,7 @@ from spinor_geom.plateau.task import Task
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_residual_tells_what_the_surface_s_paths_lose(monkeypatch, order):
-    monkeypatch.setattr(network_route, "_PATH_ORDER", order)
+    monkeypatch.setattr(network_route, "PATH_ORDER", order)
     loop = gallery.twisted_circle().sample(48)
     solution = solve_plateau(loop, model="cauchy", max_iterations=20)
     boundary = solution.domain.boundary

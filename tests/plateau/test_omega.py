@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from spinor_geom import gallery
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.domain import FourierBoundary
-from spinor_geom.domain.flattening import is_simple
+from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve

@@ -12,7 +12,7 @@ from spinor_geom import gallery
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, plan, solutions, solve_plateau
+from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, network_route, plan, solutions, solve_plateau
 from spinor_geom.plateau.solutions import Beside, Rim, find_disks, leave_unstable
 from spinor_geom.plateau.steps import Steps
 from tests.exact_solutions import ENNEPER, exact_solution, with_stability
@@ -40,7 +40,7 @@ def start_round(monkeypatch: pytest.MonkeyPatch) -> None:
     def round_disk(points):
         return Rim(loop=BoundaryLoop.from_points(points), indices=np.arange(len(points))).round_disk()
 
-    monkeypatch.setattr(plan, "first_disk", round_disk)
+    monkeypatch.setattr(network_route, "first_disk", round_disk)
 
 
 def solver_of(loop: BoundaryLoop, monkeypatch: pytest.MonkeyPatch):

@@ -28,7 +28,7 @@ def test_plane_disk_lifts_to_constant_spinors():
     polygon = np.exp(2j * np.pi * np.arange(40) / 40)
     mesh = triangulate_polygon(polygon, graded_size(polygon))
     vertices = np.column_stack([mesh.points.real, mesh.points.imag, 0 * mesh.points.real])
-    spinors = lifted_spinors(vertices, mesh.faces, mesh.points, 40, CPU)
+    spinors = lifted_spinors(vertices, mesh.faces, mesh.points, (40,), CPU)
     # n = e₃: p² = 1, q = 0
     np.testing.assert_allclose(spinors.abs(), np.tile([1.0, 0.0], (40, 1)), atol=1e-12)
     assert float((spinors[:, 0] - spinors[0, 0]).abs().max()) < 1e-12
@@ -40,7 +40,7 @@ def test_lifted_spinors_reproduce_the_edges_of_the_loop(curve):
     disk = first_disk(loop.points)
     flat = flatten(disk.vertices, disk.faces, len(loop)).boundary
     images = images_in_plane(disk.vertices, disk.faces, flat)
-    spinors = lifted_spinors(disk.vertices, disk.faces, images, len(loop), CPU)
+    spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(loop),), CPU)
     edge = torch.from_numpy(np.roll(flat, -1) - flat)
     along = (phi(spinors[:, 0], spinors[:, 1]) * edge[:, None]).real.numpy()
     np.testing.assert_allclose(along, np.roll(loop.points, -1, axis=0) - loop.points, atol=1e-12 * loop.diagonal)
@@ -107,7 +107,7 @@ def test_signs_are_right_where_frames_turn_so_far_that_neighbours_on_the_boundar
     loop = noisy_ellipse(150, amount=0.35, seed=seed)
     disk = first_disk(loop.points)
     flat = flatten(disk.vertices, disk.faces, len(loop)).boundary
-    frames = spinors_from_phi(lifted_frames(disk.vertices, disk.faces, flat, CPU))
+    frames = spinors_from_phi(lifted_frames(disk.vertices, disk.faces, flat, (len(loop),), CPU))
     assert spin_invariant(*frames) == -1
     solution = solve_plateau(loop, between="free")
     assert solution.route == "vertices"

@@ -14,10 +14,11 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
 from spinor_geom.plateau.moduli_search import ModuliSearch
+from spinor_geom.plateau.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.plan import ByNetwork
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Rim, start_between
-from spinor_geom.plateau.rims import RimsSolver
 from spinor_geom.plateau.task import Task
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
@@ -132,8 +133,8 @@ def test_an_unstable_annulus_of_a_network_is_left_for_a_stable_one(monkeypatch):
     stable, unstable = solve_plateau(coaxial(0.5), all_solutions=True)
     task = Task.of(coaxial(0.5), Options(model=Laurent(modulus=4.0), unstable="keep"))
     poor = replace(task.rims.on_circles(), route="annular network")
-    monkeypatch.setattr(RimsSolver, "crowds", True)
-    monkeypatch.setattr(RimsSolver, "on_network", lambda _: poor)
+    monkeypatch.setattr(NetworkSolver, "crowds", True)
+    monkeypatch.setattr(ByNetwork, "surface", lambda *_: poor)
     left = solve_plateau(coaxial(0.5))
     assert abs(left.area / stable.area - 1) < 1e-12
     assert "left an unstable" in left.reason

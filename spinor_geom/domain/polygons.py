@@ -1,0 +1,122 @@
+"""Closed plane polygons: where they cross themselves, what they bound, and how near they come to themselves."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from jaxtyping import Bool, Complex, Int
+from scipy.spatial import cKDTree
+
+from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
+from spinor_geom.mesh.intersections import crossings_between
+from spinor_geom.mesh.operators import winding_numbers
+
+
+def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
+    """Pairs i < j of edges of a closed polygon that cross; neighbours count where one folds back onto the other."""
+    m = len(polygon)
+    ends = np.stack([polygon, np.roll(polygon, -1)])
+    edge, middle = ends[1] - ends[0], ends.mean(axis=0)
+    half = 0.5 * np.abs(edge)
+    tree = cKDTree(plane_coordinates(middle))
+    # the share is for round-off: edges cross only where their middles are within half their lengths
+    i, j = tree.query_pairs(2.001 * half.max(), output_type="ndarray").T
+    near = (np.abs(middle[i] - middle[j]) <= 1.001 * (half[i] + half[j])) & (j - i > 1) & (j - i < m - 1)
+    i, j = i[near], j[near]
+    on_line = 1e-12 * np.abs(edge) * np.abs(polygon - polygon[0]).max()
+
+    def apart(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+        side = np.imag(np.conj(edge[one]) * (ends[:, other] - polygon[one]))
+        # points on the line of an edge are on neither side: edges of one straight side do not cross by round-off
+        side[np.abs(side) <= on_line[one]] = 0
+        return np.asarray(side[0] * side[1] < 0)
+
+    hit = apart(i, j)
+    hit[hit] = apart(j[hit], i[hit])
+    turn = np.conj(edge) * np.roll(edge, -1)
+    back = np.flatnonzero((turn.imag == 0) & (turn.real < 0))
+    folds = np.sort(np.stack([back, (back + 1) % m], axis=1), axis=1)
+    pairs = np.concatenate([np.stack([i[hit], j[hit]], axis=1), folds])
+    return np.asarray(pairs[np.lexsort(pairs.T[::-1])])
+
+
+def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
+    """Whether a closed polygon runs counter-clockwise, stands still nowhere and does not cross itself."""
+    after = np.roll(polygon, -1)
+    edges = np.abs(after - polygon)
+    # a shorter edge is lost in the arc length around
+    moves = bool((edges > np.finfo(np.float64).eps * edges.sum()).all())
+    return moves and bool(np.imag(np.conj(polygon) * after).sum() > 0) and not len(crossing_edges(polygon))
+
+
+def bound_domain(rims: tuple[Complex[np.ndarray, "_"], ...]) -> bool:
+    """Whether the first of some polygons is simple and has the others, simple and clockwise, inside and apart."""
+    outer, *holes = rims
+    if not is_simple(outer) or not all(is_simple(hole[::-1]) for hole in holes):
+        return False
+    flat = [flat_coordinates(rim) for rim in rims]
+    if any(len(crossings_between(*pair)) for pair in itertools.combinations(flat, 2)):
+        return False
+    # in the outer one and in no other hole
+    around = [
+        sum(winding_numbers(other[:, :2], hole[:1, :2])[0] for other in flat if other is not hole) for hole in flat[1:]
+    ]
+    return bool((np.rint(around) == 1).all())
+
+
+def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] | None:
+    """A simple polygon near to one that is crossed only by small lobes of itself; None where far parts cross.
+
+    The vertices of each lobe are drawn towards the chord that closes it until it is gone. Ragged rims of scans unfold
+    with such lobes; any simple domain will do there, and only a few edges are moved.
+    """
+    z: Complex[np.ndarray, " m"] = polygon.copy()
+    m = len(polygon)
+    for _ in range(60):
+        pairs = crossing_edges(z)
+        if not len(pairs):
+            return z
+        first, last = pairs.T
+        forwards = last - first
+        swap = forwards > m - forwards
+        first, last = np.where(swap, last, first), np.where(swap, first, last)
+        size = np.mod(last - first, m)  # inner vertices of the lobe: first + 1 … last
+        if size.max() > min(24, m // 3):
+            return None
+        for start, count in zip(first.tolist(), size.tolist(), strict=True):
+            inner = (start + 1 + np.arange(count)) % m
+            share = np.arange(1, count + 1) / (count + 1)
+            chord = z[start] + share * (z[(start + count + 1) % m] - z[start])
+            z[inner] += 0.5 * (chord - z[inner])
+    return None
+
+
+def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
+    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths.
+
+    Far: the way along the boundary is more than four times the gap plus six edges.
+    """
+    a, b = polygon, np.roll(polygon, -1)
+    edge = np.abs(b - a)
+    local = (edge + np.roll(edge, 1)) / 2
+    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]])
+    along = np.abs(s[:, None] - s)
+    along = np.minimum(along, edge.sum() - along)
+    gap = np.abs(a[:, None] - a)
+    relative = gap / np.maximum(local[:, None], local)
+    i, j = np.nonzero(np.triu((relative < 8) & (along > 4 * gap + 6 * np.maximum(local[:, None], local))))
+    if not len(i):
+        return np.inf
+    order = np.argsort(relative[i, j])
+    i, j = i[order], j[order]
+    # the smallest gaps first: the first that lies outside all along is the answer
+    for start in range(0, len(i), 256):
+        block = slice(start, start + 256)
+        along_gap = a[i[block], None] + np.array([0.2, 0.5, 0.8]) * (a[j[block]] - a[i[block]])[:, None]
+        d = a - along_gap[:, :, None]
+        outside = (np.angle(np.roll(d, -1, axis=2) * np.conj(d)).sum(axis=2) < np.pi).all(axis=1)
+        if outside.any():
+            first = start + int(np.argmax(outside))
+            return float(relative[i[first], j[first]])
+    return np.inf

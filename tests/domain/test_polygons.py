@@ -1,0 +1,121 @@
+"""Closed plane polygons: crossings, lobes, clearance, and what several of them bound."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.domain.polygons import bound_domain, crossing_edges, is_simple, outer_clearance, untangled
+from tests.loops import figure_eight, planar
+from tests.strategies import SEEDS
+
+FLAT = np.array([1, 1j, 0])
+
+
+def circle(n, radius=1.0):
+    return radius * np.exp(2j * np.pi * np.arange(n) / n)
+
+
+# --- crossings --------------------------------------------------------------------------------------------------------
+
+
+def proper_crossings(a):
+    """Pairs of edges that are not neighbours and cross, one pair after another."""
+    m = len(a)
+
+    def side(p, q, r):
+        return np.sign(((q - p).conjugate() * (r - p)).imag)
+
+    return {
+        (i, j)
+        for i in range(m)
+        for j in range(i + 2, m)
+        if (j + 1) % m != i
+        and side(a[i], a[i + 1], a[j]) != side(a[i], a[i + 1], a[(j + 1) % m])
+        and side(a[j], a[(j + 1) % m], a[i]) != side(a[j], a[(j + 1) % m], a[i + 1])
+    }
+
+
+@settings(max_examples=30)
+@given(n=st.integers(4, 12), seed=SEEDS)
+def test_crossings_equal_those_found_pair_by_pair(n, seed):
+    polygon = np.random.default_rng(seed).normal(size=(n, 2)) @ np.array([1, 1j])
+    assert set(map(tuple, crossing_edges(polygon).tolist())) == proper_crossings(polygon)
+
+
+def test_edge_that_folds_back_onto_its_neighbour_counts():
+    assert crossing_edges(np.array([0, 2, 1, 1 + 1j, 1j])).tolist() == [[0, 1]]
+
+
+@pytest.mark.parametrize("angle", np.linspace(0.1, 1.5, 8))
+def test_edges_of_a_straight_side_do_not_cross(angle):
+    polygon = planar([(0, 0), (2, 0), (2.5, 1), (1.2, 2.2), (-0.3, 1.1)], 60).points @ FLAT * np.exp(1j * angle)
+    noise = np.random.default_rng(0).normal(size=(len(polygon), 2)) @ np.array([1, 1j])
+    assert is_simple(polygon)
+    assert is_simple(polygon + 1e-16 * noise)
+
+
+def test_only_counter_clockwise_polygons_without_crossings_are_simple():
+    assert is_simple(circle(20))
+    assert not is_simple(circle(20)[::-1])
+    assert not is_simple(np.array([0, 1 + 1j, 1, 1j]))
+    assert not is_simple(np.repeat(circle(20), [1] * 19 + [2]))
+
+
+# --- untangling -------------------------------------------------------------------------------------------------------
+
+
+def test_small_lobes_are_drawn_in_and_nothing_else_is_moved():
+    polygon = circle(60)
+    tangled = polygon.copy()
+    tangled[[20, 21]] = tangled[[21, 20]]
+    tangled[40:44] = tangled[40:44][::-1]
+    assert not is_simple(tangled)
+    result = untangled(tangled)
+    assert is_simple(result)
+    moved = np.flatnonzero(result != tangled)
+    assert set(moved.tolist()) <= set(range(19, 23)) | set(range(39, 45))
+
+
+def test_far_parts_that_cross_are_not_untangled():
+    assert untangled(figure_eight()) is None
+
+
+def test_simple_polygon_is_left_as_it_is():
+    np.testing.assert_array_equal(untangled(circle(30)), circle(30))
+
+
+# --- clearance --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gap", [0.2, 0.5])
+def test_clearance_of_a_horseshoe_is_its_gap_in_edges(gap):
+    # a ring of width 1 that is open by `gap` at its far end
+    outer = np.arcsin(gap / 2 / 3)
+    inner = np.arcsin(gap / 2 / 2)
+    angle = np.pi - np.linspace(outer, 2 * np.pi - outer, 180)
+    back = np.pi - np.linspace(2 * np.pi - inner, inner, 120)
+    polygon = np.concatenate([3 * np.exp(-1j * angle), 2 * np.exp(-1j * back)])
+    assert is_simple(polygon)
+    edge = np.abs(np.roll(polygon, -1) - polygon)
+    clearance = outer_clearance(polygon)
+    assert gap / edge.max() * 0.9 < clearance < gap / np.median(edge) * 1.2
+
+
+def test_narrow_inside_is_no_lack_of_clearance():
+    strip = planar([(0, 0), (20, 0), (20, 0.3), (0, 0.3)], 160).points @ FLAT
+    assert outer_clearance(strip) == np.inf
+    assert outer_clearance(circle(50)) == np.inf
+
+
+# --- several ----------------------------------------------------------------------------------------------------------
+
+
+def test_polygons_bound_a_domain_where_the_holes_lie_inside_and_apart():
+    hole = circle(16, 0.2)[::-1]
+    assert bound_domain((circle(30), hole, hole + 0.5))
+    assert not bound_domain((circle(30), hole[::-1]))
+    assert not bound_domain((circle(30), hole + 0.9))
+    assert not bound_domain((circle(30), hole + 2.0))
+    assert not bound_domain((circle(30), hole, hole + 0.3))
+    assert not bound_domain((circle(30), hole, hole / 2))
