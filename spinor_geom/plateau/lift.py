@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Self
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -48,6 +48,9 @@ WORTHWHILE = 0.5
 _EACH = 4
 # largest turn of ∂Ω from one of its vertices to the next
 _TURN_OF_AN_EDGE = np.radians(25.0)
+
+
+_Points = TypeVar("_Points", bound="_OnCurves")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,16 +89,6 @@ class Lift:
         return self.null_curve[0, 0].real - null_vector(*start.unbind(-1))[0].real
 
 
-def lifted(disk: HarmonicDisk, form: DirichletForm, curve: CurveTensors, *, allowed: float) -> Lift:
-    """The minimal surface next to a harmonic disk; see `lifted_together`.
-
-    Raises:
-        SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
-    """
-    (lift,) = lifted_together([disk], form, CurveTensors.batch([curve]), allowed=[allowed])
-    return _required(lift)
-
-
 def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: float) -> Lift:
     """The minimal surface next to a harmonic one between several rims.
 
@@ -112,7 +105,12 @@ def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: f
     form = CirclesForm.of(surface.domain, points.shape[1])
     traces = OnCircles.of(surface.domain, slopes(form, points))
     (lift,) = _lifted(traces, form, points[None], slides[None], curves, slides.new_tensor([allowed]))
-    return _required(lift)
+    if lift is None:
+        raise SurfaceError(
+            "the harmonic surface between the rims has a branch point of odd order, p and q change sign around an odd "
+            "number of rims; no immersed minimal surface was found near it"
+        )
+    return lift
 
 
 def lifted_together(
@@ -129,23 +127,15 @@ def lifted_together(
     Returns:
         Of each disk its surface; None where p and q change sign around ∂Ω, around a branch point of odd order.
     """
-    slides, points = (torch.stack(rows)[:, None] for rows in zip(*((d.slide, d.points) for d in disks), strict=True))
-    none = slides.new_zeros(0)
-    disk = CircularDomain(centres=none.to(torch.complex128), log_radii=none)
-    n = slides.shape[-1]
+    slides, points = torch.stack([disk.slide for disk in disks]), torch.stack([disk.points for disk in disks])
+    slides, points, n = slides[:, None], points[:, None], slides.shape[1]
+    traces: OnCircles | OnCurve
     if form.kernel is None:
-        return _lifted(OnCircles(domain=disk, nodes=n), form, points, slides, curves, slides.new_tensor(allowed))
-    traces = OnCurve(boundary=form.boundary, kernel=form.kernel, nodes=n)
+        none = slides.new_zeros(0)
+        traces = OnCircles(domain=CircularDomain(centres=none.to(torch.complex128), log_radii=none), nodes=n)
+    else:
+        traces = OnCurve(boundary=form.boundary, kernel=form.kernel, nodes=n)
     return _lifted(traces, form, points, slides, curves, slides.new_tensor(allowed))
-
-
-def _required(lift: Lift | None) -> Lift:
-    if lift is None:
-        raise SurfaceError(
-            "the harmonic surface has a branch point of odd order, p and q change sign around it or around an odd "
-            "number of rims; no immersed minimal surface was found near it"
-        )
-    return lift
 
 
 def _lifted(
@@ -188,10 +178,10 @@ class _OnCurves:
     tangent: Tensor  # (b, 3, m, k), Γ'(slide)
     bend: Tensor  # (b, 3, m, k), Γ"(slide)
 
-    def at(self, which: Int[Tensor, " j"]) -> Self:
+    def at(self: _Points, which: Int[Tensor, " j"]) -> _Points:
         return type(self)(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
-    def replaced(self, which: Int[Tensor, " j"], other: Self) -> Self:
+    def replaced(self: _Points, which: Int[Tensor, " j"], other: _Points) -> _Points:
         """With some of them from another."""
         copied = {
             field.name: getattr(self, field.name).index_copy(0, which, getattr(other, field.name))
@@ -232,7 +222,7 @@ class _SampledBoundary:
         curves: CurveTensors,
     ) -> _SampledBoundary:
         slides = torch.stack([resampled(row, _EACH * len(row)) for row in nodes.flatten(0, 1)])
-        start = _on(curves, slides.unflatten(0, nodes.shape[:2]))
+        start = _on(curves, slides.reshape(*nodes.shape[:2], -1))
         step = torch.diff(start.slides, append=start.slides[..., :1] + 1)
         weights = (step + step.roll(1, -1)) * start.tangent.square().sum(1).sqrt()
         weights = weights / weights.sum((1, 2), keepdim=True)
@@ -288,7 +278,7 @@ class _SampledBoundary:
     def _normal_shift(self, error: Float[Tensor, "b 3 m k"], tangent: Float[Tensor, "b 3 m k"]) -> Float[Tensor, "b 3"]:
         """The constant that takes most from the mean squared distance normal to Γ."""
         unit = tangent / tangent.square().sum(1, keepdim=True).sqrt()
-        along = self._mean((unit[:, :, None] * unit[:, None]).flatten(1, 2)).unflatten(1, (3, 3))
+        along = self._mean((unit[:, :, None] * unit[:, None]).flatten(1, 2)).reshape(-1, 3, 3)
         normal = self._mean(error - unit * (unit * error).sum(1, keepdim=True))
         # a long straight curve hardly says where along it the constant is
         identity = torch.eye(3, dtype=error.dtype, device=error.device)
@@ -347,7 +337,8 @@ class _SampledBoundary:
             alone=self.curves.alone,
         )
         areas = np.pi * (r * placed.velocity.imag).sum((1, 2, 3)) / self.dz.shape[-1]
-        periods = 2 * np.pi * torch.nn.functional.pad(gaps(placed.velocity), (0, 1)).abs().amax(-1)
+        open_by = gaps(placed.velocity).reshape(len(r), 3, m - 1).norm(dim=1)
+        periods = 2 * np.pi * torch.nn.functional.pad(open_by, (0, 1)).amax(-1)
         return tuple(
             Lift(
                 model=self.traces.model(placed.functions[i]),
@@ -367,7 +358,7 @@ class _SampledBoundary:
 
 def _on(curves: CurveTensors, slides: Float[Tensor, "b m k"]) -> _OnCurves:
     parts = curves.point_and_derivatives(slides.flatten(0, 1))
-    point, tangent, bend = (part.unflatten(0, slides.shape[:2]).movedim(-1, 1) for part in parts)
+    point, tangent, bend = (part.reshape(*slides.shape, 3).movedim(-1, 1) for part in parts)
     return _OnCurves(slides=slides, point=point, tangent=tangent, bend=bend)
 
 
@@ -382,7 +373,7 @@ def surface_of(lift: Lift, *boundaries: FourierBoundary) -> SpinorSurface:
         DomainError: the polygon of the boundaries' vertices is not simple.
     """
     boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
-    surface = SpinorSurface(lift.model, PlaneDomain.inside(boundary, holes=holes)).to(lift.slides.device)
+    surface = SpinorSurface(lift.model, PlaneDomain.inside(boundary, holes=tuple(holes))).to(lift.slides.device)
     root = lift.null_curve.new_tensor([surface.root])
     with torch.no_grad():
         if isinstance(lift.model, CauchyInterpolant):

@@ -17,10 +17,10 @@ from torch import Tensor
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import SurfaceError
+from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import RimsProblem
