@@ -38,9 +38,8 @@ from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Newton steps by which the constant of r and the nearest points of Γ are found, and what keeps the former from running
-# along a curve that is hardly wider than a line
-_PLACING_STEPS, _STIFFNESS = 2, 1e-3
+# steps to the constant and the nearest points: one tells 2 % too much of the distance from folded curves, three no less
+_PLACING_STEPS = 2
 # share of the best distance that a new lift, a step of Gauss-Newton, or more nodes must come below
 WORTHWHILE = 0.5
 # points for each node: with p and q, of up to half as many frequencies as nodes, the square of the distance has twice
@@ -245,16 +244,14 @@ class _SampledBoundary:
     def placed(self, functions: Complex[Tensor, "b 2 m t"], near: _OnCurves) -> _Placed:
         """The surfaces with given p and q but for what opens them, whose points on Γ lie near to given ones.
 
-        Constant and slides are found together by Newton's method.
+        The constant is that of least mean distance from the points so far, and Newton's method goes from these to the
+        nearest ones.
         """
         functions, spinors, velocity = closed(self.traces, functions, self.dz)
         null_curve, most = self.traces.integral(velocity), 1 / self.dz.shape[1]
-        for step in range(_PLACING_STEPS):
-            error = null_curve.real - near.point
-            # the mean first, which brings what lies anywhere to its place
-            shift = (self._normal_shift(error, near.tangent) if step else self._mean(error))[..., None, None]
-            null_curve, error = null_curve - shift, error - shift
-            speed2 = near.tangent.square().sum(1)
+        for _ in range(_PLACING_STEPS):
+            null_curve = null_curve - self._mean(null_curve.real - near.point)[..., None, None]
+            error, speed2 = null_curve.real - near.point, near.tangent.square().sum(1)
             move = (error * near.tangent).sum(1) / torch.maximum(speed2 - (error * near.bend).sum(1), speed2 / 2)
             near = _on(self.curves, near.slides + move.clamp(-most, most))
         error = null_curve.real - near.point
@@ -274,16 +271,6 @@ class _SampledBoundary:
     def _mean(self, values: Float[Tensor, "b c m k"]) -> Float[Tensor, "b c"]:
         """By arc length."""
         return (self.weights[:, None] * values).sum((-2, -1))
-
-    def _normal_shift(self, error: Float[Tensor, "b 3 m k"], tangent: Float[Tensor, "b 3 m k"]) -> Float[Tensor, "b 3"]:
-        """The constant that takes most from the mean squared distance normal to Γ."""
-        unit = tangent / tangent.square().sum(1, keepdim=True).sqrt()
-        along = self._mean((unit[:, :, None] * unit[:, None]).flatten(1, 2)).reshape(-1, 3, 3)
-        normal = self._mean(error - unit * (unit * error).sum(1, keepdim=True))
-        # a long straight curve hardly says where along it the constant is
-        identity = torch.eye(3, dtype=error.dtype, device=error.device)
-        move: Tensor = torch.linalg.solve((1 + _STIFFNESS) * identity - along, normal)
-        return move
 
     def settled(self, placed: _Placed) -> _Placed:
         """The surfaces with powers added to p and q that bring them nearer to Γ."""
