@@ -17,7 +17,7 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled
-from spinor_geom.plateau.lift import Lift, lifted_together
+from spinor_geom.plateau.lift import WORTHWHILE, Lift, lifted_together
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.problem import CurveTensors
 
@@ -74,7 +74,7 @@ class Fit:
         self.slide = disk.slide
         before = math.inf if self.best is None else self.best[0].misfit.rms
         # without a lift more nodes may tell the sheets apart
-        is_better = self.attempt == 0 or (lift is not None and lift.misfit.rms < before / 2)
+        is_better = self.attempt == 0 or (lift is not None and lift.misfit.rms < WORTHWHILE * before)
         if lift is not None and lift.misfit.rms < before:
             self.best = lift, disk
         is_met = self.best is not None and self._excess(self.best[0], self.enough) <= 1

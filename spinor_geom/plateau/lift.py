@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -37,16 +38,18 @@ from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Newton steps by which the constant of r and the nearest points of Γ are found, and what keeps the former from running
-# along a curve that is hardly wider than a line
-_PLACING_STEPS, _STIFFNESS = 2, 1e-3
-# share of the last one's distance that a new lift or a step of Gauss-Newton must come below
-_WORTHWHILE = 0.5
+# steps to the constant and the nearest points: one tells 2 % too much of the distance from folded curves, three no less
+_PLACING_STEPS = 2
+# share of the best distance that a new lift, a step of Gauss-Newton, or more nodes must come below
+WORTHWHILE = 0.5
 # points for each node: with p and q, of up to half as many frequencies as nodes, the square of the distance has twice
 # as many as nodes
 _EACH = 4
 # largest turn of ∂Ω from one of its vertices to the next
 _TURN_OF_AN_EDGE = np.radians(25.0)
+
+
+_Points = TypeVar("_Points", bound="_OnCurves")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,16 +88,6 @@ class Lift:
         return self.null_curve[0, 0].real - null_vector(*start.unbind(-1))[0].real
 
 
-def lifted(disk: HarmonicDisk, form: DirichletForm, curve: CurveTensors, *, allowed: float) -> Lift:
-    """The minimal surface next to a harmonic disk; see `lifted_together`.
-
-    Raises:
-        SurfaceError: p and q change sign around ∂Ω: this harmonic disk has a branch point of odd order.
-    """
-    (lift,) = lifted_together([disk], form, CurveTensors.batch([curve]), allowed=[allowed])
-    return _required(lift)
-
-
 def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: float) -> Lift:
     """The minimal surface next to a harmonic one between several rims.
 
@@ -111,7 +104,12 @@ def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: f
     form = CirclesForm.of(surface.domain, points.shape[1])
     traces = OnCircles.of(surface.domain, slopes(form, points))
     (lift,) = _lifted(traces, form, points[None], slides[None], curves, slides.new_tensor([allowed]))
-    return _required(lift)
+    if lift is None:
+        raise SurfaceError(
+            "the harmonic surface between the rims has a branch point of odd order, p and q change sign around an odd "
+            "number of rims; no immersed minimal surface was found near it"
+        )
+    return lift
 
 
 def lifted_together(
@@ -128,23 +126,15 @@ def lifted_together(
     Returns:
         Of each disk its surface; None where p and q change sign around ∂Ω, around a branch point of odd order.
     """
-    slides, points = (torch.stack(rows)[:, None] for rows in zip(*((d.slide, d.points) for d in disks), strict=True))
-    none = slides.new_zeros(0)
-    disk = CircularDomain(centres=none.to(torch.complex128), log_radii=none)
-    n = slides.shape[-1]
+    slides, points = torch.stack([disk.slide for disk in disks]), torch.stack([disk.points for disk in disks])
+    slides, points, n = slides[:, None], points[:, None], slides.shape[1]
+    traces: OnCircles | OnCurve
     if form.kernel is None:
-        return _lifted(OnCircles(domain=disk, nodes=n), form, points, slides, curves, slides.new_tensor(allowed))
-    traces = OnCurve(boundary=form.boundary, kernel=form.kernel, nodes=n)
+        none = slides.new_zeros(0)
+        traces = OnCircles(domain=CircularDomain(centres=none.to(torch.complex128), log_radii=none), nodes=n)
+    else:
+        traces = OnCurve(boundary=form.boundary, kernel=form.kernel, nodes=n)
     return _lifted(traces, form, points, slides, curves, slides.new_tensor(allowed))
-
-
-def _required(lift: Lift | None) -> Lift:
-    if lift is None:
-        raise SurfaceError(
-            "the harmonic surface has a branch point of odd order, p and q change sign around it or around an odd "
-            "number of rims; no immersed minimal surface was found near it"
-        )
-    return lift
 
 
 def _lifted(
@@ -161,14 +151,14 @@ def _lifted(
     is_lifted = torch.zeros_like(number, dtype=torch.bool)
     while True:
         spinors, better = sampled.spinors(points)
-        placed = sampled.placed(spinors, sampled.slides)
+        placed = sampled.placed(spinors, sampled.start)
         far = (better & (placed.rms > allowed[number])).nonzero()[:, 0]
         if len(far):
             placed = placed.replaced(far, sampled.at(far).settled(placed.at(far)))
         if best is None:
             best = placed
         else:
-            better = better & (placed.rms < _WORTHWHILE * best.rms[number])
+            better = better & (placed.rms < WORTHWHILE * best.rms[number])
             best = best.replaced(number[better], placed.at(better.nonzero()[:, 0]))
         is_lifted[number[better]] = True
         left = (better & (placed.rms > allowed[number])).nonzero()[:, 0]
@@ -179,29 +169,36 @@ def _lifted(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Placed:
-    """Surfaces with given p and q, as near to Γ as their constants bring them, at k points of each of m rims."""
+class _OnCurves:
+    """Points of the curves of b surfaces, k on each of m rims."""
+
+    slides: Tensor  # (b, m, k)
+    point: Tensor  # (b, 3, m, k), Γ(slide)
+    tangent: Tensor  # (b, 3, m, k), Γ'(slide)
+    bend: Tensor  # (b, 3, m, k), Γ"(slide)
+
+    def at(self: _Points, which: Int[Tensor, " j"]) -> _Points:
+        return type(self)(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
+
+    def replaced(self: _Points, which: Int[Tensor, " j"], other: _Points) -> _Points:
+        """With some of them from another."""
+        copied = {
+            field.name: getattr(self, field.name).index_copy(0, which, getattr(other, field.name))
+            for field in fields(self)
+        }
+        return type(self)(**copied)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Placed(_OnCurves):
+    """Surfaces with given p and q, as near to Γ as their constants bring them; the points are those near to theirs."""
 
     functions: Tensor  # (b, 2, m, terms), p and q
     spinors: Tensor  # (b, 2, m, k), their values
     velocity: Tensor  # (b, 3, m, k), φ dz/dτ
     null_curve: Tensor  # (b, 3, m, k)
-    slides: Tensor  # (b, m, k), of the point of Γ near each
     error: Tensor  # (b, 3, m, k), r − Γ(slide)
-    tangent: Tensor  # (b, 3, m, k), Γ'(slide)
     rms: Tensor  # (b,)
-
-    def at(self, which: Int[Tensor, " j"]) -> _Placed:
-        return _Placed(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
-
-    def replaced(self, which: Int[Tensor, " j"], other: _Placed) -> _Placed:
-        """With some of them from another."""
-        return _Placed(
-            **{
-                field.name: getattr(self, field.name).index_copy(0, which, getattr(other, field.name))
-                for field in fields(self)
-            }
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -212,7 +209,7 @@ class _SampledBoundary:
     form: CirclesForm | DirichletForm
     curves: CurveTensors  # b m of them
     dz: Tensor  # (m, k), the weights of φ
-    slides: Tensor  # (b, m, k), where the harmonic surfaces have their points on Γ
+    start: _OnCurves  # where the harmonic surfaces have their points on Γ
     weights: Tensor  # (b, m, k), arc length of Γ around each of them, of sum 1
 
     @classmethod
@@ -223,54 +220,51 @@ class _SampledBoundary:
         nodes: Float[Tensor, "b m n"],
         curves: CurveTensors,
     ) -> _SampledBoundary:
-        fine = torch.stack([resampled(row, _EACH * len(row)) for row in nodes.flatten(0, 1)])
-        step = torch.diff(fine, append=fine[:, :1] + 1)
-        weights = (step + step.roll(1, -1)) * curves.point_and_derivative(fine)[1].square().sum(-1).sqrt()
-        weights = weights.reshape(*nodes.shape[:2], -1)
+        slides = torch.stack([resampled(row, _EACH * len(row)) for row in nodes.flatten(0, 1)])
+        start = _on(curves, slides.reshape(*nodes.shape[:2], -1))
+        step = torch.diff(start.slides, append=start.slides[..., :1] + 1)
+        weights = (step + step.roll(1, -1)) * start.tangent.square().sum(1).sqrt()
         weights = weights / weights.sum((1, 2), keepdim=True)
-        dz = traces.weights(fine.shape[1])
-        slides = fine.reshape(weights.shape)
-        return cls(traces=traces, form=form, curves=curves, dz=dz, slides=slides, weights=weights)
+        return cls(
+            traces=traces, form=form, curves=curves, dz=traces.weights(slides.shape[1]), start=start, weights=weights
+        )
 
     def at(self, which: Int[Tensor, " j"]) -> _SampledBoundary:
         """With some of the surfaces."""
-        if len(which) == len(self.slides):
+        if len(which) == len(self.weights):
             return self
         # several of them have one rim each
-        return replace(self, curves=self.curves.at(which), slides=self.slides[which], weights=self.weights[which])
+        return replace(self, curves=self.curves.at(which), start=self.start.at(which), weights=self.weights[which])
 
     def spinors(self, points: Float[Tensor, "b m n 3"]) -> tuple[Complex[Tensor, "b 2 m t"], Bool[Tensor, " b"]]:
         """P and q of harmonic surfaces with given values at the nodes, and whether their signs close up."""
         p, q = spinors_from_phi(slopes(self.form, points) / self.dz[:, ::_EACH, None])
         return self.traces.told(torch.stack([p, q], dim=1)), signs_close_up(p, q).all(-1)
 
-    def placed(self, functions: Complex[Tensor, "b 2 m t"], slides: Float[Tensor, "b m k"]) -> _Placed:
-        """The surfaces with given p and q but for what opens them; the slides say where to look for the nearest points.
+    def placed(self, functions: Complex[Tensor, "b 2 m t"], near: _OnCurves) -> _Placed:
+        """The surfaces with given p and q but for what opens them, whose points on Γ lie near to given ones.
 
-        Constant and slides are found together by Newton's method.
+        The constant is that of least mean distance from the points so far, and Newton's method goes from these to the
+        nearest ones.
         """
         functions, spinors, velocity = closed(self.traces, functions, self.dz)
-        null_curve, k = self.traces.integral(velocity), slides.shape[-1]
-        for step in range(_PLACING_STEPS + 1):
-            parts = self.curves.point_and_derivatives(slides.flatten(0, 1))
-            point, tangent, bend = (part.unflatten(0, slides.shape[:2]).movedim(-1, 1) for part in parts)
-            error = null_curve.real - point
-            if step == _PLACING_STEPS:
-                break
-            # the mean first, which brings what lies anywhere to its place
-            shift = self._normal_shift(error, tangent) if step else self._mean(error)
-            null_curve, error = null_curve - shift[..., None, None], error - shift[..., None, None]
-            speed2 = tangent.square().sum(1)
-            move = (error * tangent).sum(1) / torch.maximum(speed2 - (error * bend).sum(1), speed2 / 2)
-            slides = slides + move.clamp(-1 / k, 1 / k)
+        null_curve, most = self.traces.integral(velocity), 1 / self.dz.shape[1]
+        for _ in range(_PLACING_STEPS):
+            null_curve = null_curve - self._mean(null_curve.real - near.point)[..., None, None]
+            error, speed2 = null_curve.real - near.point, near.tangent.square().sum(1)
+            move = (error * near.tangent).sum(1) / torch.maximum(speed2 - (error * near.bend).sum(1), speed2 / 2)
+            near = _on(self.curves, near.slides + move.clamp(-most, most))
+        error = null_curve.real - near.point
         return _Placed(
+            slides=near.slides,
+            point=near.point,
+            tangent=near.tangent,
+            bend=near.bend,
             functions=functions,
             spinors=spinors,
             velocity=velocity,
             null_curve=null_curve,
-            slides=slides,
             error=error,
-            tangent=tangent,
             rms=self._mean(error.square().sum(1, keepdim=True))[:, 0].sqrt(),
         )
 
@@ -278,25 +272,15 @@ class _SampledBoundary:
         """By arc length."""
         return (self.weights[:, None] * values).sum((-2, -1))
 
-    def _normal_shift(self, error: Float[Tensor, "b 3 m k"], tangent: Float[Tensor, "b 3 m k"]) -> Float[Tensor, "b 3"]:
-        """The constant that takes most from the mean squared distance normal to Γ."""
-        unit = tangent / tangent.square().sum(1, keepdim=True).sqrt()
-        along = self._mean((unit[:, :, None] * unit[:, None]).flatten(1, 2)).unflatten(1, (3, 3))
-        normal = self._mean(error - unit * (unit * error).sum(1, keepdim=True))
-        # a long straight curve hardly says where along it the constant is
-        identity = torch.eye(3, dtype=error.dtype, device=error.device)
-        move: Tensor = torch.linalg.solve((1 + _STIFFNESS) * identity - along, normal)
-        return move
-
     def settled(self, placed: _Placed) -> _Placed:
         """The surfaces with powers added to p and q that bring them nearer to Γ."""
         number, sampled = torch.arange(len(placed.rms), device=placed.rms.device), self
         while True:
             before = placed.at(number)
-            nearer = sampled.placed(before.functions + sampled._gauss_newton_step(before), before.slides)
+            nearer = sampled.placed(before.functions + sampled._gauss_newton_step(before), before)
             better = (nearer.rms < before.rms).nonzero()[:, 0]
             placed = placed.replaced(number[better], nearer.at(better))
-            left = (nearer.rms <= _WORTHWHILE * before.rms).nonzero()[:, 0]
+            left = (nearer.rms <= WORTHWHILE * before.rms).nonzero()[:, 0]
             if not len(left):
                 return placed
             number, sampled = number[left], sampled.at(left)
@@ -340,7 +324,8 @@ class _SampledBoundary:
             alone=self.curves.alone,
         )
         areas = np.pi * (r * placed.velocity.imag).sum((1, 2, 3)) / self.dz.shape[-1]
-        periods = 2 * np.pi * torch.nn.functional.pad(gaps(placed.velocity), (0, 1)).abs().amax(-1)
+        open_by = gaps(placed.velocity).reshape(len(r), 3, m - 1).norm(dim=1)
+        periods = 2 * np.pi * torch.nn.functional.pad(open_by, (0, 1)).amax(-1)
         return tuple(
             Lift(
                 model=self.traces.model(placed.functions[i]),
@@ -358,6 +343,12 @@ class _SampledBoundary:
         )
 
 
+def _on(curves: CurveTensors, slides: Float[Tensor, "b m k"]) -> _OnCurves:
+    parts = curves.point_and_derivatives(slides.flatten(0, 1))
+    point, tangent, bend = (part.reshape(*slides.shape, 3).movedim(-1, 1) for part in parts)
+    return _OnCurves(slides=slides, point=point, tangent=tangent, bend=bend)
+
+
 def surface_of(lift: Lift, *boundaries: FourierBoundary) -> SpinorSurface:
     """The surface of a lift.
 
@@ -369,7 +360,7 @@ def surface_of(lift: Lift, *boundaries: FourierBoundary) -> SpinorSurface:
         DomainError: the polygon of the boundaries' vertices is not simple.
     """
     boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
-    surface = SpinorSurface(lift.model, PlaneDomain.inside(boundary, holes=holes)).to(lift.slides.device)
+    surface = SpinorSurface(lift.model, PlaneDomain.inside(boundary, holes=tuple(holes))).to(lift.slides.device)
     root = lift.null_curve.new_tensor([surface.root])
     with torch.no_grad():
         if isinstance(lift.model, CauchyInterpolant):

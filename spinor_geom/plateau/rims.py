@@ -17,16 +17,16 @@ from torch import Tensor
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import SurfaceError
+from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import ROUNDING, RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain
-from spinor_geom.plateau.lift import Lift, circles_of, lifted_between, surface_of
+from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.options import Options
@@ -54,8 +54,8 @@ _WELL_BELOW = 1e-3
 _RIVAL = 1.3
 # Gradient above which a search has found nothing, and above which the energy is brought down anew.
 _SETTLED, _POOR = 1e-3, 1e-6
-# More nodes that do not lower the distance to this share do not help.
-_WORTHWHILE = 0.7
+# So many times more nodes that are not worthwhile do not help.
+_PATIENCE = 3
 # The smooth curve that leads to a rough one: its width as a share of the loop, and how many curves there are between.
 _AVERAGE, _DEFORMATIONS = 0.03, 4
 
@@ -292,12 +292,12 @@ class RimsSolver:
                 except SurfaceError as failure:  # more nodes may tell the sheets apart
                     error = failure
                     continue
-            in_vain = best is not None and not lift.misfit.rms < _WORTHWHILE * best[0].misfit.rms
+            vain = 0 if best is None or lift.misfit.rms < WORTHWHILE * best[0].misfit.rms else vain + 1
             if best is None or lift.misfit.rms < best[0].misfit.rms:
                 best = lift, finer
             told = best[0].misfit
             met = told.rms <= goal and told.max_per_local_edge <= LOCAL_TOLERANCES * self.options.tolerance
-            if met or in_vain:
+            if met or vain == _PATIENCE:
                 break
         else:
             limit = f"{_MOST_NODES} nodes on each rim are the most that are tried"

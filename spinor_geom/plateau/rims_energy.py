@@ -37,7 +37,8 @@ class HarmonicSurface:
         points: (m, n, 3), the points of the curves.
         domain: Ω.
         energy: Dirichlet energy: the area where the surface is conformal, more elsewhere.
-        gradient: RMS of the energy's derivative by arc length, relative to that of ΛX.
+        gradient: RMS of the energy's derivative by arc length, relative to that of ΛX; without what a rotation of Ω has
+            of it, which so many nodes feel and the surface does not.
         slopes: derivatives of the energy by the moduli, over the energy.
     """
 
@@ -137,13 +138,15 @@ class EnergyPoint:
     @cached_property
     def surface(self) -> HarmonicSurface:
         """The harmonic surface itself."""
-        normal = float(self.normal.square().sum(-1).mean().sqrt())
+        gradient, rotation = self.gradient(), self.rotation
+        gradient = gradient - (gradient @ rotation) / (rotation @ rotation) * rotation
+        slides, normal = gradient[: len(self.by_slides)], self.normal.square().sum(-1).mean()
         return HarmonicSurface(
             slides=self.slides,
             points=self.points,
             domain=self.domain,
             energy=self.energy * 2 * math.pi / self.slides.shape[1],
-            gradient=float(self.by_slides.square().mean().sqrt()) / normal,
+            gradient=float((slides.square().mean() / normal).sqrt()),
             slopes=self.moduli.slopes / self.energy,
         )
 

@@ -28,8 +28,8 @@ from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
-# degree of the powers that are added to p and q
-_DEGREE = 16
+# degree of the powers that are added to p and q: 4 and 16 bring surfaces as near, 16 and 32 take longer
+_DEGREE = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,7 +162,8 @@ class OnCurve:
 
     def model(self, spinors: Complex[Tensor, "2 1 n"]) -> CauchyInterpolant:
         """One p and q on Ω."""
-        return CauchyInterpolant(*self._grid(self.nodes), spinors[:, 0].T)
+        z, dz = self._grid(self.nodes)
+        return CauchyInterpolant(z, dz, spinors[:, 0].T)
 
     def _grid(self, n: int) -> Complex[Tensor, "2 n"]:
         return torch.tensor(self.boundary.grid(n)[:2], device=self.kernel.device)
@@ -226,9 +227,10 @@ def moves_by(
 def changes(x: Float[Tensor, "b f4"], powers: Complex[Tensor, "f m t"]) -> Complex[Tensor, "b 2 m t"]:
     """Changes of p and q from those of the powers' factors, in the order of `moves_by`."""
     half = x.shape[1] // 2
-    factors = torch.complex(x[:, :half], x[:, half:]).unflatten(1, (2, -1))
+    factors = torch.complex(x[:, :half], x[:, half:]).reshape(len(x), 2, -1)
     # one after the other: BLAS rounds a loop's product otherwise when others are beside it
-    return torch.stack([one @ powers.flatten(1) for one in factors]).unflatten(-1, powers.shape[1:])
+    change = torch.stack([one @ powers.flatten(1) for one in factors])
+    return change.reshape(len(x), 2, *powers.shape[1:])
 
 
 def with_between_nodes(
@@ -265,7 +267,7 @@ def _by_coordinate(powers: Complex[Tensor, "m j *rest"]) -> Complex[Tensor, "f *
 
 def _frequencies(n: int, f: Complex[Tensor, "*any"]) -> Float[Tensor, " n"]:
     """The frequencies of n equal steps, 1 in place of 0, by which nothing can be divided."""
-    k = torch.fft.fftfreq(n, 1 / n, dtype=f.real.dtype, device=f.device)
+    k: Tensor = torch.fft.fftfreq(n, 1 / n, dtype=f.real.dtype, device=f.device)
     k[0] = 1
     return k
 

@@ -77,6 +77,11 @@ def test_rims_with_waves():
     assert exact.is_area_minimum
 
 
+def test_what_nodes_feel_of_a_rotation_takes_no_steps():
+    # of 64 nodes on each rim the energy changes by 1e-6 with a rotation of Ω, which is no way down
+    assert len(solve_plateau(skew()).history) < 25
+
+
 def test_area_of_a_plane_ring_is_the_difference():
     plane = solve_plateau((ring(1.0, 0.0), ring(0.2, 0.0, centre=(0.5, 0.1))))
     assert plane.route == "plane"
