@@ -13,7 +13,7 @@ from torch import Tensor
 
 from spinor_geom.deadline import require_time
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.plateau.circles import ROUND_OFF
+from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.plateau.douglas import resampled, smoothed
 from spinor_geom.plateau.newton import MOST_STEPS, minimised
 from spinor_geom.plateau.problem import CurveTensors

@@ -17,10 +17,10 @@ from torch import Tensor
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import SurfaceError
+from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.circles import ROUND_OFF
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import ROUNDING, RimsProblem
@@ -274,6 +274,7 @@ class RimsSolver:
         with self.clock.stage("moduli"):
             problem = self._problem(start)
             held = problem.descended(start.surface, tolerance=_POOR, fixed=True)
+            assert held is not None  # a modulus that stays does not run away
             return [replace(start, surface=surface) for surface in all_on_path(problem, held)]
 
     def _stable(self) -> list[Placement]:

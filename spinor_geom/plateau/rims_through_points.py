@@ -23,6 +23,7 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
+from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
 from spinor_geom.holomorphic.laurent import LaurentSeries
@@ -145,8 +146,10 @@ class _Basis:
         device = circles.radii.device
         branches = circles.centres[torch.tensor(smooth.antiperiodic, device=device)]
         beside = [polygon_poles(boundary.vertices, most=2 * len(boundary.vertices)) for boundary in domain.boundaries]
-        for number, (centre, radius) in enumerate(zip(circles.centres.tolist(), circles.radii.tolist(), strict=True)):
-            beside[number + 1] += _deep_poles(centre, radius)
+        if domain.contains(circles.centres.cpu().numpy()).any():
+            raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
+        for number, centre in enumerate(circles.centres.tolist(), 1):
+            beside[number] += _deep_poles(domain.boundaries[number].vertices, centre)
         poles = torch.as_tensor(np.concatenate([each.positions for each in beside]), device=device)
         scales = torch.as_tensor(np.concatenate([each.scales for each in beside]), device=device)
         polygons = [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries]
@@ -210,10 +213,11 @@ class _Basis:
         )
 
 
-def _deep_poles(centre: complex, radius: float) -> Poles:
-    """Poles in the middle of a hole, for what is smooth around it: as many as there are polynomials."""
+def _deep_poles(hole: Complex[np.ndarray, " n"], centre: complex) -> Poles:
+    """Poles halfway to the middle of a hole, for what is smooth around it: as many as there are polynomials."""
     turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
-    return Poles(positions=centre + radius / 2 * turn, scales=np.full(DEGREE + 1, radius / 2))
+    radius = np.abs(hole - centre).min() / 2
+    return Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
 
 
 def _part(smooth: LaurentSeries, z: Complex[Tensor, "*pts"], number: int) -> Complex[Tensor, "*pts 2"]:
