@@ -68,7 +68,7 @@ class DirichletForm:
         m = x.shape[-3]
         count = len(self.correction) // m
         low = x if count == n else torch.fft.irfft(spectrum[..., : count // 2, :], n=count, dim=-2) * (count / n)
-        change = (self.correction @ low.flatten(-3, -2)).unflatten(-2, (m, count))
+        change = (self.correction @ low.flatten(-3, -2)).reshape(*x.shape[:-3], m, count, x.shape[-1])
         if count == n:
             own: Tensor = torch.fft.irfft(result, n=n, dim=-2)
             return own + change
