@@ -180,8 +180,8 @@ class _Path:
 
     def _zero(self, *points: _OnPath) -> HarmonicSurface:
         """The critical point between two points."""
-        ends = (point.log_modulus for point in points)
-        zero = brentq(lambda log: self._nearby(points, log).multiplier, *ends, xtol=_ON_PATH)
+        low, high = (point.log_modulus for point in points)
+        zero = float(brentq(lambda log: self._nearby(points, log).multiplier, low, high, xtol=_ON_PATH))
         return self.problem.critical(self._nearby(points, zero).here.surface)
 
     def _nearby(self, points: Sequence[_OnPath], log_modulus: float) -> _OnPath:

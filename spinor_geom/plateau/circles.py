@@ -68,10 +68,10 @@ class DirichletForm:
         m = x.shape[-3]
         count = len(self.correction) // m
         low = x if count == n else torch.fft.irfft(spectrum[..., : count // 2, :], n=count, dim=-2) * (count / n)
-        change = (self.correction @ low.flatten(-3, -2)).reshape(low.shape)
+        change = (self.correction @ low.flatten(-3, -2)).reshape(*x.shape[:-3], m, count, x.shape[-1])
         if count == n:
-            own: Tensor = torch.fft.irfft(result, n=n, dim=-2) + change
-            return own
+            own: Tensor = torch.fft.irfft(result, n=n, dim=-2)
+            return own + change
         result[..., : count // 2, :] += torch.fft.rfft(change, dim=-2)[..., : count // 2, :] * (n / count)
         together: Tensor = torch.fft.irfft(result, n=n, dim=-2)
         return together

@@ -270,6 +270,7 @@ class RimsSolver:
         with self.clock.stage("moduli"):
             problem = self._problem(start)
             held = problem.descended(start.surface, tolerance=_POOR, fixed=True)
+            assert held is not None  # a modulus that stays does not run away
             return [replace(start, surface=surface) for surface in all_on_path(problem, held)]
 
     def _stable(self) -> list[Placement]:

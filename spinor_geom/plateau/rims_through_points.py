@@ -22,6 +22,7 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
+from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
@@ -113,8 +114,10 @@ def _basis(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[T
     circles = smooth.circles
     device = circles.radii.device
     poles = [polygon_poles(boundary.vertices, most=2 * len(boundary.vertices)) for boundary in domain.boundaries]
-    for number, (centre, radius) in enumerate(zip(circles.centres.tolist(), circles.radii.tolist(), strict=True)):
-        poles[number + 1] += _deep_poles(centre, radius)
+    if domain.contains(circles.centres.cpu().numpy()).any():
+        raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
+    for number, centre in enumerate(circles.centres.tolist(), 1):
+        poles[number] += _deep_poles(domain.boundaries[number].vertices, centre)
     basis = Basis.on(
         [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries],
         poles,
@@ -126,10 +129,11 @@ def _basis(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[T
     return basis, torch.cat([rim.nearest(part) for rim, part in zip(basis.rims, parts, strict=True)])
 
 
-def _deep_poles(centre: complex, radius: float) -> Poles:
-    """Poles in the middle of a hole, for what is smooth around it: as many as there are polynomials."""
+def _deep_poles(hole: Complex[np.ndarray, " n"], centre: complex) -> Poles:
+    """Poles halfway to the middle of a hole, for what is smooth around it: as many as there are polynomials."""
     turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
-    return Poles(positions=centre + radius / 2 * turn, scales=np.full(DEGREE + 1, radius / 2))
+    radius = np.abs(hole - centre).min() / 2
+    return Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
 
 
 def _part(smooth: LaurentSeries, z: Complex[Tensor, "*pts"], number: int) -> Complex[Tensor, "*pts 2"]:

@@ -10,6 +10,7 @@ from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.panels import Panels
 from spinor_geom.errors import DtypeError, StorageError
 from spinor_geom.holomorphic import MODELS, CauchyNetwork, HolomorphicModel, PowerSeries, rebuild
+from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.model import IntegrableModel
 from spinor_geom.holomorphic.poles import place_poles
@@ -223,3 +224,26 @@ def test_cauchy_network_reproduces_a_function_with_a_pole_near_the_boundary():
         inside = inner_points()
         # the pole lies 0.15 outside the tip; one unit a vertex follows it
         assert float((network.value(inside) - target(inside)).abs().max()) < 1e-6
+
+
+def test_a_network_changes_its_sign_around_each_of_its_branches():
+    branches = torch.tensor([0.4 + 0.1j, -0.5 - 0.2j], dtype=torch.complex128)
+    ring = 0.9 * torch.exp(2j * torch.pi * torch.arange(64, dtype=torch.float64) / 64)
+    network = CauchyNetwork.of_raw_features(
+        ring,
+        hessenberg=arnoldi_hessenberg(ring, torch.full((64,), 1 / 64, dtype=torch.float64), 3),
+        poles=torch.tensor([1.5, -0.4 + 1.4j], dtype=torch.complex128),
+        scales=torch.ones(2, dtype=torch.float64),
+        readout=torch.ones(6, 2, dtype=torch.complex128) * torch.tensor([1.0, 1j]),
+        branches=branches,
+    )
+    again = CauchyNetwork.from_config(network.config())
+    again.load_state_dict(network.state_dict())
+    near = branches[:, None] + 0.05 * ring
+    values = again.value(near)
+    # the sign of each sample's neighbour, followed around each branch
+    jumps = (values * values.roll(-1, 1).conj()).real.sum(-1) < 0
+    assert jumps.sum(1).tolist() == [1, 1]
+    z = torch.tensor([0.1, 0.6j, -0.3 + 0.2j], dtype=torch.complex128)
+    slope = (again.value(z + STEP) - again.value(z - STEP)) / (2 * STEP)
+    torch.testing.assert_close(again.derivative(z), slope, rtol=1e-7, atol=1e-7)

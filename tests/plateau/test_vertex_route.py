@@ -162,6 +162,14 @@ def test_poles_beside_a_polygon_keep_every_edge_at_a_distance() -> None:
     assert len(poles.positions) > 24
 
 
+def test_poles_beside_a_hole_lie_in_it() -> None:
+    t = 2 * np.pi * np.arange(24) / 24
+    hole = (1 + 0.2 * (-1.0) ** np.arange(24)) * np.exp(-1j * t)
+    poles = polygon_poles(hole, most=48).positions
+    winding = np.angle((np.roll(hole, -1) - poles[:, None]) / (hole - poles[:, None])).sum(1)
+    np.testing.assert_allclose(winding, -2 * np.pi)
+
+
 @pytest.mark.parametrize("order", [4, 9])
 def test_integrals_to_any_place_are_exact_for_polynomials(order: int) -> None:
     nodes, ends = rule("gauss", order).nodes, (0.1, 0.5, 1.0)
