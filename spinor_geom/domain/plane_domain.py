@@ -191,8 +191,9 @@ class PlaneDomain:
     holes: tuple[Boundary, ...] = ()
 
     @classmethod
+    @lru_cache(maxsize=16)
     def disk(cls, radius: float = 1.0, n: int = 64) -> PlaneDomain:
-        """The disk |z| < radius; `n` vertices on its circle.
+        """The disk |z| < radius; `n` vertices on its circle. Most loops are solved on it: they share one.
 
         Raises:
             OptionError: radius is not positive or n < 3.

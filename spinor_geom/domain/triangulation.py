@@ -283,17 +283,19 @@ def _refine(
 ) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, "s 3"]]:
     """Inserts batches of circumcentres until no triangle wants and can have one, given the sizes wanted at points."""
     sine = np.sin(np.radians(_MIN_ANGLE))
+    at_centres = False
     # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
     is_open = np.ones(len(points), dtype=bool)
     for _ in range(_BATCHES):
         faces = mesh.faces
         seen = mesh.inside[is_open[faces[mesh.inside]].any(axis=1)]
         p = points[faces[seen]]
-        # sizes at the vertices, each asked for once, are enough where the triangles are small
+        # sizes at the vertices, each asked for once, are enough until the triangles are nearly small enough
         wanted = at_points[faces[seen]].mean(axis=1)
         centre, radius, shortest = circumcircles(p)
-        doubtful = np.flatnonzero(radius > _DOUBTFUL * _LARGEST_RADIUS * wanted)
-        wanted[doubtful] = size(p[doubtful].mean(axis=1))
+        if at_centres:
+            doubtful = np.flatnonzero(radius > _DOUBTFUL * _LARGEST_RADIUS * wanted)
+            wanted[doubtful] = size(p[doubtful].mean(axis=1))
         excess = radius / (_LARGEST_RADIUS * wanted)
         poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * sine))
         poor = poor[~guard.too_near(centre[poor])]
@@ -302,7 +304,11 @@ def _refine(
         chosen = _independent(centre[poor], _BATCH_SPACING * radius[poor], excess[poor])
         new = centre[poor[chosen]][: max(0, max_points - len(points))]
         if len(new) == 0:
-            break
+            if at_centres:
+                break
+            at_centres = True
+            is_open[:] = True
+            continue
         is_open = np.zeros(len(points) + len(new), dtype=bool)
         is_open[len(points) :] = True
         is_open[faces[seen[np.delete(poor, chosen)]]] = True

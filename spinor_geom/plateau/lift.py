@@ -81,10 +81,9 @@ class Lift:
 
     @cached_property
     def shift(self) -> Float[Tensor, "3"]:
-        """The constant beside Re ∫ φ dz in closed form, on circles."""
-        assert not isinstance(self.model, CauchyInterpolant)  # has none
+        """The constant beside Re ∫ φ dz in closed form, over several rims."""
         with torch.no_grad():
-            start = self.model.primitive(self.null_curve.new_ones(1))
+            start = self.series.primitive(self.null_curve.new_ones(1))
         return self.null_curve[0, 0].real - null_vector(*start.unbind(-1))[0].real
 
 
@@ -359,17 +358,21 @@ def surface_of(lift: Lift, *boundaries: FourierBoundary) -> SpinorSurface:
     Raises:
         DomainError: the polygon of the boundaries' vertices is not simple.
     """
-    boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
-    surface = SpinorSurface(lift.model, PlaneDomain.inside(boundary, holes=tuple(holes))).to(lift.slides.device)
+    if isinstance(lift.model, PowerSeries):
+        domain = PlaneDomain.disk(n=len(boundaries[0].vertices))
+    else:
+        boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
+        domain = PlaneDomain.inside(boundary, holes=tuple(holes))
+    surface = SpinorSurface(lift.model, domain).to(lift.slides.device)
     root = lift.null_curve.new_tensor([surface.root])
     with torch.no_grad():
-        if isinstance(lift.model, CauchyInterpolant):
+        if domain.holes:
+            constant = null_vector(*lift.series.primitive(root).unbind(-1)).real[0] + lift.shift
+        else:
             # the boundary's, continued to the root by Cauchy's formula
-            z, dz, _ = torch.tensor(boundary.grid(lift.slides.shape[1]), device=root.device)
+            z, dz, _ = torch.tensor(boundaries[0].grid(lift.slides.shape[1]), device=root.device)
             unit = dz / (z - root)
             constant = ((unit @ lift.null_curve[0]) / unit.sum()).real
-        else:
-            constant = null_vector(*lift.model.primitive(root).unbind(-1)).real[0] + lift.shift
         surface.constant.copy_(constant)
     return surface
 

@@ -284,6 +284,7 @@ class RimsSolver:
         """
         problem = self._problem(placed, -1)
         best: tuple[Lift, HarmonicSurface] | None = None
+        vain = 0
         error, limit = SurfaceError("no minimal surface was found"), "more nodes on the rims do not help"
         for finer in self._finer(placed):
             goal = self._goal(finer)
