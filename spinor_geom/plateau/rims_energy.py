@@ -138,9 +138,7 @@ class EnergyPoint:
     @cached_property
     def surface(self) -> HarmonicSurface:
         """The harmonic surface itself."""
-        gradient, rotation = self.gradient(), self.rotation
-        gradient = gradient - (gradient @ rotation) / (rotation @ rotation) * rotation
-        slides, normal = gradient[: len(self.by_slides)], self.normal.square().sum(-1).mean()
+        slides, normal = self.gradient()[: len(self.by_slides)], self.normal.square().sum(-1).mean()
         return HarmonicSurface(
             slides=self.slides,
             points=self.points,
@@ -156,8 +154,10 @@ class EnergyPoint:
         return float(self.form.own.mean())
 
     def gradient(self, *, fixed: bool = False) -> Float[Tensor, " k"]:
-        """The first derivative by arc length and, unless they are fixed, the moduli."""
-        return self.by_slides if fixed else torch.cat([self.by_slides, self.moduli.slopes])
+        """The first derivative by arc length and, unless they are fixed, the moduli, less that by a rotation of Ω."""
+        gradient = self.by_slides if fixed else torch.cat([self.by_slides, self.moduli.slopes])
+        rotation = self.rotation[: len(gradient)]
+        return gradient - (gradient @ rotation) / (rotation @ rotation) * rotation
 
     def hessian(self, *, fixed: bool = False) -> Float[Tensor, "k k"]:
         """The second derivative by arc length and the moduli, stiffened against a rotation of Ω."""
