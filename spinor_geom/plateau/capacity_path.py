@@ -29,8 +29,8 @@ from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface, Moduli
 
 # Steps of log M: the largest, and the least before the path is lost.
 _STEP, _LEAST_STEP = 0.3, 0.002
-# Gradient and slopes of a point of the path, and of a critical one.
-_ON_PATH = 1e-8
+# Gradient and slopes of a point of the path: λ changes its sign where it does, and Newton's method goes on from there.
+_ON_PATH = 1e-6
 
 
 def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
