@@ -23,9 +23,9 @@ from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store
 from spinor_geom.batching.task import OpenedFile, fill_options, open_file, results_of, wanted
 from spinor_geom.errors import ArchiveError, BatchError, SpinorGeomError
-from spinor_geom.fill.many_loops import minimal_surfaces
+from spinor_geom.fill.many_loops import minimal_patches
+from spinor_geom.fill.one_loop import Answer
 from spinor_geom.isolate import Tell, serve
-from spinor_geom.plateau.solution import PlateauSolution
 
 # Files whose results are held until the disk has them.
 WAITING = 4
@@ -89,10 +89,10 @@ def _work(
             tell({"finished": one.result()})
 
 
-def _answers(loops: Sequence[NamedLoop], options: BatchOptions) -> Iterator[PlateauSolution | SpinorGeomError]:
-    """The surface of each loop, in order, or why it has none."""
+def _answers(loops: Sequence[NamedLoop], options: BatchOptions) -> Iterator[Answer]:
+    """The patch of each loop, in order, or why it has none."""
     found = {
-        kind: minimal_surfaces(
+        kind: minimal_patches(
             [loop.loop for loop in loops if loop.kind == kind and loop.loop is not None],
             fill_options(options),
             is_rim=kind == "hole",
@@ -112,7 +112,7 @@ def _require_device(name: str) -> None:
         raise BatchError(f"device {name!r} cannot be used by a worker ({reason}); name another") from error
 
 
-def _told(answers: Iterator[Any], source: Source, tell: Tell) -> Iterator[Any]:
+def _told(answers: Iterator[Answer], source: Source, tell: Tell) -> Iterator[Answer]:
     """The same answers, each a sign of life."""
     for answer in answers:
         tell({"solving": source.key})

@@ -25,7 +25,7 @@ from spinor_geom.batching.records import worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.many_loops import fill_loops
-from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole, unfilled
+from spinor_geom.fill.one_loop import Answer, FillOptions, refuse_what_is_no_hole, unfilled
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, joined, stitch
 from spinor_geom.fill.surroundings import Surroundings
@@ -37,7 +37,6 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.version import program_version
 
-Answer: TypeAlias = PlateauSolution | SpinorGeomError
 Writer: TypeAlias = Callable[[Path], None]
 
 # Points of an outline in a record: enough for a thumbnail.
@@ -178,7 +177,7 @@ def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
 
     Args:
         opened: the file.
-        answers: for each loop that is `wanted` in order its surface, or why it has none.
+        answers: for each loop that is `wanted` in order its exact patch, or why it has none.
     """
     start = perf_counter()
     files: dict[str, Writer] = {}

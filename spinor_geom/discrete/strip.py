@@ -123,7 +123,7 @@ def ruled_annulus(
     bounds = size_bounds(boundary, growth=_GROWTH, decay=_GROWTH, rims=(len(first), len(second)))
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        shortest, longest = bounds(z)
+        shortest, longest = bounds(z, 0)
         return np.asarray(np.clip(2 * np.pi * np.abs(z) * target / length, shortest, longest))
 
     plane = triangulate_polygon(places[0], size, holes=[places[1]])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -16,26 +16,107 @@ Rims = tuple[int, ...]
 
 # a walk that has not arrived after so many triangles counts as blocked
 _LONGEST_WALK = 16
-_NONE = np.iinfo(np.uint32).max
 
 
 class ConstrainedDelaunay:
-    """Constrained Delaunay triangulation of the inside of a polygon, or between polygons, to which points can be added.
+    """Constrained Delaunay triangulations of regions of the plane, made together, each as it were by itself.
+
+    Points are numbered through: the vertices of all polygons, one region after the other, then the points inside in the
+    order in which they came.
 
     Attributes:
-        faces: Counter-clockwise triangles; those outside the polygon stay among them, with vertices that mean nothing.
+        points: Of all regions.
+        region: Of each point.
+        regions: Numbers of vertices of the polygons of each region.
+        boundary_size: Number of vertices of all polygons.
+        faces: Counter-clockwise triangles, one region after the other; those outside the polygons stay among them, with
+            vertices that mean nothing.
         inside: Numbers of the triangles inside.
     """
 
     faces: Int[np.ndarray, "t 3"]
     inside: Int[np.ndarray, " i"]
 
-    def __init__(self, points: Complex[np.ndarray, " n"], rims: Rims) -> None:
-        """Takes the polygons' vertices, then points inside.
+    def __init__(
+        self, points: Complex[np.ndarray, " n"], regions: Sequence[Rims], region: Int[np.ndarray, " n"] | None = None
+    ) -> None:
+        """Takes the vertices of the polygons, then points inside.
+
+        Args:
+            points: Of all regions.
+            regions: Numbers of vertices of the polygons of each.
+            region: Of each point; none where there is only one.
 
         Raises:
-            DomainError: Two edges of the polygon cross, or two points are equal.
+            DomainError: Two edges of a polygon cross, or two points are equal.
         """
+        self.points, self.regions = points, tuple(regions)
+        self.region = np.zeros(len(points), dtype=np.int64) if region is None else region
+        self.boundary_size = sum(map(sum, regions))
+        self._own = _members(self.region, len(regions))
+        self._parts = [_Region(points[own], rims) for own, rims in zip(self._own, regions, strict=True)]
+        self._read()
+
+    @property
+    def triangles(self) -> Int[np.ndarray, "i 3"]:
+        """The faces inside."""
+        return np.asarray(self.faces[self.inside])
+
+    @property
+    def own(self) -> Sequence[Int[np.ndarray, " _"]]:
+        """The numbers of each region's points."""
+        return self._own
+
+    def insert(self, points: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"] | None = None) -> None:
+        """Adds points inside the polygons and off their edges; the numbers of the triangles change.
+
+        Raises:
+            DomainError: Two points are equal.
+        """
+        region = np.zeros(len(points), dtype=np.int64) if region is None else region
+        for number, some in enumerate(_members(region, len(self.regions))):
+            if len(some):
+                self._parts[number].insert(points[some])
+                self._own[number] = np.append(self._own[number], len(self.points) + some)
+        self.points, self.region = np.append(self.points, points), np.append(self.region, region)
+        self._read()
+
+    def move(self, points: Complex[np.ndarray, " n"], regions: Int[np.ndarray, " r"]) -> None:
+        """Puts points elsewhere, those of some regions, and triangulates these anew.
+
+        Raises:
+            DomainError: Two points are equal.
+        """
+        self.points = points
+        for number in regions:
+            self._parts[number] = _Region(points[self._own[number]], self.regions[number])
+        self._read()
+
+    @property
+    def neighbours(self) -> Int[np.ndarray, "t 3"]:
+        """For each triangle inside: number k lies across the edge from vertex k to the next, −1 across the polygon."""
+        # the last one is that of no triangle
+        number = np.full(len(self.faces) + 1, -1)
+        number[self.inside] = self.inside
+        across = [np.where(one.across < 0, -1, start + one.across) for start, one in self._started()]
+        return np.asarray(number[np.concatenate(across)])
+
+    def _read(self) -> None:
+        self.faces = np.concatenate([own[one.faces] for own, one in zip(self._own, self._parts, strict=True)])
+        self.inside = np.concatenate([start + one.inside for start, one in self._started()])
+
+    def _started(self) -> Iterator[tuple[int, _Region]]:
+        """The regions with the number of each one's first triangle."""
+        start = 0
+        for one in self._parts:
+            yield start, one
+            start += len(one.faces)
+
+
+class _Region:
+    """The triangulation of one region, by the numbers of its own points."""
+
+    def __init__(self, points: Complex[np.ndarray, " n"], rims: Rims) -> None:
         import pythoncdt
 
         self._cdt = pythoncdt.Triangulation(
@@ -54,21 +135,8 @@ class ConstrainedDelaunay:
         self._read()
 
     def insert(self, points: Complex[np.ndarray, " k"]) -> None:
-        """Adds points inside the polygon and off its edges; the numbers of the triangles change.
-
-        Raises:
-            DomainError: Two points are equal.
-        """
         self._insert(points)
         self._read()
-
-    @property
-    def neighbours(self) -> Int[np.ndarray, "t 3"]:
-        """For each triangle inside: number k lies across the edge from vertex k to the next, −1 across the polygon."""
-        number = np.full(len(self.faces), -1)
-        number[self.inside] = self.inside
-        neighbours = self._cdt.triangles_array(copy=False)["neighbors"].astype(np.int64)
-        return np.where(neighbours == _NONE, -1, number[np.where(neighbours == _NONE, 0, neighbours)])
 
     def _insert(self, points: Complex[np.ndarray, " k"]) -> None:
         vertices: Any = plane_coordinates(points)
@@ -76,8 +144,11 @@ class ConstrainedDelaunay:
             self._cdt.insert_vertices(vertices)
 
     def _read(self) -> None:
+        triangles = self._cdt.triangles_array(copy=False)
         # the vertices of a triangle around everything come first
-        self.faces = self._cdt.triangles_array(copy=False)["vertices"].astype(np.int64) - 3
+        self.faces = triangles["vertices"].astype(np.int64) - 3
+        # none: the largest number that there is
+        self.across = triangles["neighbors"].astype(np.int32)
         is_inside = np.ones(len(self.faces), dtype=bool)
         is_inside[self._outer] = False
         self.inside = np.flatnonzero(is_inside)
@@ -95,18 +166,9 @@ class ConstrainedDelaunay:
             ) from error
 
 
-def constrained_delaunay(points: Complex[np.ndarray, " n"], rims: Rims) -> Int[np.ndarray, "t 3"]:
-    """Counter-clockwise faces of a polygon with inner points, or between polygons.
-
-    Args:
-        points: The polygons' vertices, then points inside.
-        rims: Numbers of the polygons' vertices.
-
-    Raises:
-        DomainError: Two edges of the polygon cross, or two points are equal.
-    """
-    mesh = ConstrainedDelaunay(points, rims)
-    return np.asarray(mesh.faces[mesh.inside])
+def _members(region: Int[np.ndarray, " n"], count: int) -> list[Int[np.ndarray, " _"]]:
+    """The numbers of the points of each of so many regions, ascending."""
+    return np.split(np.argsort(region, kind="stable"), np.cumsum(np.bincount(region, minlength=count))[:-1])
 
 
 def rim_successors(rims: Rims) -> Int[np.ndarray, " m"]:

@@ -1,39 +1,50 @@
-"""Points of a triangular lattice inside a plane polygon."""
+"""Points of triangular lattices inside plane polygons."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Complex, Int
+from jaxtyping import Complex, Float, Int
 
 
-def lattice_inside(
-    polygon: Complex[np.ndarray, " m"], spacing: float, *, after: Int[np.ndarray, " m"] | None = None
-) -> Complex[np.ndarray, " k"]:
-    """The points inside a polygon, or between polygons, of the triangular lattice with rows along the x-axis.
+def lattice_inside(polygon: Complex[np.ndarray, " m"], spacing: float) -> Complex[np.ndarray, " k"]:
+    """The points inside a polygon of the triangular lattice with rows along the x-axis; see `lattices_inside`."""
+    return lattices_inside(polygon, np.full(len(polygon), spacing), np.roll(np.arange(len(polygon)), -1), 0)[0]
 
-    Row by row: a row enters and leaves the polygon by turns where it crosses the edges. Takes time and memory in
+
+def lattices_inside(
+    polygons: Complex[np.ndarray, " m"],
+    spacing: Float[np.ndarray, " m"],
+    after: Int[np.ndarray, " m"],
+    region: Int[np.ndarray, " m"] | int,
+) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """The points of triangular lattices inside polygons, or between them, and their regions, which ascend.
+
+    Row by row: a row enters and leaves a region by turns where it crosses the edges. Takes time and memory in
     proportion to the crossings and the points.
 
     Args:
-        polygon: Vertices of a simple polygon, or of several.
-        spacing: Distance of neighbouring lattice points.
-        after: For each vertex the next one on its polygon; none for a single one, in order.
+        polygons: Vertices of simple polygons.
+        spacing: Distance of neighbouring points of the lattice of each vertex's region.
+        after: For each vertex the next one on its polygon.
+        region: That the vertices bound.
     """
     height = np.sqrt(0.75) * spacing
-    start, end = polygon, np.roll(polygon, -1) if after is None else polygon[after]
-    low, high = np.minimum(start.imag, end.imag), np.maximum(start.imag, end.imag)
+    end = polygons[after]
+    low, high = np.minimum(polygons.imag, end.imag), np.maximum(polygons.imag, end.imag)
     # the edges cross the rows from the first at or above their low end to the last below their high end
-    first, after = np.ceil(low / height).astype(np.int64), np.ceil(high / height).astype(np.int64)
-    edge, row = _ranges(first, after - first)
-    share = (row * height - start.imag[edge]) / (end.imag - start.imag)[edge]
-    x = start.real[edge] + share * (end.real - start.real)[edge]
-    order = np.lexsort((x, row))
-    row, x = row[order], x[order]
-    shift = 0.5 * (row[::2] % 2)
-    left = np.ceil(x[::2] / spacing - shift).astype(np.int64)
-    right = np.ceil(x[1::2] / spacing - shift).astype(np.int64)
+    first, last = np.ceil(low / height).astype(np.int64), np.ceil(high / height).astype(np.int64)
+    edge, row = _ranges(first, last - first)
+    share = (row * height[edge] - polygons.imag[edge]) / (end.imag - polygons.imag)[edge]
+    x = polygons.real[edge] + share * (end.real - polygons.real)[edge]
+    order = np.lexsort((x, row, np.broadcast_to(region, len(polygons))[edge]))
+    edge, row, x = edge[order[::2]], row[order[::2]], x[order]
+    shift = 0.5 * (row % 2)
+    left = np.ceil(x[::2] / spacing[edge] - shift).astype(np.int64)
+    right = np.ceil(x[1::2] / spacing[edge] - shift).astype(np.int64)
     piece, column = _ranges(left, right - left)
-    return np.asarray((column + shift[piece]) * spacing + 1j * (row[::2][piece] * height))
+    edge, row = edge[piece], row[piece]
+    points = (column + shift[piece]) * spacing[edge] + 1j * (row * height[edge])
+    return np.asarray(points), np.broadcast_to(region, len(polygons))[edge]
 
 
 def _ranges(

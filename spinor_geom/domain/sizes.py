@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Complex, Float
-from scipy.spatial import cKDTree
+from jaxtyping import Complex, Float, Int
 
-from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
+from spinor_geom.domain.delaunay import Rims, rim_successors
+from spinor_geom.domain.nearest import NearestPoints, Regions
 
 SizeFunction = Callable[[Complex[np.ndarray, " k"]], Float[np.ndarray, " k"]]
-SizeBounds = Callable[[Complex[np.ndarray, " k"]], tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]
+RegionSizes = Callable[[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]], Float[np.ndarray, " k"]]
+SizeBounds = Callable[[Complex[np.ndarray, " k"], Regions], tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]
 
 
 def graded_size(
@@ -34,11 +35,11 @@ def graded_size(
         A function from points (k,) to edge lengths (k,).
     """
     bounds = size_bounds(boundary, growth=growth, decay=0.0, rims=rims)
-    return lambda z: bounds(z)[1]
+    return lambda z: bounds(z, 0)[1]
 
 
 def size_bounds(
-    boundary: Complex[np.ndarray, " m"], *, growth: float, decay: float, rims: Rims | None = None
+    boundary: Complex[np.ndarray, " m"], *, growth: float, decay: float, rims: Rims | None = None, region: Regions = 0
 ) -> SizeBounds:
     """The range of edge lengths that pass gradually into those of a boundary.
 
@@ -47,24 +48,29 @@ def size_bounds(
         growth: Increase of the upper bound per unit of distance; it is `graded_size`.
         decay: Decrease of the lower bound, from the local edge length at the nearest boundary vertex.
         rims: Numbers of vertices of the polygons; none for a single one.
+        region: That each vertex bounds.
 
     Returns:
-        A function from points (k,) to lower bounds (k,), which may be negative, and upper bounds (k,).
+        A function from points (k,) and their regions to lower bounds (k,), which may be negative, and upper bounds
+        (k,).
     """
     after = rim_successors(rims or (len(boundary),))
     edge = np.abs(boundary[after] - boundary)
     before = np.empty_like(after)
     before[after] = np.arange(len(after))
     own = local = 0.5 * (edge + edge[before])
-    tree = cKDTree(plane_coordinates(boundary))
-    distance, index = tree.query(plane_coordinates(boundary), k=min(8, len(boundary)))
+    tree = NearestPoints(boundary, region)
+    distance, index = tree.query(boundary, region, count=8)
     for _ in range(4):
-        local = (local[index] + growth * distance).min(axis=1)
-    neighbours = min(3, len(boundary))
+        # where a region has fewer vertices
+        local = (np.append(local, np.inf)[index] + growth * distance).min(axis=1)
+    around = np.append(local, np.inf)
 
-    def bounds(z: Complex[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        distance, index = map(np.asarray, tree.query(plane_coordinates(z), k=neighbours))
+    def bounds(
+        z: Complex[np.ndarray, " k"], region: Regions
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        distance, index = tree.query(z, region, count=3)
         low: Float[np.ndarray, " k"] = own[index[:, 0]] - decay * distance[:, 0]
-        return low, (local[index] + growth * distance).min(axis=1)
+        return low, (around[index] + growth * distance).min(axis=1)
 
     return bounds

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.domain.delaunay import Rims, constrained_delaunay, cross
+from spinor_geom.domain.delaunay import ConstrainedDelaunay, cross
 
 # smoothing may make a triangle less round only down to this (1: equilateral)
 _ROUND_ENOUGH = 0.4
@@ -16,39 +16,31 @@ _POLISHING_STEPS = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08)
 _AROUND = np.append(0, np.exp(2j * np.pi * np.arange(8) / 8))
 
 
-def smooth(
-    points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], rims: Rims
-) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "t 3"]]:
+def smooth(mesh: ConstrainedDelaunay) -> None:
     """Moves inner points to the mean of their neighbours, twice; a new Delaunay triangulation follows.
 
-    Args:
-        points: Boundary first; it stays.
-        faces: Counter-clockwise.
-        rims: Numbers of boundary vertices.
-
-    Returns:
-        Points and faces; no face is flipped.
+    No face is flipped.
     """
-    n, m = len(points), sum(rims)
+    points, faces, m = mesh.points, mesh.triangles, mesh.boundary_size
+    n = len(points)
     if n == m:
-        return points, faces
+        return
     a, b = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     degree = np.bincount(a, minlength=n)[m:]
     for _ in range(_MOVES):
         total = np.bincount(a, points.real[b], n) + 1j * np.bincount(a, points.imag[b], n)
         moved = points.copy()
         moved[m:] = total[m:] / degree
-        points = _held_back(points, moved, faces)
-    return points, constrained_delaunay(points, rims)
+        points = _held_back(points, moved, faces, mesh.region)
+    mesh.move(points, np.unique(mesh.region[m:]))
 
 
-def polish(
-    points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], rims: Rims, min_angle: float
-) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "t 3"]]:
+def polish(mesh: ConstrainedDelaunay, min_angle: float) -> None:
     """Moves inner points of triangles with an angle below `min_angle` degrees to the best of a few places nearby."""
     sine = np.sin(np.radians(min_angle))
     for step in _POLISHING_STEPS:
-        chosen = _worst_points(points, faces, sum(rims), sine)
+        points, faces = mesh.points, mesh.triangles
+        chosen = _worst_points(mesh, faces, sine)
         if not chosen.any():
             break
         # every corner of a face at a chosen point, sorted by point
@@ -66,8 +58,7 @@ def polish(
         best = np.minimum.reduceat(sines, start, axis=0).argmax(axis=1)
         points = points.copy()
         points[vertex] = places[np.arange(len(vertex)), best]
-        faces = constrained_delaunay(points, rims)
-    return points, faces
+        mesh.move(points, np.unique(mesh.region[vertex]))
 
 
 def smallest_sine(
@@ -80,17 +71,17 @@ def smallest_sine(
     return np.asarray(cross(b - a, c - a) / (longest * middle))
 
 
-def _worst_points(
-    points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"], m: int, sine: float
-) -> Bool[np.ndarray, " n"]:
+def _worst_points(mesh: ConstrainedDelaunay, faces: Int[np.ndarray, "t 3"], sine: float) -> Bool[np.ndarray, " n"]:
     """Marks inner points of poor triangles that are worse than all their neighbours: these can move independently."""
-    n = len(points)
-    quality = smallest_sine(*points[faces].T)
+    n = len(mesh.points)
+    quality = smallest_sine(*mesh.points[faces].T)
     poor = np.flatnonzero(quality < sine)
     key = np.full(n, np.inf)
     np.minimum.at(key, faces[poor].ravel(), np.repeat(quality[poor], 3))
-    key[:m] = np.inf
-    key += np.arange(n) * 1e-12  # the corners of one triangle share its quality: the index decides
+    key[: mesh.boundary_size] = np.inf
+    # the corners of one triangle share its quality: the place among its region's points decides
+    for own in mesh.own:
+        key[own] += np.arange(len(own)) * 1e-12
     least = np.full(n, np.inf)
     a, b = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     np.minimum.at(least, a, key[b])
@@ -99,7 +90,10 @@ def _worst_points(
 
 
 def _held_back(
-    points: Complex[np.ndarray, " n"], moved: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "t 3"]
+    points: Complex[np.ndarray, " n"],
+    moved: Complex[np.ndarray, " n"],
+    faces: Int[np.ndarray, "t 3"],
+    region: Int[np.ndarray, " n"],
 ) -> Complex[np.ndarray, " n"]:
     """The moved points, except around faces that the move would flip or make thin."""
     before = _roundness(points[faces])
@@ -110,7 +104,8 @@ def _held_back(
             return moved
         back = faces[worse].ravel()
         moved[back] = points[back]
-    return points
+    # nothing moves in regions where that was not enough
+    return np.where(np.isin(region, region[back]), points, moved)
 
 
 def _roundness(p: Complex[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:

@@ -8,21 +8,20 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
-from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import (
     ConstrainedDelaunay,
     Rims,
     circumcircles,
-    constrained_delaunay,
     edge_codes,
     plane_coordinates,
     reachable,
     rim_successors,
     unique_edges,
 )
-from spinor_geom.domain.lattice import lattice_inside
-from spinor_geom.domain.sizes import SizeFunction
+from spinor_geom.domain.lattice import lattices_inside
+from spinor_geom.domain.nearest import NearestPoints
+from spinor_geom.domain.sizes import RegionSizes, SizeFunction
 from spinor_geom.domain.smoothing import polish, smooth
 from spinor_geom.errors import DomainError, OptionError
 
@@ -119,49 +118,104 @@ def triangulate_polygon(
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
-    polygons = [np.array(polygon, dtype=np.complex128) for polygon in (boundary, *holes)]
-    for number, polygon in enumerate(polygons):
-        _require_polygon(polygon, clockwise=number > 0)
-    rims = tuple(map(len, polygons))
-    boundary, m, hole_sizes = np.concatenate(polygons), sum(rims), rims[1:]
-    if sum(map(_area, polygons)) <= 0:
-        raise DomainError("a hole is not inside the polygon", vertices=m)
-    if m == 3:
-        return PlaneTriangulation(points=boundary, faces=np.array([[0, 1, 2]]), boundary_size=3)
-    # at unit size about the origin a polygon is the same wherever and however large it is given
-    centre, scale = boundary.mean(), np.abs(boundary - boundary.mean()).max()
-    polygon = (boundary - centre) / scale
+    given = None if seeds is None else (seeds, np.zeros(len(seeds), dtype=np.int64))
+    return triangulate_regions([(boundary, *holes)], lambda z, _: size(z), seeds=given, max_points=[max_points])[0]
 
-    def wanted(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        h = size(z * scale + centre)
+
+def triangulate_regions(
+    regions: Sequence[Sequence[Complex[np.ndarray, " _"]]],
+    size: RegionSizes,
+    *,
+    seeds: tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]] | None = None,
+    max_points: Sequence[int],
+) -> list[PlaneTriangulation]:
+    """As `triangulate_polygon` for many regions at once: the triangulation of each is the same, to the last bit.
+
+    Args:
+        regions: For each its polygon and its holes.
+        size: Wanted edge length at points (k,) and the numbers (k,) of their regions.
+        seeds: Points inside regions, and the numbers of these, ascending.
+        max_points: Of each region.
+
+    Raises:
+        DomainError: A region is none, see `triangulate_polygon`.
+        OptionError: `size` gives a value that is not positive and finite.
+    """
+    parts = [[np.array(polygon, dtype=np.complex128) for polygon in region] for region in regions]
+    rims = [tuple(map(len, region)) for region in parts]
+    given = [np.concatenate(region) for region in parts]
+    centre, scale = (np.array(one) for one in zip(*map(_require_region, parts), strict=True))
+    owner = np.repeat(np.arange(len(rims)), [len(boundary) for boundary in given])
+    boundary = np.concatenate(given)
+    edges = _Boundary((boundary - centre[owner]) / scale[owner], rim_successors(sum(rims, ())), owner)
+
+    def wanted(z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        h = size(z * scale[region] + centre[region], region)
         wrong = ~((h > 0) & np.isfinite(h))
         if wrong.any():
             raise OptionError(f"the size function must give positive, finite lengths, got {h[wrong][0]}")
-        return np.asarray(h / scale)
+        return np.asarray(h / scale[region])
 
-    after = rim_successors(rims)
-    if holes or not _is_convex(polygon):
-        _require_simple(polygon, rims)
-    guard = _Guard(polygon, after)
+    # nothing is put into a triangle
+    m = np.array([len(boundary) for boundary in given])
+    room = np.where(m > 3, np.maximum(np.array(max_points) - m, 0), 0)
     if seeds is None:
-        inner = _seeds(polygon, after, guard, wanted, max_points - m)
-        lengths = wanted(inner)
+        inner, of = _seeds(edges, wanted, room)
+        lengths = wanted(inner, of)
     else:
-        inner, lengths = _behind_a_row(polygon, after, guard, wanted, (seeds - centre) / scale)
-    some = slice(max(0, max_points - m))
-    points, lengths = np.append(polygon, inner[some]), np.append(wanted(polygon), lengths[some])
-    points, faces = _refine(points, lengths, ConstrainedDelaunay(points, rims), guard, wanted, max_points)
+        z, of = seeds
+        inner, of, lengths = _behind_a_row(edges, wanted, (z - centre[of]) / scale[of], of)
+    some = _place_in_region(of) < room[of]
+    inner, of, lengths = inner[some], of[some], lengths[some]
+    mesh = ConstrainedDelaunay(np.append(edges.points, inner), rims, np.append(owner, of))
+    _refine(mesh, np.append(wanted(edges.points, owner), lengths), edges, wanted, room)
     for _ in range(3):
-        middle = _long_bridges(points, faces, after, wanted, guard)
+        middle, of = _long_bridges(mesh, edges, wanted)
         if len(middle) == 0:
             break
-        points = np.append(points, middle)
-        faces = constrained_delaunay(points, rims)
-    points, faces = smooth(points, faces, rims)
-    points, faces = polish(points, faces, rims, _MIN_ANGLE)
-    result = points * scale + centre
-    result[:m] = boundary
-    return PlaneTriangulation(points=result, faces=faces, boundary_size=m, hole_sizes=hole_sizes)
+        mesh.insert(middle, of)
+        mesh.move(mesh.points, np.unique(of))
+    smooth(mesh)
+    polish(mesh, _MIN_ANGLE)
+    result = mesh.points * scale[mesh.region] + centre[mesh.region]
+    result[: mesh.boundary_size] = boundary
+    return _split(mesh, result)
+
+
+def _split(mesh: ConstrainedDelaunay, points: Complex[np.ndarray, " n"]) -> list[PlaneTriangulation]:
+    """Each region's own, its vertices at given points."""
+    place = np.empty(len(points), dtype=np.int64)
+    for own in mesh.own:
+        place[own] = np.arange(len(own))
+    faces = mesh.triangles
+    of_region = np.split(place[faces], np.cumsum(np.bincount(mesh.region[faces[:, 0]], minlength=len(mesh.own)))[:-1])
+    return [
+        PlaneTriangulation(points=points[own], faces=some, boundary_size=sum(rims), hole_sizes=rims[1:])
+        for own, some, rims in zip(mesh.own, of_region, mesh.regions, strict=True)
+    ]
+
+
+def _place_in_region(region: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """Numbers from 0 on within each run of equal numbers, which ascend."""
+    return np.asarray(np.arange(len(region)) - np.searchsorted(region, region))
+
+
+def _require_region(polygons: Sequence[Complex[np.ndarray, " _"]]) -> tuple[complex, float]:
+    """Checks a polygon and its holes; at unit size about the origin it is the same wherever and however large it is.
+
+    Returns:
+        What is its origin there, and its unit.
+    """
+    for number, polygon in enumerate(polygons):
+        _require_polygon(polygon, clockwise=number > 0)
+    boundary = np.concatenate(polygons)
+    if sum(map(_area, polygons)) <= 0:
+        raise DomainError("a hole is not inside the polygon", vertices=len(boundary))
+    centre = boundary.mean()
+    scale = np.abs(boundary - centre).max()
+    if len(polygons) > 1 or not _is_convex((boundary - centre) / scale):
+        _require_simple((boundary - centre) / scale, tuple(map(len, polygons)))
+    return centre, scale
 
 
 def _require_polygon(polygon: Complex[np.ndarray, " m"], *, clockwise: bool) -> None:
@@ -184,8 +238,8 @@ def _is_convex(polygon: Complex[np.ndarray, " m"]) -> bool:
 
 def _require_simple(polygon: Complex[np.ndarray, " m"], rims: Rims) -> None:
     m = len(polygon)
-    mesh = ConstrainedDelaunay(polygon, rims)
-    faces = mesh.faces[mesh.inside]
+    mesh = ConstrainedDelaunay(polygon, [rims])
+    faces = mesh.triangles
     sides = (mesh.neighbours[mesh.inside] < 0).sum()
     count = m - 2 + 2 * (len(rims) - 1)
     if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
@@ -198,29 +252,40 @@ def _area(polygon: Complex[np.ndarray, " m"]) -> float:
     return 0.5 * float((np.conj(polygon) * np.roll(polygon, -1)).imag.sum())
 
 
-class _Guard:
-    """Tells which points lie so near a boundary edge that they see it under too large an angle."""
+class _Boundary:
+    """The polygons of all regions; tells which points are so near an edge that they see it under too large an angle.
 
-    def __init__(self, boundary: Complex[np.ndarray, " m"], after: Int[np.ndarray, " m"]) -> None:
-        middle, half = 0.5 * (boundary[after] + boundary), 0.5 * (boundary[after] - boundary)
+    Attributes:
+        points: Their vertices.
+        after: For each the next one on its polygon.
+        region: That each bounds.
+        edge: From each to the next one.
+        count: Number of regions.
+    """
+
+    def __init__(
+        self, points: Complex[np.ndarray, " m"], after: Int[np.ndarray, " m"], region: Int[np.ndarray, " m"]
+    ) -> None:
+        self.points, self.after, self.region = points, after, region
+        self.edge, self.count = points[after] - points, int(region[-1]) + 1
+        middle, half = 0.5 * (points[after] + points), 0.5 * self.edge
         # edges of about one length share a tree, so that a few nearest ones are enough
         group = np.floor(np.log2(np.abs(half))).astype(int)
         self._groups = [
-            (cKDTree(plane_coordinates(middle[group == g])), middle[group == g], half[group == g])
-            for g in np.unique(group)
+            (NearestPoints(middle[some], region[some]), middle[some], half[some])
+            for some in (np.flatnonzero(group == g) for g in np.unique(group))
         ]
 
-    def too_near(self, z: Complex[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-        """Whether each point sees some boundary edge under too large an angle."""
+    def too_near(self, z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+        """Whether each point sees some edge of its region under too large an angle."""
         inside = np.zeros(len(z), dtype=bool)
         if len(z) == 0:
             return inside
         for tree, middle, half in self._groups:
             reach = np.abs(half).max()
-            nearest = np.arange(1, min(4, len(half)) + 1)
-            distance, index = tree.query(plane_coordinates(z), k=nearest, distance_upper_bound=reach)
+            distance, index = tree.query(z, region, count=4, within=reach)
             point, near = np.nonzero(distance < reach)
-            edge = np.asarray(index)[point, near]
+            edge = index[point, near]
             offset = z[point] - middle[edge]
             seen = (offset + half[edge]) * np.conj(offset - half[edge])
             inside[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
@@ -228,113 +293,122 @@ class _Guard:
 
 
 def _seeds(
-    polygon: Complex[np.ndarray, " m"], after: Int[np.ndarray, " m"], guard: _Guard, size: SizeFunction, most: int
-) -> Complex[np.ndarray, " k"]:
-    """Points of a lattice as wide as the largest of the sizes wanted: inner points to start from."""
-    area = 0.5 * (np.conj(polygon) * polygon[after]).imag.sum()
+    boundary: _Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]
+) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Points of lattices as wide as the largest of the sizes wanted in each region: inner points to start from."""
+    points, after, owner = boundary.points, boundary.after, boundary.region
+    area = 0.5 * np.bincount(owner, (np.conj(points) * points[after]).imag)
     # a polygon that is hardly wider than a line must not be crossed by millions of rows
-    shortest = np.abs(polygon[after] - polygon).sum() / _MOST_ROWS
-    sample = lattice_inside(polygon, max(np.sqrt(area / _SIZE_SAMPLES), shortest), after=after)
-    if len(sample) == 0 or most <= 0:
-        return sample[:0]
-    spacing = max(float(size(sample).max()), np.sqrt(area / most), shortest)
-    points = lattice_inside(polygon, spacing, after=after)
-    distance, _ = cKDTree(plane_coordinates(polygon)).query(plane_coordinates(points))
-    points = points[np.asarray(distance) > _ROOM_AT_BOUNDARY * spacing]
-    return np.asarray(points[~guard.too_near(points)])
+    shortest = np.bincount(owner, np.abs(boundary.edge)) / _MOST_ROWS
+    spacing = np.maximum(np.sqrt(area / _SIZE_SAMPLES), shortest)
+    sample, of = lattices_inside(points, spacing[owner], after, owner)
+    largest = np.zeros(boundary.count)
+    np.maximum.at(largest, of, size(sample, of))
+    spacing = np.maximum(np.maximum(largest, shortest), np.sqrt(area / np.maximum(room, 1)))
+    # no row crosses regions without room
+    spacing[(largest == 0) | (room == 0)] = np.inf
+    lattice, of = lattices_inside(points, spacing[owner], after, owner)
+    distance, _ = NearestPoints(points, owner).query(lattice, of)
+    free = distance[:, 0] > _ROOM_AT_BOUNDARY * spacing[of]
+    lattice, of = lattice[free], of[free]
+    free = ~boundary.too_near(lattice, of)
+    return lattice[free], of[free]
 
 
 def _behind_a_row(
-    polygon: Complex[np.ndarray, " m"],
-    after: Int[np.ndarray, " m"],
-    guard: _Guard,
-    size: SizeFunction,
-    seeds: Complex[np.ndarray, " k"],
-) -> tuple[Complex[np.ndarray, " j"], Float[np.ndarray, " j"]]:
-    """The tips of equilateral triangles on the edges of a polygon, and behind them the seeds that stand wide enough.
+    boundary: _Boundary, size: RegionSizes, seeds: Complex[np.ndarray, " k"], of: Int[np.ndarray, " k"]
+) -> tuple[Complex[np.ndarray, " j"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
+    """The tips of equilateral triangles on the edges of polygons, and behind them the seeds that stand wide enough.
 
-    The sizes wanted there come with them. Edges that turn much from one to the next have no room for a row of tips.
+    Their regions, which ascend, and the sizes wanted there come with them. Edges that turn much from one to the next
+    have no room for a row of tips.
     """
-    edge = polygon[after] - polygon
-    tips, length = 0.5 * (polygon + polygon[after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
-    if len(_independent(tips, _FROM_TIPS * length, length)) < len(tips):
-        tips, length = tips[:0], length[:0]
-    free = ~guard.too_near(tips)
-    tips, length = tips[free], length[free]
-    wanted = size(seeds)
-    if len(seeds) > 1:
-        spacing, _ = cKDTree(plane_coordinates(seeds)).query(plane_coordinates(seeds), k=[2])
-        wide = np.asarray(spacing)[:, 0] > _LEAST_SPACING * wanted
-        seeds, wanted = seeds[wide], wanted[wide]
-    row = np.concatenate([tips, polygon])
-    away = np.concatenate([_FROM_TIPS * length, _FROM_VERTICES * np.abs(edge)])
-    distance, nearest = cKDTree(plane_coordinates(row)).query(plane_coordinates(seeds))
-    clear = np.asarray(distance) > away[np.asarray(nearest)]
-    return np.concatenate([tips, seeds[clear]]), np.concatenate([size(tips), wanted[clear]])
+    polygon, owner, edge = boundary.points, boundary.region, boundary.edge
+    tips, length = 0.5 * (polygon + polygon[boundary.after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
+    kept = np.bincount(owner[_independent(tips, owner, _FROM_TIPS * length, length)], minlength=boundary.count)
+    free = (kept == np.bincount(owner))[owner] & ~boundary.too_near(tips, owner)
+    row = np.concatenate([tips[free], polygon])
+    away = np.concatenate([_FROM_TIPS * length[free], _FROM_VERTICES * length])
+    beside = NearestPoints(row, np.concatenate([owner[free], owner]))
+    wanted = size(seeds, of)
+    spacing, _ = NearestPoints(seeds, of).query(seeds, of, count=2)
+    wide = (spacing[:, 1:] > _LEAST_SPACING * wanted[:, None]).all(axis=1)
+    distance, nearest = beside.query(seeds, of)
+    clear = wide & (distance[:, 0] > away[nearest[:, 0]])
+    inner = np.concatenate([tips[free], seeds[clear]])
+    region = np.concatenate([owner[free], of[clear]])
+    lengths = np.concatenate([size(tips[free], owner[free]), wanted[clear]])
+    order = np.argsort(region, kind="stable")
+    return inner[order], region[order], lengths[order]
 
 
 def _refine(
-    points: Complex[np.ndarray, " n"],
-    at_points: Float[np.ndarray, " n"],
     mesh: ConstrainedDelaunay,
-    guard: _Guard,
-    size: SizeFunction,
-    max_points: int,
-) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, "s 3"]]:
-    """Inserts batches of circumcentres until no triangle wants and can have one, given the sizes wanted at points."""
+    at_points: Float[np.ndarray, " n"],
+    boundary: _Boundary,
+    size: RegionSizes,
+    room: Int[np.ndarray, " r"],
+) -> None:
+    """Inserts batches of circumcentres until no triangle wants and can have one, given the sizes wanted at points.
+
+    So many points have room in each region, those that are there already included.
+    """
     sine = np.sin(np.radians(_MIN_ANGLE))
-    at_centres = False
+    at_centres = np.zeros(boundary.count, dtype=bool)
     # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
-    is_open = np.ones(len(points), dtype=bool)
+    is_open = np.ones(len(mesh.points), dtype=bool)
     for _ in range(_BATCHES):
-        faces = mesh.faces
-        seen = mesh.inside[is_open[faces[mesh.inside]].any(axis=1)]
-        p = points[faces[seen]]
+        seen = mesh.inside[is_open[mesh.triangles].any(axis=1)]
+        faces = mesh.faces[seen]
+        p, owner = mesh.points[faces], mesh.region[faces[:, 0]]
         # sizes at the vertices, each asked for once, are enough until the triangles are nearly small enough
-        wanted = at_points[faces[seen]].mean(axis=1)
+        wanted = at_points[faces].mean(axis=1)
         centre, radius, shortest = circumcircles(p)
-        if at_centres:
-            doubtful = np.flatnonzero(radius > _DOUBTFUL * _LARGEST_RADIUS * wanted)
-            wanted[doubtful] = size(p[doubtful].mean(axis=1))
+        doubtful = np.flatnonzero(at_centres[owner] & (radius > _DOUBTFUL * _LARGEST_RADIUS * wanted))
+        if len(doubtful):
+            wanted[doubtful] = size(p[doubtful].mean(axis=1), owner[doubtful])
         excess = radius / (_LARGEST_RADIUS * wanted)
         poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * sine))
-        poor = poor[~guard.too_near(centre[poor])]
+        poor = poor[~boundary.too_near(centre[poor], owner[poor])]
         if len(poor):
-            poor = poor[reachable(points, faces, mesh.neighbours, seen[poor], centre[poor])]
-        chosen = _independent(centre[poor], _BATCH_SPACING * radius[poor], excess[poor])
-        new = centre[poor[chosen]][: max(0, max_points - len(points))]
-        if len(new) == 0:
-            if at_centres:
-                break
-            at_centres = True
-            is_open[:] = True
-            continue
-        is_open = np.zeros(len(points) + len(new), dtype=bool)
-        is_open[len(points) :] = True
-        is_open[faces[seen[np.delete(poor, chosen)]]] = True
-        points, at_points = np.append(points, new), np.append(at_points, size(new))
-        mesh.insert(new)
-    return points, mesh.faces[mesh.inside]
+            poor = poor[reachable(mesh.points, mesh.faces, mesh.neighbours, seen[poor], centre[poor])]
+        chosen = poor[_independent(centre[poor], owner[poor], _BATCH_SPACING * radius[poor], excess[poor])]
+        there = np.bincount(mesh.region[mesh.boundary_size :], minlength=boundary.count)
+        new = chosen[_place_in_region(owner[chosen]) < (room - there)[owner[chosen]]]
+        is_fed = np.zeros(boundary.count, dtype=bool)
+        is_fed[owner[new]] = True
+        turned = ~is_fed & ~at_centres
+        if not (is_fed | turned).any():
+            break
+        at_centres |= turned
+        lost = np.setdiff1d(poor, chosen)
+        is_open = turned[mesh.region]
+        is_open[faces[lost[is_fed[owner[lost]]]]] = True
+        is_open = np.append(is_open, np.ones(len(new), dtype=bool))
+        at_points = np.append(at_points, size(centre[new], owner[new]))
+        mesh.insert(centre[new], owner[new])
 
 
 def _independent(
-    z: Complex[np.ndarray, " k"], spacing: Float[np.ndarray, " k"], priority: Float[np.ndarray, " k"]
+    z: Complex[np.ndarray, " k"],
+    region: Int[np.ndarray, " k"],
+    spacing: Float[np.ndarray, " k"],
+    priority: Float[np.ndarray, " k"],
 ) -> Int[np.ndarray, " s"]:
-    """Indices of points no two of which are nearer than the smaller of their spacings, high priority preferred."""
+    """Indices of points no two of which are nearer than the smaller of their spacings, high priority preferred.
+
+    They are ordered by their regions; points of two regions are not near each other.
+    """
     if len(z) < 2:
         return np.arange(len(z))
-    first = _first_in_cell(z, spacing, priority)
-    if len(first) == 1:
-        return first
-    z, spacing, priority = z[first], spacing[first], priority[first]
+    first = _first_in_cell(z, region, spacing, priority)
+    z, region, spacing, priority = z[first], region[first], spacing[first], priority[first]
     rank = np.empty(len(z), dtype=np.int64)
     rank[np.argsort(-priority, kind="stable")] = np.arange(len(z))
-    plane = plane_coordinates(z)
-    nearest = np.arange(2, min(9, len(z)) + 1)
-    distance, index = cKDTree(plane).query(plane, k=nearest, distance_upper_bound=spacing.max())
-    own, place = np.nonzero(distance < spacing[:, None])
-    other = np.asarray(index)[own, place]
-    conflict = np.asarray(distance)[own, place] < spacing[other]
+    distance, index = NearestPoints(z, region).query(z, region, count=9, within=spacing.max())
+    own, place = np.nonzero(distance[:, 1:] < spacing[:, None])
+    other = index[own, place + 1]
+    conflict = distance[own, place + 1] < spacing[other]
     own, other = own[conflict], other[conflict]
     first_wins = rank[own] < rank[other]
     better, worse = np.where(first_wins, own, other), np.where(first_wins, other, own)
@@ -353,32 +427,29 @@ def _independent(
 
 
 def _first_in_cell(
-    z: Complex[np.ndarray, " k"], spacing: Float[np.ndarray, " k"], priority: Float[np.ndarray, " k"]
+    z: Complex[np.ndarray, " k"],
+    region: Int[np.ndarray, " k"],
+    spacing: Float[np.ndarray, " k"],
+    priority: Float[np.ndarray, " k"],
 ) -> Int[np.ndarray, " s"]:
     """Index of the point of highest priority in each occupied square cell, a quarter to half a spacing wide."""
     level = np.floor(np.log2(spacing))
-    x, y = np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]).T
-    order = np.lexsort((-priority, level, y, x))
-    x, y, level = x[order], y[order], level[order]
-    new = np.append(True, (x[1:] != x[:-1]) | (y[1:] != y[:-1]) | (level[1:] != level[:-1]))
-    return np.asarray(order[new])
+    cell = np.column_stack([np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]), level, region])
+    order = np.lexsort((-priority, *cell.T))
+    new = (np.diff(cell[order], axis=0) != 0).any(axis=1)
+    return np.asarray(order[np.append(True, new)])
 
 
 def _long_bridges(
-    points: Complex[np.ndarray, " n"],
-    faces: Int[np.ndarray, "t 3"],
-    after: Int[np.ndarray, " m"],
-    size: SizeFunction,
-    guard: _Guard,
-) -> Complex[np.ndarray, " k"]:
-    """Points that split inner edges between boundary vertices, where the polygon has room for one."""
-    m = len(after)
+    mesh: ConstrainedDelaunay, boundary: _Boundary, size: RegionSizes
+) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Points that split inner edges between boundary vertices, where a region has room for one, and their regions."""
+    m, points, faces, after = mesh.boundary_size, mesh.points, mesh.triangles, boundary.after
     edges = unique_edges(faces[(faces < m).sum(axis=1) > 1], len(points))
     edges = edges[edges[:, 1] < m]
     edges = edges[(after[edges] != edges[:, ::-1]).all(axis=1)]
-    if len(edges) == 0:
-        return points[:0]
     start, end = edges.T
+    owner = mesh.region[start]
     place, length = 0.5 * (points[start] + points[end]), np.abs(points[end] - points[start])
     # a bridge that hides one convex vertex from an inner point goes sooner, and its point lies farther in
     blocked = faces[(faces < m).all(axis=1)]
@@ -387,9 +458,10 @@ def _long_bridges(
     is_next = after[after[start]] == end
     ear = (is_next | (after[after[end]] == start)) & one_sided
     tip = points[after[np.where(is_next, start, end)]]
-    long = length > np.where(ear, _LONGEST_EAR, _LONGEST_BRIDGE) * size(place)
-    place = np.where(ear, tip + 1.1 * (place - tip), place)[long]
-    distance, _ = cKDTree(plane_coordinates(points)).query(plane_coordinates(place))
-    free = (distance > 0.4 * length[long]) & ~guard.too_near(place)
-    place, length = place[free], length[long][free]
-    return np.asarray(place[_independent(place, 0.5 * length, length)])
+    long = length > np.where(ear, _LONGEST_EAR, _LONGEST_BRIDGE) * size(place, owner)
+    place, length, owner = np.where(ear, tip + 1.1 * (place - tip), place)[long], length[long], owner[long]
+    distance, _ = NearestPoints(points, mesh.region).query(place, owner)
+    free = (distance[:, 0] > 0.4 * length) & ~boundary.too_near(place, owner)
+    place, length, owner = place[free], length[free], owner[free]
+    chosen = _independent(place, owner, 0.5 * length, length)
+    return place[chosen], owner[chosen]

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
-from spinor_geom.fill.one_loop import FillOptions, fill_loop, refuse_what_is_no_hole
+from spinor_geom.fill.one_loop import Answer, FillOptions, Found, exact_patches, fill_loop, refuse_what_is_no_hole
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch
 from spinor_geom.fill.surroundings import Surroundings
@@ -19,7 +19,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import winding_numbers
 from spinor_geom.mesh.topology import face_components
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
+from spinor_geom.plateau.solution import NoConnectedSurface
 from spinor_geom.plateau.solve import solve_plateau
 
 # An island lies no farther over or under the plane of its hole than the hole itself, and this share of its width.
@@ -93,21 +93,24 @@ def fill_between(
     """The patch between several of a mesh's loops, with the outcomes of all, or the reason why there is none."""
     first, *others = places
 
-    def answer() -> PlateauSolution | SpinorGeomError:
+    def found() -> Found:
         try:
             for place in places:
                 refuse_what_is_no_hole(loops[place], surroundings.taken)
             rims = [loops[place] for place in places]
             with time_limit(options.time_limit):
-                found = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
+                solution = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
         except SpinorGeomError as error:
             return error
-        if isinstance(found, NoConnectedSurface):
+        if isinstance(solution, NoConnectedSurface):
             one_by_one = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
-            return SurfaceError(f"{found.reason}; {one_by_one}")
+            return SurfaceError(f"{solution.reason}; {one_by_one}")
         # the outside of one rim would be joined to the inside of another
-        is_twisted = found.annulus is not None and found.annulus.reversed
-        return TwistedRimsError(loops=places) if is_twisted else found
+        is_twisted = solution.annulus is not None and solution.annulus.reversed
+        return TwistedRimsError(loops=places) if is_twisted else solution
+
+    def answer() -> Answer:
+        return exact_patches([(loops[first], found())], options)[0]
 
     here, patch = fill_loop(
         surroundings, first, loops[first], answer, options, others={place: loops[place] for place in others}

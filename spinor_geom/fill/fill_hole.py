@@ -14,7 +14,7 @@ from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open, with_corners_of
-from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
+from spinor_geom.fill.many_loops import fill_loops, minimal_patches
 from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole, require_positive, unfilled
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.stitch import joined, stitch
@@ -179,10 +179,8 @@ def fill_hole(
             error = _refusal(loops[place], surroundings, options)
             if error is not None:
                 left_open[place] = unfilled(place, loops[place], error)
-        surfaces = minimal_surfaces([loops[place] for place in alone if place not in left_open], options)
-        outcomes, patches = fill_loops(
-            surroundings, loops, surfaces, options, on_loop, left_open=left_open, joins=joins
-        )
+        answers = minimal_patches([loops[place] for place in alone if place not in left_open], options)
+        outcomes, patches = fill_loops(surroundings, loops, answers, options, on_loop, left_open=left_open, joins=joins)
     clock.lap("fill")
     extension = stitch(triangles, patches)
     filled = extend(source, extension)

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from time import perf_counter
 
-from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.bridge import Joins, fill_between
 from spinor_geom.fill.loops import free_rim
-from spinor_geom.fill.one_loop import FillOptions, fill_loop
+from spinor_geom.fill.one_loop import Answer, FillOptions, Found, exact_patches, fill_loop
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau_batch
+
+# Seconds that a surface may wait for others to be meshed together; their meshes do not depend on it.
+_WAITING = 0.5
 
 
 def fill_loops(
     surroundings: Surroundings,
     loops: Sequence[BoundaryLoop],
-    surfaces: Iterator[PlateauSolution | SpinorGeomError],
+    answers: Iterator[Answer],
     options: FillOptions,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
     *,
@@ -33,7 +35,7 @@ def fill_loops(
     Args:
         surroundings: the mesh; takes the patches.
         loops: all of its loops.
-        surfaces: for each loop that is to be filled by itself, in order, its surface, or why it has none.
+        answers: for each loop that is to be filled by itself, in order, its exact patch, or why it has none.
         options: of the call.
         on_loop: is called after each loop that was asked for, with its outcome and their number.
         left_open: outcomes of the loops that nothing is tried for, by their places.
@@ -53,7 +55,7 @@ def fill_loops(
         elif place in joins.others:
             done, patch = fill_between(surroundings, (place, *joins.others[place]), loops, options)
         else:
-            outcome, patch = fill_loop(surroundings, place, loop, partial(next, surfaces), options)
+            outcome, patch = fill_loop(surroundings, place, loop, partial(next, answers), options)
             done = (outcome,)
         if place in joins.notes and done[0].filled:
             done = (replace(done[0], remarks=(*done[0].remarks, joins.notes[place])), *done[1:])
@@ -70,10 +72,10 @@ def _was_asked(outcome: LoopOutcome) -> bool:
     return outcome.requested or outcome.is_border
 
 
-def minimal_surfaces(
-    loops: Iterable[BoundaryLoop], options: FillOptions, *, is_rim: bool = True, device: str = "cpu"
-) -> Iterator[PlateauSolution | SpinorGeomError]:
-    """For each loop in order its surface, or why it has none; small loops of similar size are solved side by side.
+def minimal_patches(
+    loops: Sequence[BoundaryLoop], options: FillOptions, *, is_rim: bool = True, device: str = "cpu"
+) -> Iterator[Answer]:
+    """For each loop in order its surface and that one's mesh, or why there is none; small ones are made side by side.
 
     Between the points of rough loops Γ is free.
 
@@ -83,7 +85,7 @@ def minimal_surfaces(
         is_rim: whether they are rims of meshes, whose corners are those of triangles.
         device: of the linear algebra.
     """
-    return solve_plateau_batch(
+    found = solve_plateau_batch(
         (free_rim(loop, tolerance=options.tolerance) for loop in loops) if is_rim else loops,
         model=options.model,
         tolerance=options.tolerance,
@@ -91,3 +93,12 @@ def minimal_surfaces(
         time_limit=options.time_limit,
         device=device,
     )
+    waiting: list[tuple[BoundaryLoop, Found]] = []
+    start = perf_counter()
+    for loop, one in zip(loops, found, strict=True):
+        waiting.append((loop, one))
+        if perf_counter() - start > _WAITING:
+            yield from exact_patches(waiting, options)
+            waiting.clear()
+            start = perf_counter()
+    yield from exact_patches(waiting, options)

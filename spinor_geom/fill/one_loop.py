@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from spinor_geom.fill.stitch import LoopPatch, RimEdges
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
-from spinor_geom.meshing.embed import Patch, mesh_patch
+from spinor_geom.meshing.embed import Patch, mesh_patches
 from spinor_geom.plateau.options import Model, require_model
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -44,6 +44,10 @@ from spinor_geom.plateau.solution import PlateauSolution
 MAX_RESIDUAL_PER_EDGE = 0.1
 MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
 _WHOLE_SLIT = 1 - 1e-9
+
+Found: TypeAlias = PlateauSolution | SpinorGeomError
+Answer: TypeAlias = tuple[Found, MadePatch | SpinorGeomError]
+"""The surface of a loop, or why it has none; and its mesh, or why that has none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +100,7 @@ def fill_loop(
     surroundings: Surroundings,
     place: int,
     loop: BoundaryLoop,
-    answer: Callable[[], PlateauSolution | SpinorGeomError],
+    answer: Callable[[], Answer],
     options: FillOptions,
     *,
     others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
@@ -109,7 +113,7 @@ def fill_loop(
         surroundings: the mesh.
         place: of the loop.
         loop: at that place.
-        answer: gives the loop's minimal surface, or the reason why it has none.
+        answer: gives the loop's minimal surface and its mesh, or the reasons why there is none.
         options: of the call.
         others: the other loops of a bridge, by their places.
 
@@ -118,11 +122,11 @@ def fill_loop(
     """
     clock, joined_to = Clock(), next(iter(others), None)
     options.on_stage(place, "exact surface")
-    found = answer()
+    found, exact = answer()
     clock.lap("solve")
     try:
         options.on_stage(place, "mesh")
-        made = _patch_over(place, loop, found, options, tuple(others.values())).joinable(surroundings)
+        made = _patch_over(place, loop, exact, options, tuple(others.values())).joinable(surroundings)
         clock.lap("mesh")
         options.on_stage(place, "crossings")
         made = replace(made, crossings=surroundings.crossings(made.patch))
@@ -208,15 +212,15 @@ def unfilled(
 def _patch_over(
     place: int,
     loop: BoundaryLoop,
-    found: PlateauSolution | SpinorGeomError,
+    exact: MadePatch | SpinorGeomError,
     options: FillOptions,
     others: tuple[BoundaryLoop, ...],
 ) -> MadePatch:
     """The mesh of an exact surface; without one a discrete patch, or between two loops a strip to be continued."""
     try:
-        if isinstance(found, SpinorGeomError):
-            raise found
-        return _exact_patch(loop, found, options)
+        if isinstance(exact, SpinorGeomError):
+            raise exact
+        return exact
     except (NoAreaError, TooManyPointsError):
         raise
     except SpinorGeomError as error:
@@ -237,13 +241,34 @@ def _patch_over(
     return MadePatch(patch=patch, rims=rims, solution=None, reason=reason)
 
 
-def _exact_patch(loop: BoundaryLoop, solution: PlateauSolution, options: FillOptions) -> MadePatch:
-    if not solution.boundary_residual.rms_per_edge <= MAX_RESIDUAL_PER_EDGE:
-        raise SurfaceError(f"no surface was found that follows the loop; the best: {solution.reason}")
-    refuse_empty(loop, 2 * solution.area / loop.perimeter)
-    patch = mesh_patch(solution, options.target_edge_length)
+def exact_patches(found: Sequence[tuple[BoundaryLoop, Found]], options: FillOptions) -> list[Answer]:
+    """What `fill_loop` takes, for loops and their surfaces or the reasons why they have none: all meshed together."""
+    answers = [(one, _usable(loop, one)) for loop, one in found]
+    solutions = [usable for _, usable in answers if isinstance(usable, PlateauSolution)]
+    meshed = iter(mesh_patches(solutions, options.target_edge_length))
+    return [
+        (one, _made(usable, next(meshed)) if isinstance(usable, PlateauSolution) else usable) for one, usable in answers
+    ]
+
+
+def _usable(loop: BoundaryLoop, found: Found) -> Found:
+    """A surface that can be meshed, or why it is not."""
+    if isinstance(found, SpinorGeomError):
+        return found
+    if not found.boundary_residual.rms_per_edge <= MAX_RESIDUAL_PER_EDGE:
+        return SurfaceError(f"no surface was found that follows the loop; the best: {found.reason}")
+    try:
+        refuse_empty(loop, 2 * found.area / loop.perimeter)
+    except NoAreaError as error:
+        return error
+    return found
+
+
+def _made(solution: PlateauSolution, patch: Patch | SpinorGeomError) -> MadePatch | SpinorGeomError:
+    if isinstance(patch, SpinorGeomError):
+        return patch
     if not np.isfinite(patch.vertices).all():
-        raise SurfaceError("the surface that was found is not finite everywhere")
+        return SurfaceError("the surface that was found is not finite everywhere")
     rims = [match.loop for match in solution.rims]
     return MadePatch(patch=patch, rims=rims, solution=solution, reason="" if solution.converged else solution.reason)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -11,8 +12,10 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed_surface
 from spinor_geom.domain.delaunay import Rims
-from spinor_geom.errors import DomainError, OptionError
-from spinor_geom.meshing.triangulate import triangulate_patch
+from spinor_geom.domain.triangulation import PlaneTriangulation
+from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
+from spinor_geom.meshing.size_field import Piece
+from spinor_geom.meshing.triangulate import piece_of, triangulate_pieces
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.shown import Shown
 
@@ -73,19 +76,48 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
 
     Raises:
         OptionError: The edge length is neither "auto" nor positive and finite.
+        TooManyPointsError: The edge length asks for more vertices than anyone can use.
         DomainError: The loop's points in Ω do not form a simple polygon, or the surface is not finite inside it.
     """
-    surface, loops = solution.surface, [rim.loop for rim in solution.rims]
+    (patch,) = mesh_patches([solution], target_edge_length)
+    if isinstance(patch, SpinorGeomError):
+        raise patch
+    return patch
+
+
+def mesh_patches(
+    solutions: Sequence[PlateauSolution], target_edge_length: float | Literal["auto"] = "auto"
+) -> list[Patch | SpinorGeomError]:
+    """`mesh_patch` for many surfaces at once, which for small ones is faster; each mesh is the same, to the last bit.
+
+    Returns:
+        For each its mesh, or the error that `mesh_patch` raises for it.
+    """
+    try:
+        pieces = [_piece(solution, target_edge_length) for solution in solutions]
+        return [_patch(solution, plane) for solution, plane in zip(solutions, triangulate_pieces(pieces), strict=True)]
+    except SpinorGeomError as error:
+        if len(solutions) == 1:
+            return [error]
+    half = len(solutions) // 2
+    return [patch for some in (solutions[:half], solutions[half:]) for patch in mesh_patches(some, target_edge_length)]
+
+
+def _piece(solution: PlateauSolution, target_edge_length: float | Literal["auto"]) -> Piece:
+    loops = [rim.loop for rim in solution.rims]
     mean_edge = sum(loop.perimeter for loop in loops) / sum(map(len, loops))
     target = mean_edge if target_edge_length == "auto" else target_edge_length
     if isinstance(target, str) or not 0 < target < np.inf:
         raise OptionError(f"target_edge_length must be 'auto' or a positive number, not {target_edge_length!r}")
-    plane = triangulate_patch(surface, [rim.points_in_domain() for rim in solution.rims], target, solution.area)
-    inner = surface.positions_inside(plane.points[plane.boundary_size :])
+    return piece_of(solution.surface, [rim.points_in_domain() for rim in solution.rims], target, solution.area)
+
+
+def _patch(solution: PlateauSolution, plane: PlaneTriangulation) -> Patch:
+    inner = solution.surface.positions_inside(plane.points[plane.boundary_size :])
     if not np.isfinite(inner).all():
         raise DomainError("the surface is not finite inside its domain: p or q has a pole there")
     return Patch(
-        vertices=np.concatenate([*(loop.points for loop in loops), inner]),
+        vertices=np.concatenate([*(rim.loop.points for rim in solution.rims), inner]),
         faces=plane.faces,
         boundary_size=plane.boundary_size,
         points=plane.points,

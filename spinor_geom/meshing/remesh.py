@@ -10,7 +10,8 @@ from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.meshing.triangulate import triangulate_domain
+from spinor_geom.meshing.size_field import Piece
+from spinor_geom.meshing.triangulate import triangulate_pieces
 
 # Between far parts of a domain's boundary, in edges.
 _CLEARANCE = 1.5
@@ -37,7 +38,8 @@ def remesh(patch: Patch, target: float) -> Patch:
     tiny = np.finfo(np.float64).tiny
     stretch = np.sqrt(np.maximum(space, tiny) / np.maximum(plane, tiny))
     rims = np.split(patch.points[:m], np.cumsum(patch.rims)[:-1])
-    plan = triangulate_domain(rims, patch.points, stretch, target, patch.area)
+    piece = Piece(rims=rims, samples=patch.points, factor=stretch, target=target, area=patch.area)
+    (plan,) = triangulate_pieces([piece])
     inner = _positions(patch, flat, plan.points[m:])
     return Patch(
         vertices=np.concatenate([patch.vertices[:m], inner]),
@@ -73,7 +75,8 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     turning += (2 * np.pi - turning.sum()) * share
     neumann, _ = dirichlet_to_neumann(patch.vertices, np.asarray(patch.faces), m)
     boundary = flatten_boundary(edge, turning, neumann, clearance=_CLEARANCE).boundary
-    plan = triangulate_domain([boundary], boundary, np.ones(m), target, patch.area)
+    piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
+    (plan,) = triangulate_pieces([piece])
     vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
     return Patch(vertices=vertices, faces=plan.faces, boundary_size=m, points=plan.points)
 

@@ -8,7 +8,7 @@ from jaxtyping import Complex
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.errors import OptionError, SurfaceError
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.meshing.triangulate import triangulate_patch
+from spinor_geom.meshing.triangulate import piece_of, triangulate_pieces
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # points at which the length of each piece of the boundary is measured, and the fewest edges of a side between corners
@@ -37,7 +37,7 @@ def mesh_surface(surface: SpinorSurface, *, vertices: int = 4000) -> Patch:
     # of equilateral triangles, two for each vertex
     target = float(np.sqrt(2 * area / (3**0.5 * vertices)))
     rims = [_rim(surface, boundary, target) for boundary in (surface.domain.boundary, *surface.domain.holes)]
-    plane = triangulate_patch(surface, rims, target, area)
+    (plane,) = triangulate_pieces([piece_of(surface, rims, target, area)])
     positions = np.asarray(surface.position(plane.points))
     if not np.isfinite(positions).all():
         raise SurfaceError("the surface is not finite inside its domain: p or q has a pole there")

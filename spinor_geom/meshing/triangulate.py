@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex
 
-from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
+from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_regions
 from spinor_geom.errors import TooManyPointsError
 from spinor_geom.meshing.seeds import even_seeds, is_unit_disk
-from spinor_geom.meshing.size_field import size_field
+from spinor_geom.meshing.size_field import Piece, size_field
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # points allowed per boundary vertex, and per equilateral triangle of the target size that fits on the patch's area:
@@ -32,21 +32,17 @@ def require_few_points(area: float, target: float) -> None:
         raise TooManyPointsError(target=target, area=area, points=points, most=MOST_POINTS)
 
 
-def triangulate_patch(
-    surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float
-) -> PlaneTriangulation:
-    """Triangulates the part of Ω inside a patch's boundaries; angles in space are those in Ω, the surface is conformal.
+def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
+    """The part of Ω inside a patch's boundaries; angles in space are those in Ω, the surface is conformal.
 
     Args:
         surface: Gives λ.
-        rims: The patch's boundary vertices in Ω, counter-clockwise, then those of holes, clockwise; they are the
-            triangulation's boundary.
+        rims: The patch's boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
         target: Edge length in space.
         area: The patch's area in space.
 
     Raises:
         TooManyPointsError: The edge length asks for more vertices than anyone can use.
-        DomainError: The boundary is not a simple polygon, with holes inside.
     """
     require_few_points(area, target)
     mesh = surface.domain.triangulation
@@ -54,26 +50,35 @@ def triangulate_patch(
     on_boundary, seeds = factor[: mesh.boundary_size], None
     if is_unit_disk(surface.domain) and (np.isfinite(on_boundary) & (on_boundary > 0)).all():
         seeds = even_seeds(on_boundary, target, area)
-    return triangulate_domain(rims, mesh.points, factor, target, area, seeds=seeds)
+    return Piece(rims=rims, samples=mesh.points, factor=factor, target=target, area=area, seeds=seeds)
 
 
-def triangulate_domain(
-    rims: Sequence[Complex[np.ndarray, " _"]],
-    samples: Complex[np.ndarray, " n"],
-    factor: Float[np.ndarray, " n"],
-    target: float,
-    area: float,
-    *,
-    seeds: Complex[np.ndarray, " k"] | None = None,
-) -> PlaneTriangulation:
-    """As `triangulate_patch`, from the factor λ at some points of Ω, and from points to start from, if there are."""
-    require_few_points(area, target)
-    boundary = np.concatenate(rims)
-    triangles = 4 * area / (np.sqrt(3) * target**2)
-    return triangulate_polygon(
-        rims[0],
-        size_field(samples, factor, boundary, target, rims=tuple(map(len, rims))),
-        holes=rims[1:],
-        seeds=seeds,
-        max_points=int(POINTS_PER_VERTEX * len(boundary) + POINTS_PER_TRIANGLE * triangles),
+def triangulate_pieces(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
+    """Triangulates parts of Ω, together; each is the same as by itself, to the last bit.
+
+    Raises:
+        TooManyPointsError: An edge length asks for more vertices than anyone can use.
+        DomainError: A boundary is not a simple polygon, with holes inside.
+    """
+    found: dict[int, PlaneTriangulation] = {}
+    for is_seeded in (True, False):
+        some = {place: piece for place, piece in enumerate(pieces) if (piece.seeds is not None) == is_seeded}
+        if some:
+            found |= zip(some, _triangulated(list(some.values())), strict=True)
+    return [found[place] for place in range(len(pieces))]
+
+
+def _triangulated(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
+    """All of them from seeds, or none."""
+    most = []
+    for piece in pieces:
+        require_few_points(piece.area, piece.target)
+        triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
+        most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
+    seeds = [piece.seeds for piece in pieces if piece.seeds is not None]
+    return triangulate_regions(
+        [piece.rims for piece in pieces],
+        size_field(pieces),
+        seeds=(np.concatenate(seeds), np.repeat(np.arange(len(seeds)), list(map(len, seeds)))) if seeds else None,
+        max_points=most,
     )

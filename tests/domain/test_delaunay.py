@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.domain.delaunay import ConstrainedDelaunay, constrained_delaunay, reachable
+from spinor_geom.domain.delaunay import ConstrainedDelaunay, reachable
 from spinor_geom.errors import DomainError
 from tests.strategies import SEEDS
 
@@ -30,11 +30,11 @@ def as_set(faces):
 def test_points_added_later_give_the_same_triangles(n, first, later, seed):
     rng = np.random.default_rng(seed)
     polygon, early, late = star(n, rng), inner_points(first, rng), inner_points(later, rng)
-    mesh = ConstrainedDelaunay(np.append(polygon, early), (n,))
+    mesh = ConstrainedDelaunay(np.append(polygon, early), [(n,)])
     for some in np.array_split(late, 3):
         mesh.insert(some)
-    expected = constrained_delaunay(np.concatenate([polygon, early, late]), (n,))
-    assert as_set(mesh.faces[mesh.inside]) == as_set(expected)
+    expected = ConstrainedDelaunay(np.concatenate([polygon, early, late]), [(n,)]).triangles
+    assert as_set(mesh.triangles) == as_set(expected)
     assert len(expected) == 2 * (n + first + later) - 2 - n
 
 
@@ -42,7 +42,7 @@ def test_points_added_later_give_the_same_triangles(n, first, later, seed):
 @given(st.integers(6, 40), st.integers(1, 60), SEEDS)
 def test_neighbours_share_the_edge_and_are_each_other_s(n, count, seed):
     rng = np.random.default_rng(seed)
-    mesh = ConstrainedDelaunay(star(n, rng), (n,))
+    mesh = ConstrainedDelaunay(star(n, rng), [(n,)])
     mesh.insert(inner_points(count, rng))
     faces, neighbours = mesh.faces, mesh.neighbours
     on_polygon = 0
@@ -61,8 +61,8 @@ def test_neighbours_share_the_edge_and_are_each_other_s(n, count, seed):
 def test_walk_stays_inside_the_polygon():
     rng = np.random.default_rng(0)
     rim = np.concatenate([a + (b - a) * np.arange(10) / 10 for a, b in zip(U, np.roll(U, -1), strict=True)])
-    mesh = ConstrainedDelaunay(rim, (len(rim),))
-    left = np.flatnonzero((rim[mesh.faces[mesh.inside]].real < 2).all(axis=1))
+    mesh = ConstrainedDelaunay(rim, [(len(rim),)])
+    left = np.flatnonzero((rim[mesh.triangles].real < 2).all(axis=1))
     start = mesh.inside[left[:1]]
     targets = np.array([1 + 0.5j, 4 + 3j, 2.5 + 3j])
     seen = [
@@ -77,10 +77,10 @@ def test_walk_stays_inside_the_polygon():
 )
 def test_what_is_no_simple_polygon_is_refused(points):
     with pytest.raises(DomainError, match="not simple"):
-        constrained_delaunay(np.array(points, dtype=complex), (4,))
+        ConstrainedDelaunay(np.array(points, dtype=complex), [(4,)])
 
 
 def test_point_that_is_there_already_is_refused():
-    mesh = ConstrainedDelaunay(np.array([0, 1, 1 + 1j, 1j, 0.5 + 0.5j]), (4,))
+    mesh = ConstrainedDelaunay(np.array([0, 1, 1 + 1j, 1j, 0.5 + 0.5j]), [(4,)])
     with pytest.raises(DomainError):
         mesh.insert(np.array([0.5 + 0.5j]))

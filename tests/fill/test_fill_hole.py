@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -198,21 +199,21 @@ def test_an_error_that_is_not_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch
     def broken(*_: object) -> object:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(one_loop, "mesh_patch", broken)
+    monkeypatch.setattr(one_loop, "mesh_patches", broken)
     with pytest.raises(ZeroDivisionError):
         fill_hole(tube())
 
 
 def test_a_surface_that_is_not_finite_gives_way_to_a_discrete_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = one_loop.mesh_patch
+    real = one_loop.mesh_patches
 
-    def with_a_hole(solution: object, length: object) -> object:
-        patch = real(solution, length)  # type: ignore[arg-type]
-        vertices = patch.vertices.copy()
-        vertices[-1] = np.nan
-        return type(patch)(vertices=vertices, faces=patch.faces, boundary_size=patch.boundary_size, points=patch.points)
+    def with_a_hole(*arguments: Any) -> list[Any]:
+        patches = real(*arguments)
+        for patch in patches:
+            patch.vertices[-1] = np.nan
+        return patches
 
-    monkeypatch.setattr(one_loop, "mesh_patch", with_a_hole)
+    monkeypatch.setattr(one_loop, "mesh_patches", with_a_hole)
     _, report = fill_hole(tube(), return_report=True)
     assert {outcome.kind for outcome in report.loops} == {"discrete"}
     assert "not finite" in report.loops[0].reason

@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from spinor_geom.meshing.size_field import size_field
+from spinor_geom.meshing.size_field import Piece, size_field
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
 
@@ -11,7 +13,13 @@ def circle(n):
 
 def patch_size_field(surface, boundary, target):
     samples = surface.domain.triangulation.points
-    return size_field(samples, surface.conformal_factor(samples), boundary, target)
+    piece = Piece(
+        rims=[boundary], samples=samples, factor=surface.conformal_factor(samples), target=target, area=surface.area()
+    )
+    # among others, whose lengths it does not take
+    other = replace(piece, rims=[0.5 * boundary], target=7 * target)
+    size = size_field([other, piece, other])
+    return lambda z: size(z, np.ones(len(z), dtype=int))
 
 
 def test_size_is_target_over_stretch_inside():
