@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
@@ -87,12 +88,25 @@ class PlaneTriangulation:
         return unique_edges(self.faces, len(self.points))
 
 
+class Seeds(NamedTuple):
+    """Points inside regions to start from; those that are too near to the boundary are not taken.
+
+    Attributes:
+        points: About as far from each other as is wanted.
+        spacing: Distance of each from its neighbours.
+        region: Of each, ascending.
+    """
+
+    points: Complex[np.ndarray, " k"]
+    spacing: Float[np.ndarray, " k"]
+    region: Int[np.ndarray, " k"]
+
+
 def triangulate_polygon(
     boundary: Complex[np.ndarray, " m"],
     size: SizeFunction,
     *,
     holes: Sequence[Complex[np.ndarray, " _"]] = (),
-    seeds: Complex[np.ndarray, " k"] | None = None,
     max_points: int = MOST_POINTS,
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
@@ -107,8 +121,6 @@ def triangulate_polygon(
         boundary: Vertices of the polygon, counter-clockwise, without repetition of the first.
         size: Wanted edge length at points (k,), in units of the polygon.
         holes: Polygons inside it, clockwise, that are left out.
-        seeds: Points inside, about as far from each other as is wanted, to start from; those that are too near to the
-            boundary are not taken. By default those of a lattice as wide as the largest of the sizes wanted.
         max_points: No further points are inserted when there are so many in all.
 
     Raises:
@@ -118,15 +130,14 @@ def triangulate_polygon(
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
-    given = None if seeds is None else (seeds, np.zeros(len(seeds), dtype=np.int64))
-    return triangulate_regions([(boundary, *holes)], lambda z, _: size(z), seeds=given, max_points=[max_points])[0]
+    return triangulate_regions([(boundary, *holes)], lambda z, _: size(z), max_points=[max_points])[0]
 
 
 def triangulate_regions(
     regions: Sequence[Sequence[Complex[np.ndarray, " _"]]],
     size: RegionSizes,
     *,
-    seeds: tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]] | None = None,
+    seeds: Seeds | None = None,
     max_points: Sequence[int],
 ) -> list[PlaneTriangulation]:
     """As `triangulate_polygon` for many regions at once: the triangulation of each is the same, to the last bit.
@@ -134,7 +145,7 @@ def triangulate_regions(
     Args:
         regions: For each its polygon and its holes.
         size: Wanted edge length at points (k,) and the numbers (k,) of their regions.
-        seeds: Points inside regions, and the numbers of these, ascending.
+        seeds: By default the points of lattices as wide as the largest of the sizes wanted.
         max_points: Of each region.
 
     Raises:
@@ -163,8 +174,9 @@ def triangulate_regions(
         inner, of = _seeds(edges, wanted, room)
         lengths = wanted(inner, of)
     else:
-        z, of = seeds
-        inner, of, lengths = _behind_a_row(edges, wanted, (z - centre[of]) / scale[of], of)
+        of = seeds.region
+        scaled = Seeds((seeds.points - centre[of]) / scale[of], seeds.spacing / scale[of], of)
+        inner, of, lengths = _behind_a_row(edges, wanted, scaled)
     some = _place_in_region(of) < room[of]
     inner, of, lengths = inner[some], of[some], lengths[some]
     mesh = ConstrainedDelaunay(np.append(edges.points, inner), rims, np.append(owner, of))
@@ -316,7 +328,7 @@ def _seeds(
 
 
 def _behind_a_row(
-    boundary: _Boundary, size: RegionSizes, seeds: Complex[np.ndarray, " k"], of: Int[np.ndarray, " k"]
+    boundary: _Boundary, size: RegionSizes, seeds: Seeds
 ) -> tuple[Complex[np.ndarray, " j"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
     """The tips of equilateral triangles on the edges of polygons, and behind them the seeds that stand wide enough.
 
@@ -329,15 +341,14 @@ def _behind_a_row(
     free = (kept == np.bincount(owner))[owner] & ~boundary.too_near(tips, owner)
     row = np.concatenate([tips[free], polygon])
     away = np.concatenate([_FROM_TIPS * length[free], _FROM_VERTICES * length])
-    beside = NearestPoints(row, np.concatenate([owner[free], owner]))
-    wanted = size(seeds, of)
-    spacing, _ = NearestPoints(seeds, of).query(seeds, of, count=2)
-    wide = (spacing[:, 1:] > _LEAST_SPACING * wanted[:, None]).all(axis=1)
-    distance, nearest = beside.query(seeds, of)
-    clear = wide & (distance[:, 0] > away[nearest[:, 0]])
-    inner = np.concatenate([tips[free], seeds[clear]])
-    region = np.concatenate([owner[free], of[clear]])
-    lengths = np.concatenate([size(tips[free], owner[free]), wanted[clear]])
+    z, spacing, of = seeds
+    distance, nearest = NearestPoints(row, np.concatenate([owner[free], owner])).query(z, of)
+    clear = distance[:, 0] > away[nearest[:, 0]]
+    z, spacing, of = z[clear], spacing[clear], of[clear]
+    wanted = size(z, of)
+    wide = spacing > _LEAST_SPACING * wanted
+    inner, region = np.concatenate([tips[free], z[wide]]), np.concatenate([owner[free], of[wide]])
+    lengths = np.concatenate([size(tips[free], owner[free]), wanted[wide]])
     order = np.argsort(region, kind="stable")
     return inner[order], region[order], lengths[order]
 

@@ -17,7 +17,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.solve import solve_plateau_batch
 
 # Seconds that a surface may wait for others to be meshed together; their meshes do not depend on it.
-_WAITING = 0.5
+_WAITING = 1.0
 
 
 def fill_loops(

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.spatial import cKDTree
 
-from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.lattice import lattice_inside
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 
-# A point that the boundary of the flattening goes around once; the sum tells the number of turns.
-_ONCE = 0.1
+# A point that the boundary of the flattening goes around once: the sum that tells the number of turns is so near to it,
+# unless the point is nearer to the boundary than its nodes are to each other and sums over them mean nothing.
+_ONCE = 1e-3
 # A flattening so many times as large as the surface tells nothing of distances inside.
 _MOST_STRETCHED = 1.2
 # Points that are taken back to the disk at once: their sums stay in the cache.
@@ -28,7 +27,9 @@ def is_unit_disk(domain: PlaneDomain) -> bool:
     )
 
 
-def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> Complex[np.ndarray, " k"] | None:
+def even_seeds(
+    stretch: Float[np.ndarray, " n"], target: float, area: float
+) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None:
     """Points of the unit disk whose images on a flattening of the surface form a triangular lattice.
 
     The flattening G is conformal and keeps the lengths of the boundary: log |G′| is the harmonic function with the
@@ -41,7 +42,8 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
         area: of the surface.
 
     Returns:
-        The points; none where the surface is curved so much that its flattening is far larger.
+        The points, and how far each is from its neighbours; none where the surface is curved so much that its
+        flattening is far larger.
     """
     n = len(stretch)
     # twice as many nodes as samples hold the exponential
@@ -54,14 +56,14 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
     covered = 0.5 * float((np.conj(rim) * np.roll(rim, -1)).imag.sum())
     if not covered < _MOST_STRETCHED * area:
         return None
-    lattice = lattice_inside(rim, target * np.sqrt(covered / area))
-    distance, _ = cKDTree(plane_coordinates(rim)).query(plane_coordinates(lattice))
-    # as near to the boundary as its nodes are to each other sums over them mean nothing
-    lattice = lattice[np.asarray(distance) > np.abs(np.diff(rim)).max()]
+    spacing = target * np.sqrt(covered / area)
+    lattice = lattice_inside(rim, spacing)
+    # Cauchy's formula for the inverse of G and its derivative, over that for 1
+    strengths = np.stack([slope * circle, slope * circle**2, circle], axis=1)
     found = []
     for some in np.split(lattice, np.arange(_AT_ONCE, len(lattice), _AT_ONCE)):
-        # Cauchy's formula for the inverse of G, over that for 1
-        turns, sums = (1 / (rim - some[:, None]) @ np.stack([slope * circle, slope * circle**2], axis=1)).T
+        turns, inverse, widening = (1 / (rim - some[:, None]) @ strengths).T
         once = np.abs(turns / (2 * n) - 1) < _ONCE
-        found.append(sums[once] / turns[once])
-    return np.concatenate(found)
+        found.append(np.stack([inverse[once] / turns[once], spacing * np.abs(widening[once] / turns[once])]))
+    points, distance = np.concatenate(found, axis=1)
+    return points, distance.real

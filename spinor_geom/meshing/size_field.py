@@ -30,7 +30,7 @@ class Piece:
         factor: λ there, lengths in space per length in Ω.
         target: Edge length in space.
         area: Of the surface over it.
-        seeds: Points to start from, if there are.
+        seeds: Points to start from, and how far each is from its neighbours; if there are any.
     """
 
     rims: Sequence[Complex[np.ndarray, " _"]]
@@ -38,7 +38,7 @@ class Piece:
     factor: Float[np.ndarray, " n"]
     target: float
     area: float
-    seeds: Complex[np.ndarray, " k"] | None = None
+    seeds: tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None = None
 
 
 def size_field(pieces: Sequence[Piece]) -> RegionSizes:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Complex
 
-from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_regions
+from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_regions
 from spinor_geom.errors import TooManyPointsError
 from spinor_geom.meshing.seeds import even_seeds, is_unit_disk
 from spinor_geom.meshing.size_field import Piece, size_field
@@ -75,10 +75,12 @@ def _triangulated(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
         require_few_points(piece.area, piece.target)
         triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
         most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
-    seeds = [piece.seeds for piece in pieces if piece.seeds is not None]
-    return triangulate_regions(
-        [piece.rims for piece in pieces],
-        size_field(pieces),
-        seeds=(np.concatenate(seeds), np.repeat(np.arange(len(seeds)), list(map(len, seeds)))) if seeds else None,
-        max_points=most,
-    )
+    given = [piece.seeds for piece in pieces if piece.seeds is not None]
+    seeds = None
+    if given:
+        seeds = Seeds(
+            points=np.concatenate([points for points, _ in given]),
+            spacing=np.concatenate([spacing for _, spacing in given]),
+            region=np.repeat(np.arange(len(given)), [len(points) for points, _ in given]),
+        )
+    return triangulate_regions([piece.rims for piece in pieces], size_field(pieces), seeds=seeds, max_points=most)

@@ -18,8 +18,9 @@ def test_images_in_the_plane_form_a_triangular_lattice(strength):
     """p = 1 + a z, q = 0: λ = |p|² and G = ∫ p² dz is the surface itself."""
     z = np.exp(2j * np.pi * np.arange(64) / 64)
     area = np.pi * (1 + 2 * strength**2 + strength**4 / 3)
-    seeds = even_seeds(np.abs(1 + strength * z) ** 2, 0.1, area)
+    seeds, spacing = even_seeds(np.abs(1 + strength * z) ** 2, 0.1, area)
     assert (np.abs(seeds) < 1).all()
+    assert spacing * np.abs(1 + strength * seeds) ** 2 == pytest.approx(np.full(len(seeds), 0.1), rel=1e-2)
     image = seeds + strength * seeds**2 + strength**2 * seeds**3 / 3
     distance = neighbours(image)
     assert distance[:, 0] == pytest.approx(np.full(len(seeds), 0.1), rel=1e-2)
@@ -31,8 +32,7 @@ def test_images_in_the_plane_form_a_triangular_lattice(strength):
 def test_a_flattening_that_overlaps_itself_gives_points_of_the_disk_only():
     z = np.exp(2j * np.pi * np.arange(256) / 256)
     # G = exp(4z)/4 turns by more than a whole turn
-    seeds = even_seeds(np.abs(np.exp(4 * z)), 0.5, 1e4)
-    assert seeds is not None
+    seeds, _ = even_seeds(np.abs(np.exp(4 * z)), 0.5, 1e4)
     assert len(seeds)
     assert (np.abs(seeds) < 1).all()
 
