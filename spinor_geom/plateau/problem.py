@@ -100,11 +100,11 @@ class CurveTensors:
         return self.breaks[..., :-1].flatten()
 
     @cached_property
-    def _pieces(self) -> Float[Tensor, "k d1 3"]:
+    def _pieces(self) -> Float[Tensor, "d3 k"]:
         return _by_piece(self.coefficients)
 
     @cached_property
-    def _slope_pieces(self) -> Float[Tensor, "k d1 3"] | None:
+    def _slope_pieces(self) -> Float[Tensor, "d3 k"] | None:
         return None if self.slopes is None else _by_piece(self.slopes)
 
     def point_and_derivatives(
@@ -154,18 +154,17 @@ def _side_by_side(parts: Sequence[Float[Tensor, "_ _ 3"]]) -> Float[Tensor, "d1 
     return torch.stack(filled, dim=1)
 
 
-def _by_piece(coefficients: Float[Tensor, "d1 *batch m 3"]) -> Float[Tensor, "k d1 3"]:
-    """Coefficients of all pieces of all curves, piece after piece."""
-    return coefficients.flatten(1, -2).transpose(0, 1).contiguous()
+def _by_piece(coefficients: Float[Tensor, "d1 *batch m 3"]) -> Float[Tensor, "d3 k"]:
+    """Coefficients of all pieces of all curves, those of one power and coordinate side by side."""
+    return coefficients.flatten(1, -2).transpose(1, 2).flatten(0, 1)
 
 
 def _horner(
-    pieces: Float[Tensor, "k d1 3"], piece: Int[Tensor, "*pts"], h: Float[Tensor, "*pts"]
+    pieces: Float[Tensor, "d3 k"], piece: Int[Tensor, "*pts"], h: Float[Tensor, "*pts"]
 ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
     """Value, first and second derivative of polynomials at h."""
-    # rows are gathered whole, and coordinates kept apart then: with three numbers in a row everything is far slower
-    local = pieces.flatten(1).index_select(0, piece.flatten()).T.contiguous()
-    local = local.reshape(pieces.shape[1], 3, *piece.shape)
+    # coordinates stay apart: with three numbers in a row everything is far slower
+    local = pieces.gather(1, piece.flatten().expand(len(pieces), -1)).reshape(-1, 3, *piece.shape)
     value = local[0].clone()
     first, second = torch.zeros_like(value), torch.zeros_like(value)
     for coefficient in local[1:]:
