@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -14,11 +14,14 @@ SizeFunction = Callable[[Complex[np.ndarray, " k"]], Float[np.ndarray, " k"]]
 RegionSizes = Callable[[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]], Float[np.ndarray, " k"]]
 SizeBounds = Callable[[Complex[np.ndarray, " k"], Regions], tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]
 
+# Change of the edge length per unit of distance from the boundary, upwards.
+GROWTH = 0.35
+
 
 def graded_size(
     boundary: Complex[np.ndarray, " m"],
     *,
-    growth: float = 0.35,
+    growth: float = GROWTH,
     rims: Rims | None = None,
 ) -> SizeFunction:
     """Edge length that is the local one at the boundary and grows with the distance from it.
@@ -36,6 +39,14 @@ def graded_size(
     """
     bounds = size_bounds(boundary, growth=growth, decay=0.0, rims=rims)
     return lambda z: bounds(z, 0)[1]
+
+
+def graded_sizes(polygons: Sequence[Complex[np.ndarray, " _"]]) -> RegionSizes:
+    """`graded_size` inside each of several polygons, by their numbers."""
+    rims = tuple(map(len, polygons))
+    owner = np.repeat(np.arange(len(rims)), rims)
+    bounds = size_bounds(np.concatenate(polygons), growth=GROWTH, decay=0.0, rims=rims, region=owner)
+    return lambda z, region: bounds(z, region)[1]
 
 
 def size_bounds(

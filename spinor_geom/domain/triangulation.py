@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
@@ -24,7 +24,7 @@ from spinor_geom.domain.lattice import lattices_inside
 from spinor_geom.domain.nearest import NearestPoints
 from spinor_geom.domain.sizes import RegionSizes, SizeFunction
 from spinor_geom.domain.smoothing import polish, smooth
-from spinor_geom.errors import DomainError, OptionError
+from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
 
 # of a triangulation, if nothing else is said
 MOST_POINTS = 200_000
@@ -51,6 +51,9 @@ _WIDEST_VIEW = np.cos(np.radians(180 - 110))
 # an inner edge between two boundary vertices is split from this many wanted edge lengths on, sooner at a corner
 _LONGEST_BRIDGE = 1.45
 _LONGEST_EAR = 1.05
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,6 +89,17 @@ class PlaneTriangulation:
     def edges(self) -> Int[np.ndarray, "e 2"]:
         """Every edge once, smaller index first, sorted."""
         return unique_edges(self.faces, len(self.points))
+
+
+def one_by_one_on_error(make: Callable[[Sequence[T]], list[R]], items: Sequence[T]) -> list[R | SpinorGeomError]:
+    """What is made of many things together, where each comes out as it does by itself; for some the error it raises."""
+    try:
+        return [*make(items)] if len(items) else []
+    except SpinorGeomError as error:
+        if len(items) == 1:
+            return [error]
+    half = len(items) // 2
+    return [made for some in (items[:half], items[half:]) for made in one_by_one_on_error(make, some)]
 
 
 class Seeds(NamedTuple):
@@ -130,7 +144,7 @@ def triangulate_polygon(
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
-    return triangulate_regions([(boundary, *holes)], lambda z, _: size(z), max_points=[max_points])[0]
+    return triangulate_regions([(boundary, *holes)], lambda z, _: size(z), max_points=max_points)[0]
 
 
 def triangulate_regions(
@@ -138,7 +152,7 @@ def triangulate_regions(
     size: RegionSizes,
     *,
     seeds: Seeds | None = None,
-    max_points: Sequence[int],
+    max_points: Sequence[int] | int = MOST_POINTS,
 ) -> list[PlaneTriangulation]:
     """As `triangulate_polygon` for many regions at once: the triangulation of each is the same, to the last bit.
 
@@ -146,7 +160,7 @@ def triangulate_regions(
         regions: For each its polygon and its holes.
         size: Wanted edge length at points (k,) and the numbers (k,) of their regions.
         seeds: By default the points of lattices as wide as the largest of the sizes wanted.
-        max_points: Of each region.
+        max_points: Of each region, or of any.
 
     Raises:
         DomainError: A region is none, see `triangulate_polygon`.
@@ -169,7 +183,7 @@ def triangulate_regions(
 
     # nothing is put into a triangle
     m = np.array([len(boundary) for boundary in given])
-    room = np.where(m > 3, np.maximum(np.array(max_points) - m, 0), 0)
+    room = np.where(m > 3, np.maximum(max_points - m, 0), 0)
     if seeds is None:
         inner, of = _seeds(edges, wanted, room)
         lengths = wanted(inner, of)

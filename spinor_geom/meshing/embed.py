@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed_surface
 from spinor_geom.domain.delaunay import Rims
-from spinor_geom.domain.triangulation import PlaneTriangulation
+from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
 from spinor_geom.meshing.size_field import Piece
 from spinor_geom.meshing.triangulate import piece_of, triangulate_pieces
@@ -93,14 +93,12 @@ def mesh_patches(
     Returns:
         For each its mesh, or the error that `mesh_patch` raises for it.
     """
-    try:
-        pieces = [_piece(solution, target_edge_length) for solution in solutions]
-        return [_patch(solution, plane) for solution, plane in zip(solutions, triangulate_pieces(pieces), strict=True)]
-    except SpinorGeomError as error:
-        if len(solutions) == 1:
-            return [error]
-    half = len(solutions) // 2
-    return [patch for some in (solutions[:half], solutions[half:]) for patch in mesh_patches(some, target_edge_length)]
+
+    def made(some: Sequence[PlateauSolution]) -> list[Patch]:
+        planes = triangulate_pieces([_piece(solution, target_edge_length) for solution in some])
+        return [_patch(solution, plane) for solution, plane in zip(some, planes, strict=True)]
+
+    return one_by_one_on_error(made, solutions)
 
 
 def _piece(solution: PlateauSolution, target_edge_length: float | Literal["auto"]) -> Piece:

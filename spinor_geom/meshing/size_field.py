@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.domain.nearest import NearestPoints
-from spinor_geom.domain.sizes import RegionSizes, size_bounds
+from spinor_geom.domain.sizes import GROWTH, RegionSizes, size_bounds
 
-# change of the edge length per unit of distance from the boundary, upwards and downwards
-GROWTH = 0.35
+# change of the edge length per unit of distance from the boundary, downwards
 DECAY = 0.5
 # λ below this share of its median counts as this: a branch point must not ask for endless triangles
 SMALLEST_STRETCH = 1e-3

@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict, overload
 import torch
 
 from spinor_geom import deadline
+from spinor_geom.discrete.area_descent import Disk
+from spinor_geom.discrete.minimal_surface import first_disks
 from spinor_geom.errors import OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.network_route import Cauchy
 from spinor_geom.plateau.options import Model, Options
-from spinor_geom.plateau.plan import OnUnitDisk, Route, all_surfaces, minimal_disk, plan, surface_between
+from spinor_geom.plateau.plan import OnUnitDisk, Route, ThroughPoints, all_surfaces, minimal_disk, plan, surface_between
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import Iteration
 from spinor_geom.plateau.task import Task
@@ -251,13 +253,18 @@ def _planned(loop: BoundaryLoop, options: Options) -> Planned | SpinorGeomError:
 
 
 def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> None:
-    """Hands their fits to the tasks whose plan begins on the unit disk, made side by side."""
+    """Hands the tasks what their plans begin with, made side by side: fits on the unit disk, first discrete disks."""
     planned = [(place, *answer) for place, answer in enumerate(answers) if not isinstance(answer, SpinorGeomError)]
-    first = [(place, task, routes) for place, task, routes in planned if routes[0] == OnUnitDisk()]
-    with deadline.time_limit(seconds * len(first)):
-        fits = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in first])
-    for (place, task, routes), fit in zip(first, fits, strict=True):
+    smooth = [(place, task, routes) for place, task, routes in planned if routes[0] == OnUnitDisk()]
+    rough = [(place, task, routes) for place, task, routes in planned if routes[0] == ThroughPoints()]
+    with deadline.time_limit(seconds * len(planned)):
+        fits = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in smooth])
+        disks = first_disks([task.unit.points for _, task, _ in rough])
+    for (place, task, routes), fit in zip(smooth, fits, strict=True):
         answers[place] = replace(task, on_disk=fit), routes
+    for (place, task, routes), disk in zip(rough, disks, strict=True):
+        # one that there is none of says so where it is asked for
+        answers[place] = replace(task, first_disk=disk if isinstance(disk, Disk) else None), routes
 
 
 def _solved(task: Task, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
+from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.errors import LoopsMeetError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
@@ -42,6 +43,7 @@ class Task:
         steps: of all routes.
         clock: of their stages.
         on_disk: the fit on the unit disk, where it was made together with those of other loops.
+        first_disk: the first discrete disk, likewise.
     """
 
     loops: tuple[BoundaryLoop, ...]
@@ -53,6 +55,7 @@ class Task:
     steps: Steps
     clock: Clock = field(default_factory=Clock)
     on_disk: Fit | None = None
+    first_disk: Disk | None = None
 
     @classmethod
     def of(

@@ -18,6 +18,7 @@ from jaxtyping import Complex, Int
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
+from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain
@@ -55,12 +56,13 @@ _FAR = 2.0
 
 
 def disk_through_points(
-    loop: BoundaryLoop, *, allowed: float, steps: Steps, device: torch.device, clock: Clock
+    loop: BoundaryLoop, first: Disk | None, *, allowed: float, steps: Steps, device: torch.device, clock: Clock
 ) -> Found:
     """The minimal disk through the points of a rough loop, as nearly as they can be met.
 
     Args:
         loop: at unit size.
+        first: its first disk, where that was made together with those of other loops.
         allowed: RMS distance of its points from the surface to reach.
         steps: gets those of Newton's method.
         device: where the linear algebra runs.
@@ -74,7 +76,7 @@ def disk_through_points(
     """
     points = loop.points
     with clock.stage("first fill"):
-        disk = first_disk(points)
+        disk = first or first_disk(points)
     with clock.stage("flattening"):
         flat = flatten(disk.vertices, disk.faces, len(points))
         images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
