@@ -3,8 +3,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.domain.sizes import graded_size
-from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
+from spinor_geom.domain.sizes import graded_size, graded_sizes
+from spinor_geom.domain.triangulation import (
+    PlaneTriangulation,
+    one_by_one_on_error,
+    triangulate_polygon,
+    triangulate_regions,
+)
 from spinor_geom.errors import DomainError, OptionError
 
 
@@ -205,3 +210,34 @@ def test_star_shaped_polygons(n, seed, roughness):
     t = 2 * np.pi * (np.arange(n) + 0.4 * roughness * rng.uniform(-1, 1, n)) / n
     boundary = (1 - roughness * rng.uniform(0, 1, n)) * np.exp(1j * t)
     check_is_a_triangulation(triangulate_polygon(boundary, graded_size(boundary)), boundary)
+
+
+@settings(max_examples=8)
+@given(st.permutations([*POLYGONS.values(), *WITH_FORCED_ANGLES.values(), [0, 1, 1j]]))
+def test_regions_are_triangulated_together_as_each_by_itself(boundaries):
+    boundaries = [np.asarray(boundary, dtype=complex) for boundary in boundaries]
+    made = triangulate_regions([[boundary] for boundary in boundaries], graded_sizes(boundaries))
+    for boundary, together in zip(boundaries, made, strict=True):
+        alone = triangulate_polygon(boundary, graded_size(boundary))
+        assert np.array_equal(together.points, alone.points)
+        assert np.array_equal(together.faces, alone.faces)
+
+
+def test_each_region_has_its_own_limit_and_holes():
+    square, hole = polygon(SQUARE, 40), 0.5 + 0.5j + 0.2 * np.exp(-2j * np.pi * np.arange(20) / 20)
+    few, holed = triangulate_regions(
+        [[square], [square, hole]], lambda z, _: np.full(len(z), 0.01), max_points=[300, 400]
+    )
+    # corners that a bridge hides get a point beyond it
+    assert 300 <= len(few.points) < 310
+    assert 400 <= len(holed.points) < 410
+    assert (few.rims, holed.rims) == ((40,), (40, 20))
+
+
+def test_what_cannot_be_made_is_an_error_of_its_own():
+    bow_tie = np.array([0, 1 + 1j, 1, 1j])
+    items = [polygon(SQUARE, 8), bow_tie, polygon(SQUARE, 12), bow_tie, polygon(SQUARE, 16)]
+    made = one_by_one_on_error(lambda some: triangulate_regions([[b] for b in some], graded_sizes(some)), items)
+    assert [isinstance(one, DomainError) for one in made] == [False, True, False, True, False]
+    assert [one.boundary_size for one in made[::2]] == [8, 12, 16]
+    assert one_by_one_on_error(lambda some: [], []) == []

@@ -3,6 +3,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from spinor_geom import BoundaryLoop, solve_plateau
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
@@ -10,6 +11,7 @@ from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.measures.quality import smallest_angles
 from spinor_geom.mesh.intersections import self_intersections
 from spinor_geom.meshing import mesh_patch
+from spinor_geom.meshing.embed import mesh_patches
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
 
@@ -158,3 +160,24 @@ def test_loop_points_that_cross_in_the_domain_are_refused():
     )
     with pytest.raises(DomainError):
         mesh_patch(solution)
+
+
+def test_patches_are_made_together_as_each_by_itself():
+    rng = np.random.default_rng(1)
+    t = 2 * np.pi * np.arange(60) / 60
+    ragged = np.stack([np.cos(t), np.sin(t), 0.05 * rng.normal(size=60)], axis=1)
+    solutions = [
+        exact_solution(ENNEPER, 60),
+        solve_plateau(BoundaryLoop.from_points(ragged), between="free"),
+        exact_solution(PLANE, 4),
+        exact_solution(PLANE, 40),
+    ]
+    broken = exact_solution(PLANE, 8)
+    crossing = np.exp(2j * np.pi * np.array([0, 2, 1, 3, 4, 5, 6, 7]) / 8)
+    object.__setattr__(broken.rims[0], "points_in_domain", lambda: crossing)
+    *patches, refused = mesh_patches([*solutions, broken])
+    assert isinstance(refused, DomainError)
+    for solution, patch in zip(solutions, patches, strict=True):
+        alone = mesh_patch(solution)
+        assert np.array_equal(patch.vertices, alone.vertices)
+        assert np.array_equal(patch.faces, alone.faces)
