@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 Planned: TypeAlias = tuple[Task, tuple[Route, ...]]
 
+# Points of rough loops whose first disks are made side by side: those of longer ones would take as long, and memory.
+_SHORT = 500
+
 
 class _Rest(TypedDict, total=False):
     """The options of `solve_plateau` on which its type does not depend."""
@@ -256,7 +259,11 @@ def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> N
     """Hands the tasks what their plans begin with, made side by side: fits on the unit disk, first discrete disks."""
     planned = [(place, *answer) for place, answer in enumerate(answers) if not isinstance(answer, SpinorGeomError)]
     smooth = [(place, task, routes) for place, task, routes in planned if routes[0] == OnUnitDisk()]
-    rough = [(place, task, routes) for place, task, routes in planned if routes[0] == ThroughPoints()]
+    rough = [
+        (place, task, routes)
+        for place, task, routes in planned
+        if routes[0] == ThroughPoints() and len(task.loop) <= _SHORT
+    ]
     with deadline.time_limit(seconds * len(planned)):
         fits = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in smooth])
         disks = first_disks([task.unit.points for _, task, _ in rough])

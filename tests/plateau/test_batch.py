@@ -12,6 +12,7 @@ from hypothesis import given, settings
 
 from spinor_geom import boundary_loops, gallery, read_mesh
 from spinor_geom.errors import OptionError, SpinorGeomError
+from spinor_geom.gallery import noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
 from tests.loops import CONVEX, planar
@@ -48,8 +49,11 @@ def test_every_solution_is_the_one_of_its_loop_alone(seed):
 
 def test_solutions_are_the_same_to_the_last_bit_in_bundles_of_any_size():
     loops = [saddle(n, n) for n in (12, 24, 30, 48, 100, 24, 100)]
-    every = list(solve_plateau_batch(loops))
-    some = [*solve_plateau_batch(loops[:1]), *solve_plateau_batch(loops[1:4]), *solve_plateau_batch(loops[4:])]
+    loops[2:2] = [noisy_loop(saddle(n, n), 0.3, seed=n) for n in (40, 30, 60)]
+    every = list(solve_plateau_batch(loops, between="free"))
+    assert {"disk", "vertices"} <= {solution.route for solution in every}
+    parts = (loops[:1], loops[1:4], loops[4:])
+    some = [solution for part in parts for solution in solve_plateau_batch(part, between="free")]
     for solution, again in zip(every, some, strict=True):
         assert solution.area == again.area
         assert solution.boundary_residual == again.boundary_residual
