@@ -16,8 +16,8 @@ _SOURCES_PER_LEAF = 8
 # side of a cell of targets, as a share of its centre's distance from the sources, and the fewest that are worth one
 _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
-# as many pairs of a source and a target take less time one by one
-_FEW_PAIRS = 1 << 20
+# as many pairs of a source and a target take less time one by one, so many of them at once that they stay in the cache
+_FEW_PAIRS, _AT_ONCE = 1 << 22, 1 << 16
 # pairs of clusters, or sources, at once: their series stay in the cache
 _PAIRS = 1 << 10
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
@@ -29,19 +29,29 @@ def cauchy_sums(
 ) -> Complex[np.ndarray, "m c"]:
     """Σ_j g_j/(ζ_j − z) at many points z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
 
-    A fast multipole method for sources along a curve: power series stand for segments of successive sources as seen
-    from afar, and for what all of them do in cells of targets far enough from the curve.
-
     Args:
         sources: ζ_j, in order along a curve.
         strengths: g_j, for c sums at once.
         targets: z.
+    """
+    if len(sources) * len(targets) > _FEW_PAIRS:
+        return fast_sums(sources, strengths, targets)
+    step = max(1, _AT_ONCE // max(1, len(sources)))
+    parts = np.split(targets, np.arange(step, len(targets), step))
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        return np.concatenate([(1 / (sources - some[:, None])) @ strengths for some in parts])
+
+
+def fast_sums(
+    sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
+) -> Complex[np.ndarray, "m c"]:
+    """`cauchy_sums` of many sources at many points, by a fast multipole method for sources along a curve.
+
+    Power series stand for segments of successive sources as seen from afar, and for what all of them do in cells of
+    targets far enough from the curve.
 
     Source: Greengard & Rokhlin, "A fast algorithm for particle simulations", J. Comput. Phys. 73 (1987).
     """
-    if len(sources) * len(targets) <= _FEW_PAIRS:
-        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            return np.asarray((1 / (sources - targets[:, None])) @ strengths)
     tree = _Sources.of(sources, strengths)
     cell, centre, radius = _cells(sources, targets)
     far, (near, _) = tree.pairs(centre, radius)

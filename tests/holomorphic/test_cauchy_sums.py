@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary
 from spinor_geom.holomorphic import interpolant
-from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
+from spinor_geom.holomorphic.cauchy_sums import cauchy_sums, fast_sums
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from tests.strategies import SEEDS, analytic_boundaries
 
@@ -25,8 +25,9 @@ def direct(sources, strengths, targets):
 def check_sums(sources, strengths, targets):
     """Equal to round-off of the terms, many times a term's own: 1e-12 of the sum of their absolute values."""
     scale = (np.abs(strengths) / np.abs(sources[:, None] - targets[:, None, None])).sum(axis=1)
-    error = np.abs(cauchy_sums(sources, strengths, targets) - direct(sources, strengths, targets))
-    assert (error < 1e-12 * scale).all()
+    expected = direct(sources, strengths, targets)
+    for sums in (cauchy_sums, fast_sums):
+        assert (np.abs(sums(sources, strengths, targets) - expected) < 1e-12 * scale).all()
 
 
 def random_complex(rng, *shape):
@@ -52,12 +53,13 @@ def test_targets_beside_and_far_from_random_curves(boundary, seed, n):
 
 
 @pytest.mark.parametrize("scale", [1e-8, 1e8])
-def test_scale_of_the_plane_does_not_matter(scale):
+@pytest.mark.parametrize("sums", [cauchy_sums, fast_sums])
+def test_scale_of_the_plane_does_not_matter(scale, sums):
     rng = np.random.default_rng(0)
     sources = ELLIPSE.point(np.arange(300) / 300)
     strengths, targets = random_complex(rng, 300, 1), random_complex(rng, 200)
-    scaled = cauchy_sums(scale * sources, scale * strengths, scale * targets)
-    np.testing.assert_allclose(scaled, cauchy_sums(sources, strengths, targets), rtol=1e-9)
+    scaled = sums(scale * sources, scale * strengths, scale * targets)
+    np.testing.assert_allclose(scaled, sums(sources, strengths, targets), rtol=1e-9)
 
 
 def test_sources_in_one_place_and_targets_in_one_place():
@@ -66,27 +68,29 @@ def test_sources_in_one_place_and_targets_in_one_place():
     check_sums(ELLIPSE.point(np.arange(40) / 40), random_complex(rng, 40, 2), np.full(60, 0.2 + 0.1j))
 
 
-def test_sums_at_a_source_are_not_finite_and_the_others_are():
+@pytest.mark.parametrize("sums", [cauchy_sums, fast_sums])
+def test_sums_at_a_source_are_not_finite_and_the_others_are(sums):
     sources = ELLIPSE.point(np.arange(100) / 100)
     targets = np.append(sources[17], 0.1 * np.arange(5))
-    finite = np.isfinite(cauchy_sums(sources, np.ones((100, 1)), targets)).all(axis=1)
+    finite = np.isfinite(sums(sources, np.ones((100, 1)), targets)).all(axis=1)
     assert finite.tolist() == [False, *[True] * 5]
     # the last source is there again where the last leaves are filled up
-    assert not np.isfinite(cauchy_sums(sources, np.ones((100, 1)), sources)).any()
+    assert not np.isfinite(sums(sources, np.ones((100, 1)), sources)).any()
     # a single one is a cluster without extent
-    assert not np.isfinite(cauchy_sums(sources[:1], np.ones((1, 1)), sources[:1])).any()
+    assert not np.isfinite(sums(sources[:1], np.ones((1, 1)), sources[:1])).any()
 
 
 def test_sums_are_the_same_each_time():
     rng = np.random.default_rng(0)
     sources = ELLIPSE.point(np.arange(3000) / 3000)
     strengths, targets = random_complex(rng, 3000, 3), random_complex(rng, 2000)
-    first = cauchy_sums(sources, strengths, targets)
-    np.testing.assert_array_equal(cauchy_sums(sources, strengths, targets), first)
+    first = fast_sums(sources, strengths, targets)
+    np.testing.assert_array_equal(fast_sums(sources, strengths, targets), first)
 
 
-def test_no_targets():
-    assert cauchy_sums(ELLIPSE.point(np.arange(20) / 20), np.ones((20, 2)), np.zeros(0, dtype=complex)).shape == (0, 2)
+@pytest.mark.parametrize("sums", [cauchy_sums, fast_sums])
+def test_no_targets(sums):
+    assert sums(ELLIPSE.point(np.arange(20) / 20), np.ones((20, 2)), np.zeros(0, dtype=complex)).shape == (0, 2)
 
 
 def test_time_does_not_grow_with_the_product():
@@ -94,7 +98,7 @@ def test_time_does_not_grow_with_the_product():
         rng = np.random.default_rng(0)
         sources, targets = ELLIPSE.point(np.arange(n) / n), 0.9 * rng.uniform(-1, 1, 5 * n) + 0.9j * rng.uniform(-1, 1)
         start = time.process_time()
-        cauchy_sums(sources, np.ones((n, 3)), targets)
+        fast_sums(sources, np.ones((n, 3)), targets)
         return time.process_time() - start
 
     # sixteen times as much to do; the product of the numbers is 256 times as large
