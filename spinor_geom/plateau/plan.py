@@ -81,9 +81,13 @@ class ThroughPoints:
         """The disk next to a discrete one, or the surface next to that over averages of several loops."""
         if not task.is_disk:
             return task.rims.through_points()
-        options = task.options
         return disk_through_points(
-            task.unit, task.first_disk, allowed=task.allowed, steps=task.steps, device=options.device, clock=task.clock
+            task.unit,
+            allowed=task.allowed,
+            steps=task.steps,
+            device=task.options.device,
+            clock=task.clock,
+            first=task.first_disk,
         )
 
 

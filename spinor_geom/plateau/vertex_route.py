@@ -56,17 +56,23 @@ _FAR = 2.0
 
 
 def disk_through_points(
-    loop: BoundaryLoop, first: Disk | None, *, allowed: float, steps: Steps, device: torch.device, clock: Clock
+    loop: BoundaryLoop,
+    *,
+    allowed: float,
+    steps: Steps,
+    device: torch.device,
+    clock: Clock,
+    first: Disk | None = None,
 ) -> Found:
     """The minimal disk through the points of a rough loop, as nearly as they can be met.
 
     Args:
         loop: at unit size.
-        first: its first disk, where that was made together with those of other loops.
         allowed: RMS distance of its points from the surface to reach.
         steps: gets those of Newton's method.
         device: where the linear algebra runs.
         clock: of the stages.
+        first: the first discrete disk, where it was made together with those of other loops.
 
     Raises:
         FirstFillError: no discrete disk over the loop was found.
