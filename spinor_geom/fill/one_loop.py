@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from types import MappingProxyType
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -46,8 +46,20 @@ MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far bel
 _WHOLE_SLIT = 1 - 1e-9
 
 Found: TypeAlias = PlateauSolution | SpinorGeomError
-Answer: TypeAlias = tuple[Found, MadePatch | SpinorGeomError]
-"""The surface of a loop, or why it has none; and its mesh, or why that has none."""
+
+
+class Answer(NamedTuple):
+    """What is known of a loop before it is filled.
+
+    Attributes:
+        found: its surface, or why it has none.
+        made: the mesh of that, or why it has none.
+        seconds: that both took, of what was done together with other loops its share.
+    """
+
+    found: Found
+    made: MadePatch | SpinorGeomError
+    seconds: Mapping[str, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,10 +132,10 @@ def fill_loop(
     Raises:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
     """
-    clock, joined_to = Clock(), next(iter(others), None)
+    joined_to = next(iter(others), None)
     options.on_stage(place, "exact surface")
-    found, exact = answer()
-    clock.lap("solve")
+    found, exact, seconds = answer()
+    clock = Clock(seconds)
     try:
         options.on_stage(place, "mesh")
         made = _patch_over(place, loop, exact, options, tuple(others.values())).joinable(surroundings)
@@ -243,11 +255,15 @@ def _patch_over(
 
 def exact_patches(found: Sequence[tuple[BoundaryLoop, Found]], options: FillOptions) -> list[Answer]:
     """What `fill_loop` takes, for loops and their surfaces or the reasons why they have none: all meshed together."""
-    answers = [(one, _usable(loop, one)) for loop, one in found]
-    solutions = [usable for _, usable in answers if isinstance(usable, PlateauSolution)]
-    meshed = iter(mesh_patches(solutions, options.target_edge_length))
+    clock = Clock()
+    usable = [_usable(loop, one) for loop, one in found]
+    meshed = iter(mesh_patches([one for one in usable if isinstance(one, PlateauSolution)], options.target_edge_length))
+    made = [_made(one, next(meshed)) if isinstance(one, PlateauSolution) else one for one in usable]
+    clock.lap("mesh")
+    share = clock.laps()["mesh"] / max(1, len(found))
     return [
-        (one, _made(usable, next(meshed)) if isinstance(usable, PlateauSolution) else usable) for one, usable in answers
+        Answer(one, patch, {"solve": _seconds_of(one), "mesh": share})
+        for (_, one), patch in zip(found, made, strict=True)
     ]
 
 
@@ -262,6 +278,10 @@ def _usable(loop: BoundaryLoop, found: Found) -> Found:
     except NoAreaError as error:
         return error
     return found
+
+
+def _seconds_of(found: Found) -> float:
+    return sum(found.timings.values()) if isinstance(found, PlateauSolution) else 0.0
 
 
 def _made(solution: PlateauSolution, patch: Patch | SpinorGeomError) -> MadePatch | SpinorGeomError:

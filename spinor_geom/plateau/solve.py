@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict, overload
@@ -266,10 +267,13 @@ def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> N
     ]
     with deadline.time_limit(seconds * len(planned)):
         fits = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in smooth])
+        begin = time.perf_counter()
         disks = first_disks([task.unit.points for _, task, _ in rough])
+        share = (time.perf_counter() - begin) / max(1, len(rough))
     for (place, task, routes), fit in zip(smooth, fits, strict=True):
         answers[place] = replace(task, on_disk=fit), routes
     for (place, task, routes), disk in zip(rough, disks, strict=True):
+        task.clock.add("first fill", share)
         # one that there is none of says so where it is asked for
         answers[place] = replace(task, first_disk=disk if isinstance(disk, Disk) else None), routes
 
