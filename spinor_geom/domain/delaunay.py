@@ -29,6 +29,7 @@ class ConstrainedDelaunay:
         region: Of each point.
         regions: Numbers of vertices of the polygons of each region.
         boundary_size: Number of vertices of all polygons.
+        own: The numbers of each region's points.
         faces: Counter-clockwise triangles, one region after the other; those outside the polygons stay among them, with
             vertices that mean nothing.
         inside: Numbers of the triangles inside.
@@ -53,19 +54,14 @@ class ConstrainedDelaunay:
         self.points, self.regions = points, tuple(regions)
         self.region = np.zeros(len(points), dtype=np.int64) if region is None else region
         self.boundary_size = sum(map(sum, regions))
-        self._own = _members(self.region, len(regions))
-        self._parts = [_Region(points[own], rims) for own, rims in zip(self._own, regions, strict=True)]
+        self.own = _members(self.region, len(regions))
+        self._parts = [_Region(points[own], rims) for own, rims in zip(self.own, regions, strict=True)]
         self._read()
 
     @property
     def triangles(self) -> Int[np.ndarray, "i 3"]:
         """The faces inside."""
         return np.asarray(self.faces[self.inside])
-
-    @property
-    def own(self) -> Sequence[Int[np.ndarray, " _"]]:
-        """The numbers of each region's points."""
-        return self._own
 
     def insert(self, points: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"] | None = None) -> None:
         """Adds points inside the polygons and off their edges; the numbers of the triangles change.
@@ -77,7 +73,7 @@ class ConstrainedDelaunay:
         for number, some in enumerate(_members(region, len(self.regions))):
             if len(some):
                 self._parts[number].insert(points[some])
-                self._own[number] = np.append(self._own[number], len(self.points) + some)
+                self.own[number] = np.append(self.own[number], len(self.points) + some)
         self.points, self.region = np.append(self.points, points), np.append(self.region, region)
         self._read()
 
@@ -89,7 +85,7 @@ class ConstrainedDelaunay:
         """
         self.points = points
         for number in regions:
-            self._parts[number] = _Region(points[self._own[number]], self.regions[number])
+            self._parts[number] = _Region(points[self.own[number]], self.regions[number])
         self._read()
 
     @property
@@ -102,7 +98,7 @@ class ConstrainedDelaunay:
         return np.asarray(number[np.concatenate(across)])
 
     def _read(self) -> None:
-        self.faces = np.concatenate([own[one.faces] for own, one in zip(self._own, self._parts, strict=True)])
+        self.faces = np.concatenate([own[one.faces] for own, one in zip(self.own, self._parts, strict=True)])
         self.inside = np.concatenate([start + one.inside for start, one in self._started()])
 
     def _started(self) -> Iterator[tuple[int, _Region]]:

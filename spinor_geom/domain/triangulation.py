@@ -8,28 +8,18 @@ from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Complex, Float, Int
 
-from spinor_geom.domain.delaunay import (
-    ConstrainedDelaunay,
-    Rims,
-    circumcircles,
-    edge_codes,
-    plane_coordinates,
-    reachable,
-    rim_successors,
-    unique_edges,
-)
+from spinor_geom.domain.delaunay import ConstrainedDelaunay, Rims, rim_successors, unique_edges
 from spinor_geom.domain.lattice import lattices_inside
 from spinor_geom.domain.nearest import NearestPoints
+from spinor_geom.domain.refinement import MIN_ANGLE, Boundary, independent, long_bridges, place_in_region, refine
 from spinor_geom.domain.sizes import RegionSizes, SizeFunction
 from spinor_geom.domain.smoothing import polish, smooth
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
 
 # of a triangulation, if nothing else is said
 MOST_POINTS = 200_000
-# in degrees, below which a triangle is refined; above 30 the number of points grows quickly
-_MIN_ANGLE = 25.0
 # points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
 _SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
 _MOST_ROWS = 20_000
@@ -38,19 +28,6 @@ _STRAIGHT = 1e-9
 # seeds keep this share of the lengths of edges from the tips of triangles on the boundary, and from its vertices, and
 # this share of the wanted size from each other
 _FROM_TIPS, _FROM_VERTICES, _LEAST_SPACING = 0.75, 1.2, 0.7
-# a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
-_LARGEST_RADIUS = 0.75
-# where it comes near to that by the lengths wanted at its corners, the one wanted in its middle decides
-_DOUBTFUL = 0.8
-# new points of one batch keep this share of the smaller of their circumradii between them
-_BATCH_SPACING = 0.8
-# a batch adds points in proportion to those there are, so the number of batches grows like a logarithm
-_BATCHES = 60
-# no new point sees a boundary edge under more than 110°; a right angle leaves short edges beside long ones no room
-_WIDEST_VIEW = np.cos(np.radians(180 - 110))
-# an inner edge between two boundary vertices is split from this many wanted edge lengths on, sooner at a corner
-_LONGEST_BRIDGE = 1.45
-_LONGEST_EAR = 1.05
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -172,7 +149,7 @@ def triangulate_regions(
     centre, scale = (np.array(one) for one in zip(*map(_require_region, parts), strict=True))
     owner = np.repeat(np.arange(len(rims)), [len(boundary) for boundary in given])
     boundary = np.concatenate(given)
-    edges = _Boundary((boundary - centre[owner]) / scale[owner], rim_successors(sum(rims, ())), owner)
+    edges = Boundary((boundary - centre[owner]) / scale[owner], rim_successors(sum(rims, ())), owner)
 
     def wanted(z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         h = size(z * scale[region] + centre[region], region)
@@ -191,18 +168,18 @@ def triangulate_regions(
         of = seeds.region
         scaled = Seeds((seeds.points - centre[of]) / scale[of], seeds.spacing / scale[of], of)
         inner, of, lengths = _behind_a_row(edges, wanted, scaled)
-    some = _place_in_region(of) < room[of]
+    some = place_in_region(of) < room[of]
     inner, of, lengths = inner[some], of[some], lengths[some]
     mesh = ConstrainedDelaunay(np.append(edges.points, inner), rims, np.append(owner, of))
-    _refine(mesh, np.append(wanted(edges.points, owner), lengths), edges, wanted, room)
+    refine(mesh, np.append(wanted(edges.points, owner), lengths), edges, wanted, room)
     for _ in range(3):
-        middle, of = _long_bridges(mesh, edges, wanted)
+        middle, of = long_bridges(mesh, edges, wanted)
         if len(middle) == 0:
             break
         mesh.insert(middle, of)
         mesh.move(mesh.points, np.unique(of))
     smooth(mesh)
-    polish(mesh, _MIN_ANGLE)
+    polish(mesh, MIN_ANGLE)
     result = mesh.points * scale[mesh.region] + centre[mesh.region]
     result[: mesh.boundary_size] = boundary
     return _split(mesh, result)
@@ -219,11 +196,6 @@ def _split(mesh: ConstrainedDelaunay, points: Complex[np.ndarray, " n"]) -> list
         PlaneTriangulation(points=points[own], faces=some, boundary_size=sum(rims), hole_sizes=rims[1:])
         for own, some, rims in zip(mesh.own, of_region, mesh.regions, strict=True)
     ]
-
-
-def _place_in_region(region: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    """Numbers from 0 on within each run of equal numbers, which ascend."""
-    return np.asarray(np.arange(len(region)) - np.searchsorted(region, region))
 
 
 def _require_region(polygons: Sequence[Complex[np.ndarray, " _"]]) -> tuple[complex, float]:
@@ -278,48 +250,8 @@ def _area(polygon: Complex[np.ndarray, " m"]) -> float:
     return 0.5 * float((np.conj(polygon) * np.roll(polygon, -1)).imag.sum())
 
 
-class _Boundary:
-    """The polygons of all regions; tells which points are so near an edge that they see it under too large an angle.
-
-    Attributes:
-        points: Their vertices.
-        after: For each the next one on its polygon.
-        region: That each bounds.
-        edge: From each to the next one.
-        count: Number of regions.
-    """
-
-    def __init__(
-        self, points: Complex[np.ndarray, " m"], after: Int[np.ndarray, " m"], region: Int[np.ndarray, " m"]
-    ) -> None:
-        self.points, self.after, self.region = points, after, region
-        self.edge, self.count = points[after] - points, int(region[-1]) + 1
-        middle, half = 0.5 * (points[after] + points), 0.5 * self.edge
-        # edges of about one length share a tree, so that a few nearest ones are enough
-        group = np.floor(np.log2(np.abs(half))).astype(int)
-        self._groups = [
-            (NearestPoints(middle[some], region[some]), middle[some], half[some])
-            for some in (np.flatnonzero(group == g) for g in np.unique(group))
-        ]
-
-    def too_near(self, z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-        """Whether each point sees some edge of its region under too large an angle."""
-        inside = np.zeros(len(z), dtype=bool)
-        if len(z) == 0:
-            return inside
-        for tree, middle, half in self._groups:
-            reach = np.abs(half).max()
-            distance, index = tree.query(z, region, count=4, within=reach)
-            point, near = np.nonzero(distance < reach)
-            edge = index[point, near]
-            offset = z[point] - middle[edge]
-            seen = (offset + half[edge]) * np.conj(offset - half[edge])
-            inside[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
-        return inside
-
-
 def _seeds(
-    boundary: _Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]
+    boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]
 ) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Points of lattices as wide as the largest of the sizes wanted in each region: inner points to start from."""
     points, after, owner = boundary.points, boundary.after, boundary.region
@@ -342,7 +274,7 @@ def _seeds(
 
 
 def _behind_a_row(
-    boundary: _Boundary, size: RegionSizes, seeds: Seeds
+    boundary: Boundary, size: RegionSizes, seeds: Seeds
 ) -> tuple[Complex[np.ndarray, " j"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
     """The tips of equilateral triangles on the edges of polygons, and behind them the seeds that stand wide enough.
 
@@ -351,7 +283,7 @@ def _behind_a_row(
     """
     polygon, owner, edge = boundary.points, boundary.region, boundary.edge
     tips, length = 0.5 * (polygon + polygon[boundary.after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
-    kept = np.bincount(owner[_independent(tips, owner, _FROM_TIPS * length, length)], minlength=boundary.count)
+    kept = np.bincount(owner[independent(tips, owner, _FROM_TIPS * length, length)], minlength=boundary.count)
     free = (kept == np.bincount(owner))[owner] & ~boundary.too_near(tips, owner)
     row = np.concatenate([tips[free], polygon])
     away = np.concatenate([_FROM_TIPS * length[free], _FROM_VERTICES * length])
@@ -365,128 +297,3 @@ def _behind_a_row(
     lengths = np.concatenate([size(tips[free], owner[free]), wanted[wide]])
     order = np.argsort(region, kind="stable")
     return inner[order], region[order], lengths[order]
-
-
-def _refine(
-    mesh: ConstrainedDelaunay,
-    at_points: Float[np.ndarray, " n"],
-    boundary: _Boundary,
-    size: RegionSizes,
-    room: Int[np.ndarray, " r"],
-) -> None:
-    """Inserts batches of circumcentres until no triangle wants and can have one, given the sizes wanted at points.
-
-    So many points have room in each region, those that are there already included.
-    """
-    sine = np.sin(np.radians(_MIN_ANGLE))
-    at_centres = np.zeros(boundary.count, dtype=bool)
-    # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
-    is_open = np.ones(len(mesh.points), dtype=bool)
-    for _ in range(_BATCHES):
-        seen = mesh.inside[is_open[mesh.triangles].any(axis=1)]
-        faces = mesh.faces[seen]
-        p, owner = mesh.points[faces], mesh.region[faces[:, 0]]
-        # sizes at the vertices, each asked for once, are enough until the triangles are nearly small enough
-        wanted = at_points[faces].mean(axis=1)
-        centre, radius, shortest = circumcircles(p)
-        doubtful = np.flatnonzero(at_centres[owner] & (radius > _DOUBTFUL * _LARGEST_RADIUS * wanted))
-        if len(doubtful):
-            wanted[doubtful] = size(p[doubtful].mean(axis=1), owner[doubtful])
-        excess = radius / (_LARGEST_RADIUS * wanted)
-        poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * sine))
-        poor = poor[~boundary.too_near(centre[poor], owner[poor])]
-        if len(poor):
-            poor = poor[reachable(mesh.points, mesh.faces, mesh.neighbours, seen[poor], centre[poor])]
-        chosen = poor[_independent(centre[poor], owner[poor], _BATCH_SPACING * radius[poor], excess[poor])]
-        there = np.bincount(mesh.region[mesh.boundary_size :], minlength=boundary.count)
-        new = chosen[_place_in_region(owner[chosen]) < (room - there)[owner[chosen]]]
-        is_fed = np.zeros(boundary.count, dtype=bool)
-        is_fed[owner[new]] = True
-        turned = ~is_fed & ~at_centres
-        if not (is_fed | turned).any():
-            break
-        at_centres |= turned
-        lost = np.setdiff1d(poor, chosen)
-        is_open = turned[mesh.region]
-        is_open[faces[lost[is_fed[owner[lost]]]]] = True
-        is_open = np.append(is_open, np.ones(len(new), dtype=bool))
-        at_points = np.append(at_points, size(centre[new], owner[new]))
-        mesh.insert(centre[new], owner[new])
-
-
-def _independent(
-    z: Complex[np.ndarray, " k"],
-    region: Int[np.ndarray, " k"],
-    spacing: Float[np.ndarray, " k"],
-    priority: Float[np.ndarray, " k"],
-) -> Int[np.ndarray, " s"]:
-    """Indices of points no two of which are nearer than the smaller of their spacings, high priority preferred.
-
-    They are ordered by their regions; points of two regions are not near each other.
-    """
-    if len(z) < 2:
-        return np.arange(len(z))
-    first = _first_in_cell(z, region, spacing, priority)
-    z, region, spacing, priority = z[first], region[first], spacing[first], priority[first]
-    rank = np.empty(len(z), dtype=np.int64)
-    rank[np.argsort(-priority, kind="stable")] = np.arange(len(z))
-    distance, index = NearestPoints(z, region).query(z, region, count=9, within=spacing.max())
-    own, place = np.nonzero(distance[:, 1:] < spacing[:, None])
-    other = index[own, place + 1]
-    conflict = distance[own, place + 1] < spacing[other]
-    own, other = own[conflict], other[conflict]
-    first_wins = rank[own] < rank[other]
-    better, worse = np.where(first_wins, own, other), np.where(first_wins, other, own)
-    taken, is_open = np.zeros(len(z), dtype=bool), np.ones(len(z), dtype=bool)
-    for _ in range(8):
-        blocked = np.zeros(len(z), dtype=bool)
-        blocked[worse] = True
-        taken |= is_open & ~blocked
-        is_open &= blocked
-        is_open[worse[taken[better]]] = False
-        keep = is_open[better] & is_open[worse]
-        better, worse = better[keep], worse[keep]
-        if not is_open.any():
-            break
-    return np.asarray(first[taken])
-
-
-def _first_in_cell(
-    z: Complex[np.ndarray, " k"],
-    region: Int[np.ndarray, " k"],
-    spacing: Float[np.ndarray, " k"],
-    priority: Float[np.ndarray, " k"],
-) -> Int[np.ndarray, " s"]:
-    """Index of the point of highest priority in each occupied square cell, a quarter to half a spacing wide."""
-    level = np.floor(np.log2(spacing))
-    cell = np.column_stack([np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]), level, region])
-    order = np.lexsort((-priority, *cell.T))
-    new = (np.diff(cell[order], axis=0) != 0).any(axis=1)
-    return np.asarray(order[np.append(True, new)])
-
-
-def _long_bridges(
-    mesh: ConstrainedDelaunay, boundary: _Boundary, size: RegionSizes
-) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Points that split inner edges between boundary vertices, where a region has room for one, and their regions."""
-    m, points, faces, after = mesh.boundary_size, mesh.points, mesh.triangles, boundary.after
-    edges = unique_edges(faces[(faces < m).sum(axis=1) > 1], len(points))
-    edges = edges[edges[:, 1] < m]
-    edges = edges[(after[edges] != edges[:, ::-1]).all(axis=1)]
-    start, end = edges.T
-    owner = mesh.region[start]
-    place, length = 0.5 * (points[start] + points[end]), np.abs(points[end] - points[start])
-    # a bridge that hides one convex vertex from an inner point goes sooner, and its point lies farther in
-    blocked = faces[(faces < m).all(axis=1)]
-    code, count = np.unique(edge_codes(blocked, m), return_counts=True)
-    one_sided = np.isin(start * m + end, code[count == 1])
-    is_next = after[after[start]] == end
-    ear = (is_next | (after[after[end]] == start)) & one_sided
-    tip = points[after[np.where(is_next, start, end)]]
-    long = length > np.where(ear, _LONGEST_EAR, _LONGEST_BRIDGE) * size(place, owner)
-    place, length, owner = np.where(ear, tip + 1.1 * (place - tip), place)[long], length[long], owner[long]
-    distance, _ = NearestPoints(points, mesh.region).query(place, owner)
-    free = (distance[:, 0] > 0.4 * length) & ~boundary.too_near(place, owner)
-    place, length, owner = place[free], length[free], owner[free]
-    chosen = _independent(place, owner, 0.5 * length, length)
-    return place[chosen], owner[chosen]
