@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
@@ -121,31 +120,27 @@ def color_scale_of(values: np.ndarray) -> float:
 
 
 def converted(
-    rows: Sequence[Sequence[bytes]],
-    convert: Callable[[bytes], Value],
-    error: Callable[[int, str], MeshFileError],
-    columns: slice = slice(None),
+    words: Sequence[bytes], convert: Callable[[bytes], Value], error: Callable[[int, str], MeshFileError]
 ) -> list[Value]:
-    """The words of all rows of a text file, one row after the other, as `convert` understands them.
+    """Words of a text file as `convert` understands them.
 
     Args:
-        rows: words.
+        words: some.
         convert: raises ValueError of what it does not understand.
-        error: what to raise of the number of the first row with such a word, and that word.
-        columns: which words of each row.
+        error: what to raise of the number of the first such word, and that word.
     """
     try:
-        return list(map(convert, chain.from_iterable(row[columns] for row in rows)))
+        return list(map(convert, words))
     except ValueError:
-        words = ((number, word) for number, row in enumerate(rows) for word in row[columns])
-        number, word = next((number, word) for number, word in words if not _is_readable(word, convert))
+        number, word = next(entry for entry in enumerate(words) if not is_readable(entry[1], convert))
         raise error(number, word.decode("utf-8", "replace")) from None
 
 
-def _is_readable(word: bytes, convert: Callable[[bytes], object]) -> bool:
+def is_readable(text: Value, convert: Callable[[Value], object]) -> bool:
+    """Whether `convert` understands a word or a line."""
     try:
-        convert(word)
-    except ValueError:
+        convert(text)
+    except (ValueError, OverflowError):
         return False
     return True
 

@@ -8,6 +8,7 @@ import struct
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from spinor_geom.adapters.contents import BYTE_ORDER_MARK, malformed, real, text_rows
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, is_readable, malformed, real, text_rows
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.errors import MeshFileError
 
@@ -315,7 +316,8 @@ def _read_text(data: bytes, position: int, element: PlyElement, path: Path | Non
     try:
         return replace(_of_words(rows, element), start=position, stop=stream.tell())
     except (ValueError, OverflowError) as error:
-        number = next(number for number, row in enumerate(rows) if not _is_readable(row, element))
+        convert = partial(_of_words, element=element)
+        number = next(number for number, row in enumerate(rows) if not is_readable([row], convert))
         problem = f"cannot read {element.name} {number} from '{b' '.join(rows[number][:12]).decode('latin-1')}'"
         line = line_of_record(data, position, number)
         raise malformed(path, f"line {line}", problem, "correct the line") from error
@@ -353,14 +355,6 @@ def line_of_record(data: bytes, position: int, record: int) -> int:
     """The line of a text file, from 1, of a record of the element whose records begin at byte `position`."""
     filled = (index for index, line in enumerate(data[position:].split(b"\n"), start=1) if line.split())
     return data.count(b"\n", 0, position) + next(islice(filled, record, None))
-
-
-def _is_readable(row: list[bytes], element: PlyElement) -> bool:
-    try:
-        _of_words([row], element)
-    except (ValueError, OverflowError):
-        return False
-    return True
 
 
 def _too_short(element: PlyElement, record: int, path: Path | None) -> MeshFileError:

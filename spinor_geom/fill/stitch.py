@@ -60,13 +60,13 @@ class RimEdges:
         on_loop = np.zeros(self._size, dtype=bool)
         for loop in loops:
             on_loop[loop.vertex_ids] = True
-        edges = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        on_loop = on_loop[mesh.faces]
         # backwards: of several faces on an edge the first counts
-        between = np.flatnonzero(on_loop[edges].all(axis=1))[::-1]
-        opposite = np.roll(mesh.faces, -2, axis=1).reshape(-1)[between]
-        self._opposite = dict(zip(self._keys(edges[between]), opposite.tolist(), strict=True))
+        sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])[::-1]
+        start, end, opposite = mesh.faces[sides // 3, [sides % 3, (sides + 1) % 3, (sides + 2) % 3]]
+        self._opposite = dict(zip(self._keys(np.stack([start, end], axis=1)), opposite.tolist(), strict=True))
         self._taken = set(self._opposite)
-        within = np.flatnonzero(on_loop[mesh.faces].all(axis=1))
+        within = np.flatnonzero(on_loop.all(axis=1))
         corners = np.sort(mesh.faces[within], axis=1)
         self._faces = dict(zip(map(tuple, corners[::-1].tolist()), within[::-1].tolist(), strict=True))
 

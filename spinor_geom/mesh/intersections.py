@@ -111,7 +111,7 @@ def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
     Returns:
         Edge indices i < j, sorted; empty for a simple polygon.
     """
-    if _is_star(points):
+    if is_star(points):
         return np.zeros((0, 2), dtype=np.int64)
     m = len(points)
     pairs, tolerance = _meeting_edges(points, np.roll(points, -1, axis=0), lambda i, j: (j - i > 1) & (j - i < m - 1))
@@ -296,7 +296,7 @@ def _turn(
 # --- polygons ---------------------------------------------------------------------------------------------------------
 
 
-def _is_star(points: Float[np.ndarray, "m 3"]) -> bool:
+def is_star(points: Float[np.ndarray, "m 3"]) -> bool:
     """Whether a polygon winds once around its centroid without turning back, seen across its vector area.
 
     Then it is simple. Most rims of holes are stars, and this is many times quicker than the general test.
