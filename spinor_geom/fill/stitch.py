@@ -39,11 +39,10 @@ class LoopPatch:
 
 def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
     """The patch's inner edges that join two rim vertices, as pairs of patch vertices (lower first), each once."""
-    after = rim_successors(patch.rims)
-    edges = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    edges = np.unique(np.sort(edges[(edges < patch.boundary_size).all(axis=1)], axis=1), axis=0)
-    chords: Int[np.ndarray, "c 2"] = edges[(after[edges] != edges[:, ::-1]).all(axis=1)]
-    return chords
+    sides = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    sides = sides[(sides[:, 0] < sides[:, 1]) & (sides[:, 1] < patch.boundary_size)]
+    sides = sides[(rim_successors(patch.rims)[sides] != sides[:, ::-1]).all(axis=1)]
+    return np.asarray(sides[np.lexsort(sides.T[::-1])])
 
 
 class RimEdges:
