@@ -198,14 +198,15 @@ def _are_separated(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"])
 
     Surely, that is: of some pairs only exact predicates tell.
     """
-    common = (f[:, :, None] == g[:, None]).all(axis=3)
-    limit = SEPARATION * np.ptp(np.concatenate([f, g], axis=1), axis=1).max(axis=1)[:, None] ** 3
-    separated = np.zeros(len(f), dtype=bool)
-    for one, other, shared in ((f, g, common.any(axis=1)), (g, f, common.any(axis=2))):
-        normals = _cross(one[:, 1] - one[:, 0], one[:, 2] - one[:, 0])
-        heights = np.einsum("pi,pki->pk", normals, other - one[:, :1])
-        beside = ((heights > limit) | shared).all(axis=1) | ((heights < -limit) | shared).all(axis=1)
-        separated |= beside & ~shared.all(axis=1)
+    f, g = (np.ascontiguousarray(np.moveaxis(t, 0, 2)) for t in (f, g))  # sums over a short last axis are slow
+    common = (f[:, None] == g).all(axis=2)
+    limit = SEPARATION * np.ptp(np.concatenate([f, g]), axis=0).max(axis=0) ** 3
+    separated = np.zeros(f.shape[2], dtype=bool)
+    for one, other, shared in ((f, g, common.any(axis=0)), (g, f, common.any(axis=1))):
+        normals = _cross((one[1] - one[0]).T, (one[2] - one[0]).T).T
+        heights = ((other - one[0]) * normals).sum(axis=1)
+        beside = ((heights > limit) | shared).all(axis=0) | ((heights < -limit) | shared).all(axis=0)
+        separated |= beside & ~shared.all(axis=0)
     return separated
 
 
@@ -369,8 +370,8 @@ def _segment_distances(
         s = np.clip((_cross(w, v) * normal).sum(axis=1) / squared, 0, 1)
         t = np.clip((_cross(w, u) * normal).sum(axis=1) / squared, 0, 1)
     inner = np.linalg.norm(a + s[:, None] * u - c - t[:, None] * v, axis=1)
-    ends = [_point_distances(a, c, d), _point_distances(b, c, d), _point_distances(c, a, b), _point_distances(d, a, b)]
-    return np.asarray(np.fmin(inner, np.min(ends, axis=0)))
+    ends = _point_distances(*(np.concatenate(four) for four in ((a, b, c, d), (c, c, a, a), (d, d, b, b))))
+    return np.asarray(np.fmin(inner, ends.reshape(4, -1).min(axis=0)))
 
 
 def _point_distances(
