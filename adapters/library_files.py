@@ -16,7 +16,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import FileContents, Source, malformed
+from spinor_geom.adapters.contents import FileContents, malformed
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.pyvista_mesh import polygons_of
@@ -98,12 +98,7 @@ def encode_3mf(contents: FileContents) -> bytes:
 
 
 def _contents(held: Any, path: Path | None, suffix: str) -> FileContents:
-    """What a library's object holds.
-
-    Raises:
-        MeshFileError: it is no surface.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
-    """
+    """What a library's object holds; a MeshFileError where it is no surface."""
     try:
         mesh = to_mesh(held)
     except NonFiniteVertexError as error:
@@ -118,7 +113,8 @@ def _contents(held: Any, path: Path | None, suffix: str) -> FileContents:
         labels=mesh.labels,
         color_scale=255.0,
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
-        source=Source(suffix, partial(_appended, held, suffix)),
+        suffix=suffix,
+        appended=partial(_appended, held, suffix),
     )
 
 

@@ -143,7 +143,7 @@ class MeshFile(Shown):
             representatives=np.arange(len(mesh.vertices)),
             polylines=tuple(new_index[curve] for curve in self.contents.polylines),
             notes=(*self.notes, *notes),
-            source=None,
+            suffix="",
         )
         return MeshFile.of_contents(contents, path=self.path)
 
@@ -166,12 +166,11 @@ class MeshFile(Shown):
             raise malformed(target, "", f"cannot be written ({error})", "check the folder") from error
 
     def _encoded(self, suffix: str) -> bytes:
-        source = self.contents.source
-        if source is None or source.suffix != suffix:
+        if self.contents.appended is None or self.contents.suffix != suffix:
             return FORMATS[suffix][1](self.contents)
         vertices, faces = self.read_sizes
         new = self.contents.polygons.corners[self.contents.polygons.starts[faces] :].reshape(-1, 3)
-        return source.appended(
+        return self.contents.appended(
             MeshExtension(
                 vertices=self.contents.vertices[vertices:],
                 faces=new,

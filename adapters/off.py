@@ -15,7 +15,6 @@ from jaxtyping import Float
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
-    Source,
     color_scale_of,
     converted,
     integer,
@@ -83,7 +82,6 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
     appearance = [attributes[name] for name in ("uv", "normal") if name in attributes]
     wrong = nonfinite_rows(points)
     stops = vertex_lines[-1] + 1, chosen[-1] + 1
-    source = Source(".off", partial(_appended, lines, counts_line, *stops, columns, integer_colors))
     return FileContents(
         vertices=points,
         polygons=polygons,
@@ -91,7 +89,8 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
         color_scale=color_scale,
         representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=f"line {vertex_lines[wrong[0]] + 1}" if len(wrong) else "",
-        source=source if is_one_a_line else None,
+        suffix=".off" if is_one_a_line else "",
+        appended=partial(_appended, lines, counts_line, *stops, columns, integer_colors),
     )
 
 
@@ -104,17 +103,7 @@ def _appended(
     integer_colors: bool,
     extension: MeshExtension,
 ) -> bytes:
-    """The file with lines added after its own vertices and faces; all other text but the counts stays.
-
-    Args:
-        lines: of the file, line ends included.
-        counts_line: which of them holds the counts.
-        vertex_stop: the line after the last vertex.
-        face_stop: the line after the last face.
-        columns: the attributes that follow the coordinates in a vertex line, in order.
-        integer_colors: whether colours are written as integers.
-        extension: what to append.
-    """
+    """The file's lines with others before `vertex_stop` and `face_stop`; all other text but the counts stays."""
     if len(extension.vertices) == 0 and len(extension.faces) == 0:
         return b"".join(lines)
     given = extension.vertex_attributes

@@ -324,12 +324,7 @@ def _read_text(data: bytes, position: int, element: PlyElement, path: Path | Non
 
 
 def _of_words(rows: list[list[bytes]], element: PlyElement) -> PlyElement:
-    """An element with records in lines of text, read like binary ones in which every number has 64 bits.
-
-    Raises:
-        ValueError: a line has too many or too few words, or one that is not the number it should be.
-        OverflowError: as ValueError.
-    """
+    """An element with records in lines of text, read like binary ones in which every number has 64 bits."""
     words, wide = np.array(list(map(real, chain.from_iterable(rows)))), np.dtype(np.float64)
     items = [PlyProperty(item.name, wide, item.count_dtype and wide) for item in element.properties]
     as_binary = replace(element, count=len(rows), properties=tuple(items))

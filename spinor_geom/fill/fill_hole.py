@@ -7,6 +7,8 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
 
+import numpy as np
+
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError
 from spinor_geom.fill.border import refuse_long_border
@@ -17,7 +19,7 @@ from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_o
 from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
 from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole, require_positive, unfilled
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.stitch import joined, stitch
+from spinor_geom.fill.stitch import stitch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
@@ -186,7 +188,7 @@ def fill_hole(
     clock.lap("fill")
     extension = stitch(triangles, patches)
     filled = extend(source, extension)
-    watertight = is_watertight(joined(triangles, extension).faces)
+    watertight = is_watertight(np.concatenate([triangles.faces, extension.faces]))
     clock.lap("stitch")
     result = FillResult(
         mesh=filled,

@@ -165,10 +165,3 @@ def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:
         face_loops=np.concatenate(face_loops),
         vertex_attributes=attributes,
     )
-
-
-def joined(mesh: TriangleMesh, extension: MeshExtension) -> TriangleMesh:
-    """The mesh with its extension as one triangle mesh, without attributes."""
-    return TriangleMesh(
-        np.concatenate([mesh.vertices, extension.vertices]), np.concatenate([mesh.faces, extension.faces])
-    )
