@@ -220,7 +220,8 @@ class _Reader:
         corner_indices = {}
         for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
             own = _index_of_each_vertex(faces[0][:, 0], faces[0][:, column], len(vertices), self.counts[key])
-            if own is None or len(self.widths[key]) != 1 or (name == "normal" and self.widths[key] != {3}):
+            widths = self.widths[key]
+            if own is None or len(widths) != 1 or 0 in widths or (name == "normal" and widths != {3}):
                 continue
             if key in self.unreadable:
                 raise self.unreadable[key]

@@ -145,17 +145,10 @@ def read_records(data: bytes, path: Path | None) -> PlyRecords:
     text, position = read.text, read.size
     elements = {}
     for element in read.elements.values():
-        if element.count and element.properties:
+        if element.properties:
             element = (_read_text if read.encoding == "ascii" else _read_binary)(text, position, element, path)
         else:
-            lists = [item.name for item in element.properties if item.count_dtype is not None]
-            element = replace(
-                element,
-                start=position,
-                stop=position,
-                values={item.name: np.zeros(0, dtype=item.dtype) for item in element.properties},
-                lengths=dict.fromkeys(lists, np.zeros(0, dtype=np.int64)),
-            )
+            element = replace(element, start=position, stop=position)
         elements[element.name] = element
         position = element.stop
     return replace(read, elements=elements)
@@ -210,7 +203,7 @@ def _property(description: list[str], order: str) -> PlyProperty | None:
 def _read_binary(data: bytes, position: int, element: PlyElement, path: Path | None) -> PlyElement:
     """An element with the records that begin at byte `position`."""
     records = _equal_records(data, position, element)
-    if len(records) < element.count:
+    if len(records) < element.count or not element.count:
         return _walk(data, position, element, records, path)
     lists = [item.name for item in element.properties if item.count_dtype is not None]
     return replace(
