@@ -39,8 +39,8 @@ class LoopPatch:
 
 def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
     """The patch's inner edges that join two rim vertices, as pairs of patch vertices (lower first), each once."""
-    sides = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    sides = sides[(sides[:, 0] < sides[:, 1]) & (sides[:, 1] < patch.boundary_size)]
+    starts, ends = np.ravel(patch.faces), np.roll(patch.faces, -1, axis=1).ravel()
+    sides = np.stack([starts, ends], axis=1)[(starts < ends) & (ends < patch.boundary_size)]
     sides = sides[(rim_successors(patch.rims)[sides] != sides[:, ::-1]).all(axis=1)]
     return np.asarray(sides[np.lexsort(sides.T[::-1])])
 
