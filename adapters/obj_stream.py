@@ -271,8 +271,6 @@ class _Block:
 
     def __init__(self, data: bytes, path: Path | None, *, split_at: bytes, first_line: int) -> None:
         self.path = path
-        # `float` takes underscores, at a fraction of the time of `real`
-        self._real = real if b"_" in data else float
         data += 2 * split_at  # so that three letters stand wherever a word begins
         ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord(split_at))
         for mark, pattern in ((b"\\", rb"\\\r*?" + split_at), (b"#", rb"#[^%s]*" % split_at)):
@@ -328,11 +326,14 @@ class _Block:
             line = self.standing[key][number // (stop - start)]
             return self._error(line, f"'{word}' is no number", "correct the line")
 
-        words, sizes = self._text(key).split(), self.sizes[self.standing[key]]
+        text, sizes = self._text(key), self.sizes[self.standing[key]]
+        words = text.split()
         if start or not (sizes == stop).all():
             place = np.arange(len(words)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
             words = list(compress(words, ((place >= start) & (place < stop)).tobytes()))
-        return np.array(converted(words, self._real, error), dtype=np.float64).reshape(-1, stop - start)
+        # `float` takes underscores, at a fraction of the time of `real`
+        convert = real if b"_" in text else float
+        return np.array(converted(words, convert, error), dtype=np.float64).reshape(-1, stop - start)
 
     def corners(self, key: bytes, counts: dict[bytes, int]) -> tuple[Int[np.ndarray, "n 3"], list[tuple[int, str]]]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.

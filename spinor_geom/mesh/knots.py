@@ -32,7 +32,7 @@ def knot_determinant(points: Float[np.ndarray, "m 3"]) -> float | None:
     Source: Alexander, "Topological invariants of knots and links", Trans. AMS 30 (1928); Milnor, "On the total
     curvature of knots", Ann. of Math. 52 (1950).
     """
-    if is_star(points) or np.nansum(turning_angles(points)) <= 4 * np.pi:
+    if np.nansum(turning_angles(points)) <= 4 * np.pi or is_star(points):
         return None
     over, under, signs = _crossings(_seen(points))
     if not 3 <= len(over) <= MOST_CROSSINGS:
