@@ -1,7 +1,6 @@
 """Files whose formats other libraries own: VTK's polygonal data (.vtp, .vtk) through PyVista, 3MF through trimesh.
 
-What such a file holds is what its library reads of it, and it is written anew by that library, which has to be there:
-`require_library`.
+What such a file holds is what its library reads of it, and it is written anew by that library, which has to be there.
 """
 
 from __future__ import annotations
@@ -24,23 +23,12 @@ from spinor_geom.adapters.registry import extend, to_mesh
 from spinor_geom.adapters.seams import appearance_of, seam_representatives
 from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError
 from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.optional import require
 
 if TYPE_CHECKING:
     import pyvista
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
-_LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}
-
-
-def require_library(suffix: str) -> None:
-    """Checks that what reads and writes a format is installed; most formats need nothing.
-
-    Raises:
-        MissingPackageError: it is not.
-    """
-    for package in _LIBRARIES.get(suffix, ()):
-        require(package, extra="formats")
+LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}  # other formats need none
 
 
 def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:

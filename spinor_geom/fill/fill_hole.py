@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
 
 import numpy as np
@@ -15,7 +16,7 @@ from spinor_geom.fill.border import refuse_long_border
 from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.continuity import Continuity
-from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open, with_corners_of
+from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
 from spinor_geom.fill.many_loops import fill_loops, minimal_surfaces
 from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole, require_positive, unfilled
 from spinor_geom.fill.result import FillResult, LoopOutcome
@@ -169,7 +170,8 @@ def fill_hole(
     places = chosen_places(loop if bridge is None else bridge, loops)
     reasons = reasons_to_leave_open(loops, places, keep_largest=keep_largest, max_perimeter=max_perimeter)
     if isinstance(loop, BoundaryLoop):
-        loops[places[0]] = with_corners_of(loop, loops[places[0]])
+        own = loops[places[0]]
+        loops[places[0]] = replace(own, points=loop.points, vertex_ids=loop.vertex_ids, corners=loop.corners)
     wanted = [place for place in range(len(loops)) if place not in reasons]
     joins = planned_joins(triangles, loops, wanted, islands, bridge)
     clock.lap("loops")
