@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,19 +19,6 @@ LONGEST_PROBLEM = 240  # letters
 Value = TypeVar("Value")
 
 
-@dataclass(frozen=True, eq=False)
-class Source:
-    """A file as it was read.
-
-    Attributes:
-        suffix: the format, as ".obj".
-        appended: gives the file with new elements after those that were in it, which stay as they are.
-    """
-
-    suffix: str
-    appended: Callable[[MeshExtension], bytes]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileContents:
     """What a mesh file holds.
@@ -44,13 +30,14 @@ class FileContents:
             lower left), and others by their names in the file.
         labels: names of the attributes whose values name classes.
         color_scale: what full intensity is in "color": 1, 255 or 65535.
-        representatives: (V,) int64, the vertex that stands for the place of each; differs from the vertex itself at
-            texture and normal seams only.
+        representatives: (V,) int64, the vertex that stands for the place of each: itself, and another at texture and
+            normal seams only.
         polylines: curves that the file holds beside faces, each (k,) vertex indices; a closed one repeats its first.
         first_nonfinite: where in the file the first vertex stands that is NaN or infinite, as "line 12"; may be empty.
         is_text_stl: whether this was read from a text STL file, and so is written as one again, with all digits.
         notes: what was changed on the way from the file, a sentence each.
-        source: the file as it was read, or None where the contents no longer follow it.
+        suffix: the format of the file that the contents follow, as ".obj"; "" where they follow none.
+        appended: gives that file with new elements after those that were in it, which stay as they are.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -63,7 +50,8 @@ class FileContents:
     first_nonfinite: str = ""
     is_text_stl: bool = False
     notes: tuple[str, ...] = ()
-    source: Source | None = None
+    suffix: str = ""
+    appended: Callable[[MeshExtension], bytes] | None = None
 
 
 def malformed(path: Path | None, place: str, problem: str, advice: str) -> MeshFileError:
@@ -121,31 +109,27 @@ def color_scale_of(values: np.ndarray) -> float:
 
 
 def converted(
-    rows: Sequence[Sequence[bytes]],
-    convert: Callable[[bytes], Value],
-    error: Callable[[int, str], MeshFileError],
-    columns: slice = slice(None),
+    words: Sequence[bytes], convert: Callable[[bytes], Value], error: Callable[[int, str], MeshFileError]
 ) -> list[Value]:
-    """The words of all rows of a text file, one row after the other, as `convert` understands them.
+    """Words of a text file as `convert` understands them.
 
     Args:
-        rows: words.
+        words: some.
         convert: raises ValueError of what it does not understand.
-        error: what to raise of the number of the first row with such a word, and that word.
-        columns: which words of each row.
+        error: what to raise of the number of the first such word, and that word.
     """
     try:
-        return list(map(convert, chain.from_iterable(row[columns] for row in rows)))
+        return list(map(convert, words))
     except ValueError:
-        words = ((number, word) for number, row in enumerate(rows) for word in row[columns])
-        number, word = next((number, word) for number, word in words if not _is_readable(word, convert))
+        number, word = next(entry for entry in enumerate(words) if not is_readable(entry[1], convert))
         raise error(number, word.decode("utf-8", "replace")) from None
 
 
-def _is_readable(word: bytes, convert: Callable[[bytes], object]) -> bool:
+def is_readable(text: Value, convert: Callable[[Value], object]) -> bool:
+    """Whether `convert` understands a word or a line."""
     try:
-        convert(word)
-    except ValueError:
+        convert(text)
+    except (ValueError, OverflowError):
         return False
     return True
 

@@ -11,9 +11,9 @@ from jaxtyping import Float, Int, Real
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from spinor_geom.errors import MeshShapeError, VertexIndexError
+from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import TriangleMesh, require_existing_vertices
 
 
 def check_extension(extension: MeshExtension, *, vertices: int, attributes: Mapping[str, int]) -> None:
@@ -25,11 +25,7 @@ def check_extension(extension: MeshExtension, *, vertices: int, attributes: Mapp
         VertexIndexError: a face names a vertex that neither of them has.
         MeshShapeError: an attribute is missing or has another width.
     """
-    total = vertices + len(extension.vertices)
-    outside = (extension.faces < 0) | (extension.faces >= total)
-    if outside.any():
-        face, corner = divmod(int(np.flatnonzero(outside)[0]), 3)
-        raise VertexIndexError(face=face, index=int(extension.faces[face, corner]), vertices=total)
+    require_existing_vertices(extension.faces, vertices=vertices + len(extension.vertices))
     if len(extension.vertices) == 0:
         return
     for name, width in attributes.items():

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import FileContents, Source, malformed, single_precision
+from spinor_geom.adapters.contents import FileContents, malformed, single_precision
 from spinor_geom.adapters.extending import parts_of_faces
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer
 from spinor_geom.adapters.glb_pieces import COPIED, Piece, have_one_layout, scene_pieces, shared_semantics
@@ -61,7 +61,8 @@ def read_glb(data: bytes, path: Path | None) -> FileContents:
         attributes=attributes,
         color_scale=1.0 if color_dtype.kind == "f" else float(np.iinfo(color_dtype).max),
         representatives=_representatives(vertices, pieces),
-        source=Source(".glb", partial(_appended, data, pieces, path)),
+        suffix=".glb",
+        appended=partial(_appended, data, pieces, path),
     )
 
 

@@ -1,7 +1,6 @@
 """Files whose formats other libraries own: VTK's polygonal data (.vtp, .vtk) through PyVista, 3MF through trimesh.
 
-What such a file holds is what its library reads of it, and it is written anew by that library, which has to be there:
-`require_library`.
+What such a file holds is what its library reads of it, and it is written anew by that library, which has to be there.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import FileContents, Source, malformed
+from spinor_geom.adapters.contents import FileContents, malformed
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.pyvista_mesh import polygons_of
@@ -24,23 +23,12 @@ from spinor_geom.adapters.registry import extend, to_mesh
 from spinor_geom.adapters.seams import appearance_of, seam_representatives
 from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError
 from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.optional import require
 
 if TYPE_CHECKING:
     import pyvista
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
-_LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}
-
-
-def require_library(suffix: str) -> None:
-    """Checks that what reads and writes a format is installed; most formats need nothing.
-
-    Raises:
-        MissingPackageError: it is not.
-    """
-    for package in _LIBRARIES.get(suffix, ()):
-        require(package, extra="formats")
+LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}  # other formats need none
 
 
 def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
@@ -98,12 +86,7 @@ def encode_3mf(contents: FileContents) -> bytes:
 
 
 def _contents(held: Any, path: Path | None, suffix: str) -> FileContents:
-    """What a library's object holds.
-
-    Raises:
-        MeshFileError: it is no surface.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
-    """
+    """What a library's object holds; a MeshFileError where it is no surface."""
     try:
         mesh = to_mesh(held)
     except NonFiniteVertexError as error:
@@ -118,7 +101,8 @@ def _contents(held: Any, path: Path | None, suffix: str) -> FileContents:
         labels=mesh.labels,
         color_scale=255.0,
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
-        source=Source(suffix, partial(_appended, held, suffix)),
+        suffix=suffix,
+        appended=partial(_appended, held, suffix),
     )
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Int
 from spinor_geom.adapters.contents import FileContents, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import grown_attributes
 from spinor_geom.adapters.glb import encode_glb, read_glb
-from spinor_geom.adapters.library_files import encode_3mf, encode_vtk, read_3mf, read_vtk, require_library
+from spinor_geom.adapters.library_files import LIBRARIES, encode_3mf, encode_vtk, read_3mf, read_vtk
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, read_ply
@@ -26,6 +26,7 @@ from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.optional import require
 from spinor_geom.shown import Shown
 
 FORMATS: dict[str, tuple[Callable[[bytes, Path | None], FileContents], Callable[[FileContents], bytes]]] = {
@@ -143,7 +144,7 @@ class MeshFile(Shown):
             representatives=np.arange(len(mesh.vertices)),
             polylines=tuple(new_index[curve] for curve in self.contents.polylines),
             notes=(*self.notes, *notes),
-            source=None,
+            suffix="",
         )
         return MeshFile.of_contents(contents, path=self.path)
 
@@ -166,12 +167,11 @@ class MeshFile(Shown):
             raise malformed(target, "", f"cannot be written ({error})", "check the folder") from error
 
     def _encoded(self, suffix: str) -> bytes:
-        source = self.contents.source
-        if source is None or source.suffix != suffix:
+        if self.contents.appended is None or self.contents.suffix != suffix:
             return FORMATS[suffix][1](self.contents)
         vertices, faces = self.read_sizes
         new = self.contents.polygons.corners[self.contents.polygons.starts[faces] :].reshape(-1, 3)
-        return source.appended(
+        return self.contents.appended(
             MeshExtension(
                 vertices=self.contents.vertices[vertices:],
                 faces=new,
@@ -245,5 +245,6 @@ def known_suffix(path: Path) -> str:
     if suffix not in FORMATS:
         problem = f"'{path.suffix}' is no known format"
         raise MeshFileError(f"{path}: {problem}; use one of {', '.join(FORMATS)}", path=path, place="")
-    require_library(suffix)
+    for package in LIBRARIES.get(suffix, ()):
+        require(package, extra="formats")
     return suffix

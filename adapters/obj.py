@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import FileContents, Source
+from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
 from spinor_geom.mesh.extension import MeshExtension
 
@@ -52,7 +52,7 @@ def read_obj(data: bytes, path: Path | None) -> FileContents:
         MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
     """
     text = read_obj_stream(io.BytesIO(data), path)
-    return replace(text.contents, source=Source(".obj", partial(_appended, data, text)))
+    return replace(text.contents, suffix=".obj", appended=partial(_appended, data, text))
 
 
 def _appended(data: bytes, text: ObjText, extension: MeshExtension) -> bytes:
@@ -82,14 +82,7 @@ def _number_lines(keyword: str, rows: Float[np.ndarray, "n k"], newline: str = "
 def _face_lines(
     corners: Sequence[Int[np.ndarray, " n"]], sizes: Int[np.ndarray, " f"], newline: str = "\n", *, skip_uv: bool
 ) -> str:
-    """Faces by the numbers at their corners: of positions, and of texture and normals with a gap where one is missing.
-
-    Args:
-        corners: those numbers at the corners of all faces, one face after the other.
-        sizes: numbers of corners of the faces.
-        newline: ends each line.
-        skip_uv: whether there is no texture.
-    """
+    """Faces by the numbers at all their corners: of positions, texture (or a gap) and normals."""
     word = " " + ("//" if skip_uv else "/").join(["%d"] * len(corners))
     of_size = {size: f"f{word * size}{newline}" for size in np.unique(sizes).tolist()}
     return "".join(map(of_size.__getitem__, sizes.tolist())) % tuple(np.stack(corners, axis=1).ravel().tolist())

@@ -6,9 +6,10 @@ or run: `mtllib`, `call` and the like are lines of text.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain, groupby
+from itertools import compress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -31,10 +32,8 @@ from spinor_geom.errors import MeshFileError
 BLOCK_SIZE = 1 << 22
 LONGEST_LINE = 1 << 25
 LARGEST_INDEX = 2**62  # so that sums of two indices fit 64 bits
-KEYS = (b"v", b"vt", b"vn", b"f", b"l", b"o")
+KEYS = (b"v", b"vt", b"vn", b"f", b"l", b"o")  # first words of lines
 COUNTED = (b"v", b"vt", b"vn")
-
-Row = list[bytes]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,9 +112,10 @@ def _blocks(stream: BinaryIO, path: Path | None) -> Iterator[tuple[bytes, bytes]
 
 
 def _newline(text: bytearray) -> bytes:
-    """What ends the lines of a text, if that can be told yet."""
-    if b"\n" in text:
-        return b"\r\n" if b"\r\n" in text else b"\n"
+    """What ends the first line of a text, if that can be told yet."""
+    end = text.find(b"\n")
+    if end >= 0:
+        return b"\r\n" if text[end - 1 : end] == b"\r" else b"\n"
     return b"\r" if text.find(b"\r", 0, -1) >= 0 else b""
 
 
@@ -149,57 +149,54 @@ class _Reader:
 
     def add(self, block: _Block) -> None:
         """Takes the elements of the next block."""
-        for key, least, what in (
-            (b"v", 3, "a vertex needs three coordinates"),
-            (b"f", 3, "a face needs three corners"),
-            (b"l", 2, "a curve needs two vertices"),
-        ):
-            block.check_lengths(key, least=least, what=what)
-            if key == b"v" and block.rows[key]:
-                self._add_vertices(block)
+        block.check_sizes(b"v", least=3, what="a vertex needs three coordinates")
+        if len(block.standing[b"v"]):
+            self._add_vertices(block)
+        block.check_sizes(b"f", least=3, what="a face needs three corners")
+        block.check_sizes(b"l", least=2, what="a curve needs two vertices")
         starts, names = self._names(block)
         for key in (b"f", b"l"):
-            if block.rows[key]:
+            lines = block.standing[key]
+            if len(lines):
                 corners, wrong = block.corners(key, self.counts)
                 self.wrong += wrong
-                sizes = np.array([len(row) - 1 for row in block.rows[key]], dtype=np.int64)
-                own_names = np.array(names, dtype=np.int64)[np.searchsorted(starts, block.standing(key)) - 1]
-                self.elements[key].append((corners, sizes, block.line_numbers(key), own_names))
+                own_names = np.array(names, dtype=np.int64)[np.searchsorted(starts, lines) - 1]
+                self.elements[key].append((corners, block.sizes[lines], block.line_numbers[lines], own_names))
         for key in (b"vt", b"vn"):
             self._add_values(block, key)
         for key in COUNTED:
-            self.counts[key] += len(block.rows[key])
+            self.counts[key] += len(block.standing[key])
 
     def _add_vertices(self, block: _Block) -> None:
-        lengths = set(map(len, block.rows[b"v"]))
-        vertices = block.floats(b"v", 1, 4)
+        vertices = block.floats(b"v", 0, 3)
         self.values[b"v"].append(vertices)
         if not self.first_nonfinite and len(wrong := nonfinite_rows(vertices)):
-            self.first_nonfinite = f"line {block.line_numbers(b'v')[wrong[0]]}"
-        self.widths[b"v"] |= lengths
-        if self.widths[b"v"] in ({7}, {8}):
-            self.colors.append(block.floats(b"v", 4, min(lengths)))
+            self.first_nonfinite = f"line {block.line_numbers[block.standing[b'v'][wrong[0]]]}"
+        self.widths[b"v"] |= block.widths(b"v")
+        if self.widths[b"v"] in ({6}, {7}):
+            self.colors.append(block.floats(b"v", 3, min(self.widths[b"v"])))
         else:
             self.colors.clear()
 
     def _add_values(self, block: _Block, key: bytes) -> None:
         """Texture coordinates or normals, as long as they may all be used; an unreadable one matters only then."""
-        self.widths[key] |= set(map(len, block.rows[key]))
-        if len(self.widths[key]) != 1 or key in self.unreadable or min(self.widths[key]) < 2:
+        self.widths[key] |= block.widths(key)
+        if len(self.widths[key]) != 1 or key in self.unreadable or min(self.widths[key]) < 1:
             self.values[key].clear()
             return
         try:
-            self.values[key].append(block.floats(key, 1, min(self.widths[key])))
+            self.values[key].append(block.floats(key, 0, min(self.widths[key])))
         except MeshFileError as error:
             self.unreadable[key] = error
 
     def _names(self, block: _Block) -> tuple[list[int], list[int]]:
         """Behind which lines of a block which name holds, as a number."""
         starts, numbers = [-1], [self._number()]
-        for row, words in zip(block.standing(b"o").tolist(), block.rows[b"o"], strict=True):
-            name = b" ".join(words[1:]).decode("utf-8", "replace")
-            self.of_object, self.of_group = (name, "") if words[0].lower() == b"o" else (self.of_object, name)
-            starts.append(row)
+        for line in block.standing[b"o"].tolist():
+            keyword, *words = block.row(line)
+            name = b" ".join(words).decode("utf-8", "replace")
+            self.of_object, self.of_group = (name, "") if keyword in b"oO" else (self.of_object, name)
+            starts.append(line)
             numbers.append(self._number())
         return starts, numbers
 
@@ -223,7 +220,8 @@ class _Reader:
         corner_indices = {}
         for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
             own = _index_of_each_vertex(faces[0][:, 0], faces[0][:, column], len(vertices), self.counts[key])
-            if own is None or len(self.widths[key]) != 1 or (name == "normal" and self.widths[key] != {4}):
+            widths = self.widths[key]
+            if own is None or len(widths) != 1 or 0 in widths or (name == "normal" and widths != {3}):
                 continue
             if key in self.unreadable:
                 raise self.unreadable[key]
@@ -263,61 +261,79 @@ class _Reader:
 
 
 class _Block:
-    """The lines of a part of an OBJ file as words, by their first word.
+    """The lines of a part of an OBJ file, those that end with a backslash joined to the next.
 
     Attributes:
-        rows: the lines by the first of `KEYS` that begins them; those of groups stand among those of objects.
+        sizes: how many words follow the first on each line; −1 on blank lines.
+        line_numbers: on which of the file's lines, from 1, each begins.
+        standing: the lines that begin with each of `KEYS`; those of groups stand among those of objects.
     """
 
     def __init__(self, data: bytes, path: Path | None, *, split_at: bytes, first_line: int) -> None:
         self.path = path
-        lines, numbers = _logical_lines(data, split_at)
-        self._first_line, self._line_numbers = first_line, numbers
-        # `float` takes underscores, at a fraction of the time of `real`
-        self._real = real if b"_" in data else float
-        if b"#" in data:
-            lines = [line.partition(b"#")[0] for line in lines]
-        codes = {key: code for code, key in enumerate(KEYS, start=1)}
-        codes[b"g"] = codes[b"o"]
-        self.rows: dict[bytes, list[Row]] = {key: [] for key in KEYS}
-        found = bytearray()
-        for word, run in groupby(map(bytes.split, lines), key=_first):
-            rows = list(run)
-            code = codes.get(word.lower(), 0)
-            if code:
-                self.rows[KEYS[code - 1]] += rows
-            found += bytes([code]) * len(rows)
-        self._codes = np.frombuffer(found, dtype=np.uint8)
+        data += 2 * split_at  # so that three letters stand wherever a word begins
+        ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord(split_at))
+        for mark, pattern in ((b"\\", rb"\\\r*?" + split_at), (b"#", rb"#[^%s]*" % split_at)):
+            if mark in data:
+                data = re.sub(pattern, lambda match: b" " * len(match[0]), data)
+        letters = np.array(np.frombuffer(data, np.uint8))
+        is_end = letters[ends] == ord(split_at)
+        self.line_numbers = first_line + np.append(0, np.flatnonzero(is_end) + 1)[:-1]
+        is_space = (letters == ord(" ")) | (letters - ord("\t") <= ord("\r") - ord("\t"))
+        starts = np.flatnonzero(~is_space & np.append(True, is_space[:-1]))
+        bounds = np.append(0, np.searchsorted(starts, ends[is_end]))
+        self.sizes = np.diff(bounds) - 1
+        filled = np.flatnonzero(self.sizes >= 0)
+        first, second = starts[bounds[filled]], starts[bounds[filled]] + 1
+        one, two = (letters[at].astype(np.int64) | 0x20 for at in (first, second))  # small letters
+        two[is_space[second]] = 0
+        keywords = np.where(is_space[second] | is_space[second + 1], one + (two << 8), 0)
+        keywords[keywords == ord("g")] = ord("o")
+        self.standing = {key: filled[keywords == int.from_bytes(key, "little")] for key in KEYS}
+        letters[first] = letters[second[two > 0]] = ord(" ")
+        self._data, self._behind_keys, self._line_ends = data, letters.tobytes(), np.append(0, ends[is_end] + 1)
 
-    def standing(self, key: bytes) -> Int[np.ndarray, " n"]:
-        """Where the lines of a key stand among the block's lines."""
-        return np.flatnonzero(self._codes == KEYS.index(key) + 1)
+    def row(self, line: int) -> list[bytes]:
+        """The words of a line."""
+        return self._data[self._line_ends[line] : self._line_ends[line + 1]].split()
 
-    def line_numbers(self, key: bytes) -> Int[np.ndarray, " n"]:
-        """Their numbers in the file, from 1."""
-        numbers: Int[np.ndarray, " n"] = np.fromiter(self._line_numbers, dtype=np.int64)[self.standing(key)]
-        return self._first_line + numbers
+    def widths(self, key: bytes) -> set[int]:
+        """How many words follow the key on its lines."""
+        return set(np.unique(self.sizes[self.standing[key]]).tolist())
 
-    def _error(self, key: bytes, number: int, problem: str, advice: str) -> MeshFileError:
-        """The error at line `number` of a key."""
-        return malformed(self.path, f"line {self.line_numbers(key)[number]}", problem, advice)
+    def _text(self, key: bytes) -> bytes:
+        """What follows the key on all of its lines."""
+        lines = self.standing[key]
+        after_gap = np.flatnonzero(np.diff(lines, prepend=-2) > 1)
+        last = np.append(lines[after_gap[1:] - 1], lines[-1:])
+        runs = zip(self._line_ends[lines[after_gap]].tolist(), self._line_ends[last + 1].tolist(), strict=True)
+        return b"".join([self._behind_keys[start:stop] for start, stop in runs])
 
-    def check_lengths(self, key: bytes, *, least: int, what: str) -> None:
-        """Whether all lines of a key have enough other words."""
-        rows = self.rows[key]
-        if rows and min(map(len, rows)) <= least:
-            number = next(index for index, row in enumerate(rows) if len(row) <= least)
-            text = b" ".join(rows[number]).decode("utf-8", "replace")
-            raise self._error(key, number, f"{what}, got '{text}'", "complete or remove the line")
+    def _error(self, line: int, problem: str, advice: str) -> MeshFileError:
+        return malformed(self.path, f"line {self.line_numbers[line]}", problem, advice)
+
+    def check_sizes(self, key: bytes, *, least: int, what: str) -> None:
+        """Whether enough words follow the key on all of its lines."""
+        lines = self.standing[key]
+        for line in lines[self.sizes[lines] < least][:1].tolist():
+            text = b" ".join(self.row(line)).decode("utf-8", "replace")
+            raise self._error(line, f"{what}, got '{text}'", "complete or remove the line")
 
     def floats(self, key: bytes, start: int, stop: int) -> Float[np.ndarray, "n k"]:
-        """Words `start` to `stop` of all lines of a key, as numbers."""
+        """Words `start` to `stop` behind the key on all of its lines, as numbers."""
 
         def error(number: int, word: str) -> MeshFileError:
-            return self._error(key, number, f"'{word}' is no number", "correct the line")
+            line = self.standing[key][number // (stop - start)]
+            return self._error(line, f"'{word}' is no number", "correct the line")
 
-        flat = converted(self.rows[key], self._real, error, slice(start, stop))
-        return np.array(flat, dtype=np.float64).reshape(-1, stop - start)
+        text, sizes = self._text(key), self.sizes[self.standing[key]]
+        words = text.split()
+        if start or not (sizes == stop).all():
+            place = np.arange(len(words)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+            words = list(compress(words, ((place >= start) & (place < stop)).tobytes()))
+        # `float` takes underscores, at a fraction of the time of `real`
+        convert = real if b"_" in text else float
+        return np.array(converted(words, convert, error), dtype=np.float64).reshape(-1, stop - start)
 
     def corners(self, key: bytes, counts: dict[bytes, int]) -> tuple[Int[np.ndarray, "n 3"], list[tuple[int, str]]]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
@@ -329,64 +345,41 @@ class _Block:
         Returns:
             The indices, and the first line with a position that cannot exist and the word there, if there is one.
         """
-        rows = self.rows[key]
-        words = list(chain.from_iterable(row[1:] for row in rows))
+        text = self._text(key)
+        line_of = np.repeat(self.standing[key], self.sizes[self.standing[key]])
 
         def error(number: int, word: str) -> MeshFileError:
-            return self._error(key, number, f"'{word}' is no corner", "write v, v/vt, v//vn or v/vt/vn")
+            return self._error(line_of[number], f"'{word}' is no corner", "write v, v/vt, v//vn or v/vt/vn")
 
-        corners = _uniform_corners(words)
+        corners = _uniform_corners(text, len(line_of))
         if corners is None:
-            corners = np.array(converted(rows, _corner, error, slice(1, None)), dtype=np.int64)
-        line_of = np.repeat(np.arange(len(rows)), [len(row) - 1 for row in rows])
+            corners = np.array(converted(text.split(), _corner, error), dtype=np.int64)
         if (corners < 0).any():
-            standing = self.standing(key)
-            before = [counts[name] + np.searchsorted(self.standing(name), standing) for name in COUNTED]
-            corners = np.where(corners < 0, corners + np.stack(before, axis=1)[line_of] + 1, corners)
+            before = [counts[name] + np.searchsorted(self.standing[name], line_of) for name in COUNTED]
+            corners = np.where(corners < 0, corners + np.stack(before, axis=1) + 1, corners)
             # an index before the file's first element must not pass for "not given"
             corners[:, 1:] = np.where(corners[:, 1:] < 0, np.iinfo(np.int64).max, corners[:, 1:])
         wrong = np.flatnonzero(corners[:, 0] < 1)[:1].tolist()
-        at = [(int(self.line_numbers(key)[line_of[i]]), words[i].decode("utf-8", "replace")) for i in wrong]
+        at = [(int(self.line_numbers[line_of[i]]), text.split()[i].decode("utf-8", "replace")) for i in wrong]
         return corners - 1, at
 
 
-def _first(row: Row) -> bytes:
-    return row[0] if row else b""
-
-
-def _logical_lines(data: bytes, split_at: bytes) -> tuple[list[bytes], Iterable[int]]:
-    """The lines, those that end with a backslash joined to the next, and on which of the block's lines each begins."""
-    lines = data.split(split_at)
-    if b"\\" not in data:
-        return lines, range(len(lines))
-    joined: list[bytes] = []
-    line_numbers = []
-    pieces: list[bytes] = []
-    for number, line in enumerate(lines):
-        text = line.rstrip(b"\r")
-        if not pieces:
-            line_numbers.append(number)
-        pieces.append(text.removesuffix(b"\\"))
-        if not text.endswith(b"\\") or number == len(lines) - 1:
-            joined.append(b" ".join(pieces))
-            pieces = []
-    return joined, line_numbers
-
-
-def _uniform_corners(words: list[bytes]) -> Int[np.ndarray, "n 3"] | None:
+def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | None:
     """Corners as they stand in the file, 0 where not given; None unless they all have one form, and are well-formed."""
-    text = b" ".join(words)
-    slashes = words[0].count(b"/") if words else 0
     # what is left without the numbers tells whether all corners have one form, much faster than looking at each
-    if slashes > 2 or text.translate(None, b"-0123456789") != b" ".join([b"/" * slashes] * len(words)):
+    marks = text.translate(None, b"-0123456789").split()
+    slashes = len(marks[0]) if marks else 0
+    if slashes > 2 or marks != [b"/" * slashes] * (count if slashes else 0):
         return None
-    corners = np.zeros((len(words), 3), dtype=np.int64)
+    text, is_signed = text.replace(b"//", b"/0/").replace(b"/", b" "), b"-" in text
+    corners = np.zeros((count, 3), dtype=np.int64)
     try:
-        flat = list(map(int, text.replace(b"//", b"/0/").replace(b"/", b" ").split()))
-        corners[:, : slashes + 1] = np.array(flat, dtype=np.int64).reshape(len(words), slashes + 1)
+        # of digits alone numpy reads numbers at a quarter of the time, those of 64 bits as negative ones
+        flat = np.array(list(map(int, text.split()))) if is_signed else np.fromstring(text, np.uint64, sep=" ")
+        corners[:, : slashes + 1] = flat.reshape(count, slashes + 1)
     except (ValueError, OverflowError):
         return None
-    return corners
+    return corners if is_signed or corners.min() >= 0 else None
 
 
 def _corner(word: bytes) -> tuple[int, int, int]:

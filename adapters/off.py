@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TypeAlias
 
@@ -15,7 +15,6 @@ from jaxtyping import Float
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
-    Source,
     color_scale_of,
     converted,
     integer,
@@ -83,7 +82,6 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
     appearance = [attributes[name] for name in ("uv", "normal") if name in attributes]
     wrong = nonfinite_rows(points)
     stops = vertex_lines[-1] + 1, chosen[-1] + 1
-    source = Source(".off", partial(_appended, lines, counts_line, *stops, columns, integer_colors))
     return FileContents(
         vertices=points,
         polygons=polygons,
@@ -91,7 +89,8 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
         color_scale=color_scale,
         representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=f"line {vertex_lines[wrong[0]] + 1}" if len(wrong) else "",
-        source=source if is_one_a_line else None,
+        suffix=".off" if is_one_a_line else "",
+        appended=partial(_appended, lines, counts_line, *stops, columns, integer_colors),
     )
 
 
@@ -104,17 +103,7 @@ def _appended(
     integer_colors: bool,
     extension: MeshExtension,
 ) -> bytes:
-    """The file with lines added after its own vertices and faces; all other text but the counts stays.
-
-    Args:
-        lines: of the file, line ends included.
-        counts_line: which of them holds the counts.
-        vertex_stop: the line after the last vertex.
-        face_stop: the line after the last face.
-        columns: the attributes that follow the coordinates in a vertex line, in order.
-        integer_colors: whether colours are written as integers.
-        extension: what to append.
-    """
+    """The file's lines with others before `vertex_stop` and `face_stop`; all other text but the counts stays."""
     if len(extension.vertices) == 0 and len(extension.faces) == 0:
         return b"".join(lines)
     given = extension.vertex_attributes
@@ -192,7 +181,8 @@ def _table(rows: list[list[bytes]], lines: list[int], error: Error) -> Float[np.
     for row, line in zip(rows, lines, strict=True):
         if len(row) != width or width < 3:
             raise error(line, f"a vertex with {len(row)} numbers, the first has {width}, at least three are needed")
-    flat = converted(rows, real, lambda row, word: error(lines[row], f"'{word}' is no number"))
+    words = list(chain.from_iterable(rows))
+    flat = converted(words, real, lambda number, word: error(lines[number // width], f"'{word}' is no number"))
     return np.array(flat).reshape(len(rows), width)
 
 
@@ -211,14 +201,16 @@ def _columns(keyword: re.Match[bytes] | None, width: int, line: int, error: Erro
 def _polygons(rows: list[list[bytes]], lines: list[int], vertices: int, error: Error) -> Polygons:
     """The faces; what follows the corners in a line is a colour."""
 
-    def no_index(row: int, word: str) -> MeshFileError:
-        return error(lines[row], f"'{word}' is no index")
+    def no_index(line: int, word: str) -> MeshFileError:
+        return error(line, f"'{word}' is no index")
 
-    sizes = converted(rows, integer, no_index, slice(1))
+    sizes = converted([row[0] for row in rows], integer, lambda number, word: no_index(lines[number], word))
     for row, size, line in zip(rows, sizes, lines, strict=True):
         if size < 3 or len(row) <= size:
             text = b" ".join(row[:8]).decode("latin-1")
             raise error(line, f"a face needs at least three corners and as many as it announces, got '{text}'")
-    named = [row[1 : 1 + size] for row, size in zip(rows, sizes, strict=True)]
-    polygons = Polygons.of_sizes(np.array(converted(named, integer, no_index)), np.array(sizes))
+    named = [word for row, size in zip(rows, sizes, strict=True) for word in row[1 : 1 + size]]
+    line_of = np.repeat(lines, sizes)
+    corners = converted(named, integer, lambda number, word: no_index(line_of[number], word))
+    polygons = Polygons.of_sizes(np.array(corners), np.array(sizes))
     return polygons.checked(vertices, lambda face, problem: error(lines[face], problem))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import FileContents, Source, color_scale_of, malformed, nonfinite_rows
+from spinor_geom.adapters.contents import FileContents, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import most_frequent_row
 from spinor_geom.adapters.ply_records import (
     TYPES,
@@ -77,23 +77,17 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
         color_scale=_color_scale(vertices.values[groups["color"][0]]) if "color" in groups else 1.0,
         representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=f"line {line_of_record(records.text, vertices.start, wrong[0])}" if is_text else "",
-        source=Source(".ply", partial(_appended, records, groups, corner_list)),
+        suffix=".ply",
+        appended=partial(_appended, records, groups, corner_list),
     )
 
 
 def _appended(
     records: PlyRecords, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
 ) -> bytes:
-    """The file with records added after its own vertices and faces; all other bytes but the two counts stay.
+    """The file with records added after its own vertices and faces.
 
-    New positions and attributes are rounded to the types that the file declares. Properties of new faces get the value
-    that occurs most often, lists beside the corners get zeros.
-
-    Args:
-        records: of the file.
-        groups: the properties that make up each attribute.
-        corner_list: the property that holds the corners of faces.
-        extension: what to append.
+    Properties of new faces get the value that occurs most often, lists beside the corners get zeros.
     """
     vertices = dict(zip("xyz", extension.vertices.T, strict=True))
     for attribute, names in groups.items() if len(extension.vertices) else ():

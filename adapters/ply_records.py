@@ -8,6 +8,7 @@ import struct
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from spinor_geom.adapters.contents import BYTE_ORDER_MARK, malformed, real, text_rows
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, is_readable, malformed, real, text_rows
 from spinor_geom.adapters.extending import cast_values
 from spinor_geom.errors import MeshFileError
 
@@ -144,17 +145,10 @@ def read_records(data: bytes, path: Path | None) -> PlyRecords:
     text, position = read.text, read.size
     elements = {}
     for element in read.elements.values():
-        if element.count and element.properties:
+        if element.properties:
             element = (_read_text if read.encoding == "ascii" else _read_binary)(text, position, element, path)
         else:
-            lists = [item.name for item in element.properties if item.count_dtype is not None]
-            element = replace(
-                element,
-                start=position,
-                stop=position,
-                values={item.name: np.zeros(0, dtype=item.dtype) for item in element.properties},
-                lengths=dict.fromkeys(lists, np.zeros(0, dtype=np.int64)),
-            )
+            element = replace(element, start=position, stop=position)
         elements[element.name] = element
         position = element.stop
     return replace(read, elements=elements)
@@ -209,7 +203,7 @@ def _property(description: list[str], order: str) -> PlyProperty | None:
 def _read_binary(data: bytes, position: int, element: PlyElement, path: Path | None) -> PlyElement:
     """An element with the records that begin at byte `position`."""
     records = _equal_records(data, position, element)
-    if len(records) < element.count:
+    if len(records) < element.count or not element.count:
         return _walk(data, position, element, records, path)
     lists = [item.name for item in element.properties if item.count_dtype is not None]
     return replace(
@@ -315,19 +309,15 @@ def _read_text(data: bytes, position: int, element: PlyElement, path: Path | Non
     try:
         return replace(_of_words(rows, element), start=position, stop=stream.tell())
     except (ValueError, OverflowError) as error:
-        number = next(number for number, row in enumerate(rows) if not _is_readable(row, element))
+        convert = partial(_of_words, element=element)
+        number = next(number for number, row in enumerate(rows) if not is_readable([row], convert))
         problem = f"cannot read {element.name} {number} from '{b' '.join(rows[number][:12]).decode('latin-1')}'"
         line = line_of_record(data, position, number)
         raise malformed(path, f"line {line}", problem, "correct the line") from error
 
 
 def _of_words(rows: list[list[bytes]], element: PlyElement) -> PlyElement:
-    """An element with records in lines of text, read like binary ones in which every number has 64 bits.
-
-    Raises:
-        ValueError: a line has too many or too few words, or one that is not the number it should be.
-        OverflowError: as ValueError.
-    """
+    """An element with records in lines of text, read like binary ones in which every number has 64 bits."""
     words, wide = np.array(list(map(real, chain.from_iterable(rows)))), np.dtype(np.float64)
     items = [PlyProperty(item.name, wide, item.count_dtype and wide) for item in element.properties]
     as_binary = replace(element, count=len(rows), properties=tuple(items))
@@ -353,14 +343,6 @@ def line_of_record(data: bytes, position: int, record: int) -> int:
     """The line of a text file, from 1, of a record of the element whose records begin at byte `position`."""
     filled = (index for index, line in enumerate(data[position:].split(b"\n"), start=1) if line.split())
     return data.count(b"\n", 0, position) + next(islice(filled, record, None))
-
-
-def _is_readable(row: list[bytes], element: PlyElement) -> bool:
-    try:
-        _of_words([row], element)
-    except (ValueError, OverflowError):
-        return False
-    return True
 
 
 def _too_short(element: PlyElement, record: int, path: Path | None) -> MeshFileError:

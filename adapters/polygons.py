@@ -122,9 +122,9 @@ class Polygons:
 def _best_fans(vertices: Float[np.ndarray, "v 3"], corners: Int[np.ndarray, "m n"]) -> Int[np.ndarray, "m n-2 3"]:
     """The best fan of each of m polygons with n corners."""
     size = corners.shape[1]
-    best = _fans(corners, 0)
     if size == 3:
-        return best
+        return corners[:, None]
+    best = _fans(corners, 0)
     with np.errstate(over="ignore", invalid="ignore"):  # huge coordinates: any fan is right for the topology
         quality = _least_agreement(vertices, best)
         for start in range(1, size if size > 4 else 2) if size <= LARGEST_SEARCHED else ():

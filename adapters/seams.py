@@ -10,6 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.mesh.sheets import repeats_a_vertex
 from spinor_geom.mesh.topology import boundary_edges, coincident_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -74,7 +75,7 @@ def close_seams(
         The triangles that remain, in their order, and which of the given ones these are, (F,) bool.
     """
     closed = representatives[faces]
-    kept = ~(_repeats(closed) & ~_repeats(faces))
+    kept = ~repeats_a_vertex(closed) | repeats_a_vertex(faces)
     return closed[kept], kept
 
 
@@ -89,8 +90,3 @@ def without_seams(mesh: TriangleMesh) -> TriangleMesh:
     appearance = appearance_of(mesh.vertex_attributes)
     closed, _ = close_seams(mesh.faces, seam_representatives(mesh.vertices, polygons, appearance))
     return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes, labels=mesh.labels)
-
-
-def _repeats(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
-    """Which triangles name a vertex twice."""
-    return np.asarray((faces == np.roll(faces, -1, axis=1)).any(axis=1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -95,9 +96,9 @@ def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
         raise malformed(path, f"about facet {min(ends, len(words) // 3)}", problem, "check that the file is complete")
 
     def error(number: int, word: str) -> MeshFileError:
-        return malformed(path, f"facet {number // 3}", f"'{word}' is no number", "correct it")
+        return malformed(path, f"facet {number // 9}", f"'{word}' is no number", "correct it")
 
-    return np.array(converted(words, real, error)).reshape(-1, 3, 3)
+    return np.array(converted(list(chain.from_iterable(words)), real, error)).reshape(-1, 3, 3)
 
 
 def _normals(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"]:

@@ -23,21 +23,13 @@ _MESHES = TrimeshAdapter()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Part:
-    """One geometry of a scene.
+    """One geometry of a scene."""
 
-    Attributes:
-        geometry: its name in the scene.
-        mesh: its triangles, in its own coordinates.
-        transform: (4, 4) from there to the scene, at the first node that shows it.
-        start: the number of its first vertex among those of all parts.
-        names: what each attribute is called among those of all parts.
-    """
-
-    geometry: str
+    geometry: str  # its name
     mesh: TriangleMesh
-    transform: Float[np.ndarray, "4 4"]
-    start: int
-    names: dict[str, str]
+    transform: Float[np.ndarray, "4 4"]  # to the scene, at the first node that shows it
+    start: int  # the number of its first vertex among those of all parts
+    names: dict[str, str]  # what each attribute is called among those of all parts
 
     def placed(self, faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
         """Faces in the scene's sense of rotation, or back: turned over where the transform mirrors."""

@@ -27,7 +27,7 @@ from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.many_loops import fill_loops
 from spinor_geom.fill.one_loop import Answer, FillOptions, refuse_what_is_no_hole, unfilled
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.stitch import LoopPatch, joined, stitch
+from spinor_geom.fill.stitch import LoopPatch, stitch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.extension import MeshExtension
@@ -344,7 +344,7 @@ def _filled(opened: OpenedFile, extension: MeshExtension, files: dict[str, Write
         files[name] = partial(_write_mesh, opened.mesh.extended(extension).contents)
     return {
         "file": name,
-        "watertight": is_watertight(joined(opened.mesh.mesh, extension).faces),
+        "watertight": is_watertight(np.concatenate([opened.mesh.mesh.faces, extension.faces])),
         "vertices_added": len(extension.vertices),
         "faces_added": len(extension.faces),
     }

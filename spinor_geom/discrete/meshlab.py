@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from spinor_geom.errors import FirstFillError
 from spinor_geom.mesh.topology import face_components, is_watertight
@@ -35,11 +35,11 @@ def remeshed(
     """
     import pymeshlab
 
-    m = boundary_size
-    inner = ~((faces < m) & (np.roll(faces, -1, axis=1) == (faces + 1) % m)).any(axis=1)
-    if not inner.any():
+    m, meshes = boundary_size, _mesh_set(vertices, faces)
+    meshes.compute_selection_from_mesh_border()
+    meshes.apply_selection_inverse(invfaces=True)
+    if not meshes.current_mesh().selected_face_number():
         return vertices, faces
-    meshes = _mesh_set(vertices, faces, selected=inner)
     ours = {"iterations": _STEPS, "targetlen": pymeshlab.PureValue(size), "featuredeg": 180.0}
     ours |= {"checksurfdist": False, "reprojectflag": False}
     try:
@@ -51,7 +51,7 @@ def remeshed(
         raise FirstFillError(f"MeshLab did not fill a loop of {m} points: {error}") from error
     finally:
         # it would use our options in the caller's next calls
-        _remesh(_mesh_set(np.eye(3), np.array([[0, 1, 2]]), selected=np.array([True])))
+        _remesh(_mesh_set(np.eye(3), np.array([[0, 1, 2]])))
     if not np.array_equal(new[:m], vertices[:m]) or not _is_disk(new_faces, vertices=len(new), boundary_size=m):
         raise FirstFillError(f"MeshLab's remeshing tore the fill of a loop of {m} points")
     return new, new_faces
@@ -67,15 +67,11 @@ def _remesh(meshes: pymeshlab.MeshSet, **options: Any) -> None:
     meshes.meshing_isotropic_explicit_remeshing(**defaults | options)
 
 
-def _mesh_set(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, selected: Bool[np.ndarray, " f"]
-) -> pymeshlab.MeshSet:
+def _mesh_set(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> pymeshlab.MeshSet:
     import pymeshlab
 
     meshes = pymeshlab.MeshSet(verbose=False)
-    # faces can be selected only by a condition on their scalar
-    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32), f_scalar_array=selected.astype(np.float64)))
-    meshes.compute_selection_by_condition_per_face(condselect="fq > 0.5")
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
     return meshes
 
 

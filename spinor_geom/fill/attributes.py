@@ -56,8 +56,9 @@ def patch_attributes(
         inner = harmonic_extension(_laplacian(patch, is_planned=is_planned), joined)[size:]
         ends = np.cumsum([columns[name].shape[1] for name in smooth])[:-1]
         values = dict(zip(smooth, np.split(inner, ends, axis=1), strict=True))
-    nearest = cKDTree(patch.vertices[:size]).query(patch.vertices[size:])[1]
-    values |= {name: columns[name][nearest] for name in names if name in labels}
+    if len(smooth) < len(names):
+        nearest = cKDTree(patch.vertices[:size]).query(patch.vertices[size:])[1]
+        values |= {name: columns[name][nearest] for name in names if name in labels}
     if NORMAL in attributes:
         normals = (
             vertex_normals(patch.vertices, np.asarray(patch.faces))[size:]

@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
+
+import numpy as np
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError
@@ -13,11 +16,11 @@ from spinor_geom.fill.border import refuse_long_border
 from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.clock import Clock
 from spinor_geom.fill.continuity import Continuity
-from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open, with_corners_of
+from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
 from spinor_geom.fill.many_loops import fill_loops, minimal_patches
 from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole, require_positive, unfilled
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.stitch import joined, stitch
+from spinor_geom.fill.stitch import stitch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
@@ -167,7 +170,8 @@ def fill_hole(
     places = chosen_places(loop if bridge is None else bridge, loops)
     reasons = reasons_to_leave_open(loops, places, keep_largest=keep_largest, max_perimeter=max_perimeter)
     if isinstance(loop, BoundaryLoop):
-        loops[places[0]] = with_corners_of(loop, loops[places[0]])
+        own = loops[places[0]]
+        loops[places[0]] = replace(own, points=loop.points, vertex_ids=loop.vertex_ids, corners=loop.corners)
     wanted = [place for place in range(len(loops)) if place not in reasons]
     joins = planned_joins(triangles, loops, wanted, islands, bridge)
     clock.lap("loops")
@@ -184,7 +188,7 @@ def fill_hole(
     clock.lap("fill")
     extension = stitch(triangles, patches)
     filled = extend(source, extension)
-    watertight = is_watertight(joined(triangles, extension).faces)
+    watertight = is_watertight(np.concatenate([triangles.faces, extension.faces]))
     clock.lap("stitch")
     result = FillResult(
         mesh=filled,

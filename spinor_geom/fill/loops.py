@@ -63,11 +63,6 @@ def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:
     raise ForeignLoopError(vertices=len(loop))
 
 
-def with_corners_of(given: BoundaryLoop, own: BoundaryLoop) -> BoundaryLoop:
-    """A mesh's own loop from the start and with the corners that a caller gave it."""
-    return replace(own, points=given.points, vertex_ids=given.vertex_ids, corners=given.corners)
-
-
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
     """The rim of a mesh without the corners that were seen in it: they are corners of triangles, Γ is free beside them.
 

@@ -136,7 +136,8 @@ class LoopOutcome:
         """The outcome in JSON's types; figures of a surface that was not found are None."""
         solution = self.solution
         residual = None if solution is None else solution.boundary_residual
-        stability = None if solution is None else solution.stability
+        stability = solution and solution.stability
+        timings = {} if solution is None else {f"solve.{name}": time for name, time in solution.timings.items()}
         return {
             "index": self.index,
             "vertices": len(self.loop),
@@ -151,13 +152,7 @@ class LoopOutcome:
             "residual_rms_per_edge": None if residual is None else float(residual.rms_per_edge),
             "residual_max_per_edge": None if residual is None else float(residual.max_per_edge),
             "area": self.area,
-            "stability": None
-            if stability is None
-            else {
-                "verdict": stability.verdict,
-                "eigenvalue": None if stability.eigenvalue is None else float(stability.eigenvalue),
-                "index": None if stability.index is None else int(stability.index),
-            },
+            "stability": stability and {key: getattr(stability, key) for key in ("verdict", "eigenvalue", "index")},
             "continuation": None if self.continuation is None else self.continuation.to_dict(),
             "annulus": None if solution is None or solution.annulus is None else solution.annulus.to_dict(),
             "area_minimum": None if solution is None else bool(solution.is_area_minimum),
@@ -168,14 +163,7 @@ class LoopOutcome:
             "mesh_intersections": self.mesh_intersections,
             "patch_intersections": self.patch_intersections,
             "notes": list(self.notes),
-            "timings": {
-                **{name: float(seconds) for name, seconds in self.timings.items()},
-                **(
-                    {}
-                    if solution is None
-                    else {f"solve.{name}": float(seconds) for name, seconds in solution.timings.items()}
-                ),
-            },
+            "timings": {**self.timings, **timings},
         }
 
 
@@ -235,5 +223,5 @@ class FillResult(Shown):
             "faces_added": len(self.extension.faces),
             "notes": list(self.notes),
             "loops": [outcome.to_dict() for outcome in self.loops],
-            "timings": {name: float(seconds) for name, seconds in self.timings.items()},
+            "timings": dict(self.timings),
         }

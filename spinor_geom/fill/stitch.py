@@ -39,11 +39,10 @@ class LoopPatch:
 
 def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
     """The patch's inner edges that join two rim vertices, as pairs of patch vertices (lower first), each once."""
-    after = rim_successors(patch.rims)
-    edges = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    edges = np.unique(np.sort(edges[(edges < patch.boundary_size).all(axis=1)], axis=1), axis=0)
-    chords: Int[np.ndarray, "c 2"] = edges[(after[edges] != edges[:, ::-1]).all(axis=1)]
-    return chords
+    starts, ends = np.ravel(patch.faces), np.roll(patch.faces, -1, axis=1).ravel()
+    sides = np.stack([starts, ends], axis=1)[(starts < ends) & (ends < patch.boundary_size)]
+    sides = sides[(rim_successors(patch.rims)[sides] != sides[:, ::-1]).all(axis=1)]
+    return np.asarray(sides[np.lexsort(sides.T[::-1])])
 
 
 class RimEdges:
@@ -60,13 +59,13 @@ class RimEdges:
         on_loop = np.zeros(self._size, dtype=bool)
         for loop in loops:
             on_loop[loop.vertex_ids] = True
-        edges = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        on_loop = on_loop[mesh.faces]
         # backwards: of several faces on an edge the first counts
-        between = np.flatnonzero(on_loop[edges].all(axis=1))[::-1]
-        opposite = np.roll(mesh.faces, -2, axis=1).reshape(-1)[between]
-        self._opposite = dict(zip(self._keys(edges[between]), opposite.tolist(), strict=True))
+        sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])[::-1]
+        start, end, opposite = mesh.faces[sides // 3, [sides % 3, (sides + 1) % 3, (sides + 2) % 3]]
+        self._opposite = dict(zip(self._keys(np.stack([start, end], axis=1)), opposite.tolist(), strict=True))
         self._taken = set(self._opposite)
-        within = np.flatnonzero(on_loop[mesh.faces].all(axis=1))
+        within = np.flatnonzero(on_loop.all(axis=1))
         corners = np.sort(mesh.faces[within], axis=1)
         self._faces = dict(zip(map(tuple, corners[::-1].tolist()), within[::-1].tolist(), strict=True))
 
@@ -165,11 +164,4 @@ def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:
         faces=np.concatenate(faces),
         face_loops=np.concatenate(face_loops),
         vertex_attributes=attributes,
-    )
-
-
-def joined(mesh: TriangleMesh, extension: MeshExtension) -> TriangleMesh:
-    """The mesh with its extension as one triangle mesh, without attributes."""
-    return TriangleMesh(
-        np.concatenate([mesh.vertices, extension.vertices]), np.concatenate([mesh.faces, extension.faces])
     )

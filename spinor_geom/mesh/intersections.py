@@ -22,7 +22,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
 MEETING_PER_DIAGONAL = 1e-12  # edges of a polygon that come nearer than this share of its diagonal meet
 MIN_NORMAL_COSINE = 1e-3  # normals of a graph: so far from 90° to its direction that their round-off does not matter
-SEPARATION = 1e-12  # heights over a plane, in powers of the longest side, whose sign needs no exact predicate
+SEPARATION = 1e-12  # heights over a plane, in cubes of the extent of two triangles, whose sign needs no exact predicate
 BOXES_TO_START_FROM = 64
 # of a star's sides: the angle under which each is seen from its middle, and its distance from there per radius; their
 # product is far above the distance at which edges meet
@@ -64,13 +64,17 @@ def intersections_between(
     """
     import igl.predicates
 
+    if not len(faces) or not len(other_faces):
+        return np.zeros((0, 2), dtype=np.int64)
     if len(faces) > len(other_faces):  # igl grows a tree over the first mesh, which costs more than asking it
         return _sorted(intersections_between(other_vertices, other_faces, vertices, faces)[:, ::-1])
     corners, indices = igl_arrays(vertices, faces)
     other_corners, other_indices = igl_arrays(other_vertices, other_faces)
     _, pairs, _ = igl.predicates.find_intersections(corners, indices, other_corners, other_indices)
     pairs = pairs.astype(np.int64)
-    return _sorted(pairs[_insides_meet(corners[indices[pairs[:, 0]]], other_corners[other_indices[pairs[:, 1]]])])
+    f, g = corners[indices[pairs[:, 0]]], other_corners[other_indices[pairs[:, 1]]]
+    left = np.flatnonzero(~_are_separated(f, g))
+    return _sorted(pairs[left[_insides_meet(f[left], g[left])]])
 
 
 def is_graph(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int) -> bool:
@@ -111,7 +115,7 @@ def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
     Returns:
         Edge indices i < j, sorted; empty for a simple polygon.
     """
-    if _is_star(points):
+    if is_star(points):
         return np.zeros((0, 2), dtype=np.int64)
     m = len(points)
     pairs, tolerance = _meeting_edges(points, np.roll(points, -1, axis=0), lambda i, j: (j - i > 1) & (j - i < m - 1))
@@ -178,25 +182,32 @@ def _neighbours_not_separated(
 ) -> Int[np.ndarray, "k 2"]:
     """Pairs of faces with common vertices, but for those of which one has the rest of the other on one side of it.
 
-    Few are left for exact predicates.
+    Copies of faces are left out too. Few are left for exact predicates.
     """
     corners = (np.repeat(np.arange(len(faces)), 3), faces.reshape(-1))
     incidence = coo_array((np.ones(faces.size, dtype=np.int64), corners), shape=(len(faces), len(vertices))).tocsr()
     common = (incidence @ incidence.T).tocoo()
-    upper = common.row < common.col
-    pairs = np.stack([common.row[upper], common.col[upper]], axis=1).astype(np.int64)
-    others = 3 - common.data[upper]  # corners of each that are not common
-    triangles = vertices[faces]
-    sides = np.roll(triangles, -1, axis=1) - triangles
-    normals = _cross(sides[:, 0], sides[:, 1])
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    for one, other in ((0, 1), (1, 0)):
-        face, beside = pairs[:, one], pairs[:, other]
-        heights = np.einsum("pi,pki->pk", normals[face], triangles[beside] - triangles[face, :1])
-        limit = SEPARATION * np.maximum(longest[face], longest[beside])[:, None] ** 3
-        left = ((heights > limit).sum(axis=1) < others) & ((heights < -limit).sum(axis=1) < others)
-        pairs, others = pairs[left], others[left]
-    return pairs
+    wanted = (common.row < common.col) & (common.data < 3)
+    pairs = np.stack([common.row[wanted], common.col[wanted]], axis=1).astype(np.int64)
+    f, g = vertices[faces[pairs[:, 0]]], vertices[faces[pairs[:, 1]]]
+    return np.asarray(pairs[~_are_separated(f, g)])
+
+
+def _are_separated(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:
+    """For pairs of triangles whether all corners of one that the other has not lie on one side of the other's plane.
+
+    Surely, that is: of some pairs only exact predicates tell.
+    """
+    f, g = (np.ascontiguousarray(np.moveaxis(t, 0, 2)) for t in (f, g))  # sums over a short last axis are slow
+    common = (f[:, None] == g).all(axis=2)
+    limit = SEPARATION * np.ptp(np.concatenate([f, g]), axis=0).max(axis=0) ** 3
+    separated = np.zeros(f.shape[2], dtype=bool)
+    for one, other, shared in ((f, g, common.any(axis=0)), (g, f, common.any(axis=1))):
+        normals = _cross((one[1] - one[0]).T, (one[2] - one[0]).T).T
+        heights = ((other - one[0]) * normals).sum(axis=1)
+        beside = ((heights > limit) | shared).all(axis=0) | ((heights < -limit) | shared).all(axis=0)
+        separated |= beside & ~shared.all(axis=0)
+    return separated
 
 
 def _insides_meet(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:
@@ -296,7 +307,7 @@ def _turn(
 # --- polygons ---------------------------------------------------------------------------------------------------------
 
 
-def _is_star(points: Float[np.ndarray, "m 3"]) -> bool:
+def is_star(points: Float[np.ndarray, "m 3"]) -> bool:
     """Whether a polygon winds once around its centroid without turning back, seen across its vector area.
 
     Then it is simple. Most rims of holes are stars, and this is many times quicker than the general test.
@@ -359,8 +370,8 @@ def _segment_distances(
         s = np.clip((_cross(w, v) * normal).sum(axis=1) / squared, 0, 1)
         t = np.clip((_cross(w, u) * normal).sum(axis=1) / squared, 0, 1)
     inner = np.linalg.norm(a + s[:, None] * u - c - t[:, None] * v, axis=1)
-    ends = [_point_distances(a, c, d), _point_distances(b, c, d), _point_distances(c, a, b), _point_distances(d, a, b)]
-    return np.asarray(np.fmin(inner, np.min(ends, axis=0)))
+    ends = _point_distances(*(np.concatenate(four) for four in ((a, b, c, d), (c, c, a, a), (d, d, b, b))))
+    return np.asarray(np.fmin(inner, ends.reshape(4, -1).min(axis=0)))
 
 
 def _point_distances(

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.mesh.boundary_loop import turning_angles
-from spinor_geom.mesh.intersections import edges_with_near_boxes
+from spinor_geom.mesh.intersections import edges_with_near_boxes, is_star
 
 # Where |Δ| is taken, on the unit circle: powers of t, by which Δ is not determined, have modulus 1 there.
 PLACES = (-1.0 + 0.0j, np.exp(1.0j), np.exp(2.0j))
@@ -32,7 +32,7 @@ def knot_determinant(points: Float[np.ndarray, "m 3"]) -> float | None:
     Source: Alexander, "Topological invariants of knots and links", Trans. AMS 30 (1928); Milnor, "On the total
     curvature of knots", Ann. of Math. 52 (1950).
     """
-    if np.nansum(turning_angles(points)) <= 4 * np.pi:
+    if np.nansum(turning_angles(points)) <= 4 * np.pi or is_star(points):
         return None
     over, under, signs = _crossings(_seen(points))
     if not 3 <= len(over) <= MOST_CROSSINGS:

@@ -105,8 +105,10 @@ def _follow_boundary(sheets: Sheets) -> _Rings:
     back = root[place_of[order ^ 1]]
     wanted = (votes[root] > 0) | ((votes[root] == 0) & (root < back))
     steps = (lengths[root] - steps_to_root) % lengths[root]
-    alone = np.isin(half_edge[order], sheets.half_edges.boundary)
-    chosen = np.flatnonzero(wanted & (np.bincount(root, weights=alone, minlength=len(order))[root] > 0))
+    is_alone = np.zeros(len(sheets.twin), dtype=bool)
+    is_alone[sheets.half_edges.boundary] = True
+    alone = np.bincount(root, weights=is_alone[half_edge[order]], minlength=len(order))
+    chosen = np.flatnonzero(wanted & (alone[root] > 0))
     chosen = chosen[np.lexsort((steps[chosen], root[chosen]))]
     return _Rings(
         vertices=vertex[order[chosen]],

@@ -97,7 +97,8 @@ def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
         by_apex = np.lexsort((members, apex, edge))
         same = (np.diff(edge[by_apex]) == 0) & (np.diff(apex[by_apex]) == 0)
         found.append(np.stack([members[by_apex][:-1][same], members[by_apex][1:][same]], axis=1))
-    return np.asarray(np.unique(np.sort(np.concatenate(found) // 3, axis=1), axis=0))
+    pairs = np.sort(np.concatenate(found) // 3, axis=1)
+    return np.asarray(np.unique(pairs, axis=0)) if len(pairs) else pairs
 
 
 def _previous_in_face(half_edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

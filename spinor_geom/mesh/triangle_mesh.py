@@ -55,7 +55,7 @@ class TriangleMesh(Shown):
     ) -> None:
         points = freeze_points(vertices, name="vertices")
         corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
-        _require_existing_vertices(corners, vertices=len(points))
+        require_existing_vertices(corners, vertices=len(points))
         given = vertex_attributes or {}
         if labels is None:
             labels = [name for name, values in given.items() if name != COLOR and np.asarray(values).dtype.kind in "iu"]
@@ -99,7 +99,12 @@ def require_faces(mesh: TriangleMesh) -> None:
         raise MeshExtentError(extent=extent)
 
 
-def _require_existing_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> None:
+def require_existing_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> None:
+    """Checks that faces name no other than the first so many vertices.
+
+    Raises:
+        VertexIndexError: one does.
+    """
     outside = (faces < 0) | (faces >= vertices)
     if outside.any():
         face, corner = divmod(int(np.flatnonzero(outside)[0]), 3)

@@ -51,6 +51,7 @@ OBJ_FILES: Files = {
     "megabytes of continued lines": (lambda: OBJ + "\\\n" * 1_500_000 + "\n", (3, 1)),
     "a face in a million pieces": (lambda: V + "f " + "\\\n" * 1_000_000 + "1 2 3\n", (3, 1)),
     "continued beyond the end": (OBJ + "f 1 2 \\", "line 5: a face needs three corners"),
+    "texture coordinates without numbers": (V + "vt\nf 1/1 2/1 3/1\n", (3, 1)),
     "index zero": (V + "f 0 1 2\n", "line 4: '0' names a vertex that does not exist"),
     "index beyond": (V + "f 1 2 4\n", "line 4: '4' names a vertex that does not exist"),
     "index before": (V + "f 1 2 -4\n", "line 4: '-4' names a vertex that does not exist"),

@@ -317,9 +317,7 @@ def test_attributes_of_other_formats_survive_in_ply(tmp_path: Path) -> None:
 
 
 def test_an_attribute_called_like_a_coordinate_is_written_beside_it(tmp_path: Path) -> None:
-    contents = replace(
-        parsed(ply("ascii", CUBE_POINTS, QUADS)).contents, attributes={"x": np.ones((8, 1))}, source=None
-    )
+    contents = replace(parsed(ply("ascii", CUBE_POINTS, QUADS)).contents, attributes={"x": np.ones((8, 1))}, suffix="")
     back = again(MeshFile.of_contents(contents, path=None), tmp_path)
     assert np.array_equal(back.mesh.vertices, CUBE_POINTS)
     assert np.array_equal(back.mesh.vertex_attributes["property_x"], np.ones((8, 1)))
