@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -22,17 +23,19 @@ from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import minimise_dirichlet_energy, resampled, slide_downhill
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_fit import Fit, even, fit_together
 from spinor_geom.plateau.lift import surface_of
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RouteName
-from spinor_geom.plateau.steps import Steps
+
+if TYPE_CHECKING:
+    from spinor_geom.plateau.task import Task
 
 # A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
 _DISK_ELONGATION = 2.5
@@ -57,27 +60,9 @@ _ROUNDED = 1e-14
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSolver:
-    """One loop on the harmonic route.
+    """One loop on the harmonic route."""
 
-    Attributes:
-        loop: the loop at unit size.
-        curve: Γ.
-        allowed: RMS distance from Γ to reach.
-        steps: of Newton's method.
-        device: where the slide is found.
-        clock: of the stages.
-        to_rounding: whether steps go on until the gradient is rounding error.
-        begun: the fit on the unit disk, where it was made together with others.
-    """
-
-    loop: BoundaryLoop
-    curve: BoundaryCurve
-    allowed: float
-    steps: Steps
-    device: torch.device
-    clock: Clock
-    to_rounding: bool = False
-    begun: Fit | None = None
+    task: Task
 
     def on_disk(self) -> Found:
         """The minimal disk on the unit disk.
@@ -87,12 +72,12 @@ class HarmonicSolver:
         """
         refusal = DomainError(
             "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
-            vertices=len(self.loop),
+            vertices=len(self.task.unit),
         )
-        if self.loop.corners.any():
+        if self.task.unit.corners.any():
             raise refusal
         try:
-            return self._fitted(self.begun or self._begin(), "disk")
+            return self._fitted(self.task.on_disk or self._begin(), "disk")
         except DomainError as error:
             raise refusal from error
 
@@ -102,8 +87,8 @@ class HarmonicSolver:
         Args:
             matching: of the unstable one.
         """
-        slide = torch.tensor(matching[:, 1], device=self.device)
-        start = slide_downhill(self._exact, self._unit_disk, resampled(slide, min(len(slide), _MOST_FOR_MODES)))
+        slide = torch.tensor(matching[:, 1], device=self.task.options.device)
+        start = slide_downhill(self.exact, self._unit_disk, resampled(slide, min(len(slide), _MOST_FOR_MODES)))
         if start is None:
             return None
         try:
@@ -119,8 +104,8 @@ class HarmonicSolver:
             DomainError: it is not simple or too narrow, or nodes crowd.
         """
         even = np.arange(self._density.points) / self._density.points
-        with self.clock.stage("first fill"):
-            polygon = unfolded_loop(self.curve.point(self._density.slide(even)), saws=True)
+        with self.task.clock.stage("first fill"):
+            polygon = unfolded_loop(self.task.curve.point(self._density.slide(even)), saws=True)
         return self._on_domain(polygon, even, "unfolded")
 
     def flattened(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Found:
@@ -133,49 +118,56 @@ class HarmonicSolver:
         Raises:
             DomainError: the flattening is not simple or too narrow, or nodes crowd.
         """
-        with self.clock.stage("flattening"):
+        with self.task.clock.stage("flattening"):
             polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
-        return self._on_domain(polygon, self._density.parameter(self.curve.breaks[rim]), "flattened")
+        return self._on_domain(polygon, self._density.parameter(self.task.curve.breaks[rim]), "flattened")
 
     @cached_property
-    def _exact(self) -> CurveTensors:
-        return CurveTensors.of(self.curve, self.device)
+    def exact(self) -> CurveTensors:
+        """Γ."""
+        return CurveTensors.of(self.task.curve, self.task.options.device)
 
     @cached_property
-    def _is_rough(self) -> bool:
-        return is_rough(self.loop, self.curve)
+    def is_rough(self) -> bool:
+        """Whether the loop is."""
+        return is_rough(self.task.unit, self.task.curve)
 
     @property
     def _count(self) -> int:
-        return points_of_domain(self.loop)
+        return points_of_domain(self.task.unit)
 
     @cached_property
     def _density(self) -> NodeDensity:
-        return NodeDensity(self.curve, self._count)
+        return NodeDensity(self.task.curve, self._count)
 
     @property
     def _unit_disk(self) -> DirichletForm:
         return DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
 
     @property
-    def _fine_gradient(self) -> float:
+    def fine_gradient(self) -> float:
         """At which a slide along Γ itself stops."""
-        if self.to_rounding:
+        if self.task.options.is_series:
             return _ROUNDING
-        share = ROUGH_GRADIENT if self._is_rough else _FINE_SMOOTH
-        return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _ROUNDING, _COARSE))
+        share = ROUGH_GRADIENT if self.is_rough else _FINE_SMOOTH
+        return float(np.clip(share * self.task.allowed / self.task.unit.mean_edge_length, _ROUNDING, _COARSE))
 
     @property
-    def _enough(self) -> float:
-        """RMS distance from Γ at which more nodes are not tried: rounding error where the curve itself has no other."""
-        if self.to_rounding and self.curve.degree > max(DEGREES):
-            return min(self.allowed, _ROUNDED)
-        return self.allowed
+    def most_nodes(self) -> int:
+        """That are tried."""
+        return even(max(4 * _FEWEST_NODES, _MOST_PER_EDGE * len(self.task.unit)))
+
+    def is_enough(self, misfit: Misfit) -> bool:
+        """Whether more nodes are not tried; rounding error is asked for where the curve itself has no other."""
+        allowed = self.task.allowed
+        if self.task.options.is_series and self.task.curve.degree > max(DEGREES):
+            allowed = min(allowed, _ROUNDED)
+        return misfit.excess(allowed=allowed, tolerance=allowed / self.task.unit.mean_edge_length) <= 1
 
     @property
-    def _negligible_energy(self) -> float:
+    def negligible_energy(self) -> float:
         """At a fall below which a slide stops, too."""
-        return negligible_energy(len(self.loop), self.allowed) if self._is_rough else 0.0
+        return negligible_energy(len(self.task.unit), self.task.allowed) if self.is_rough else 0.0
 
     def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], route: RouteName) -> Found:
         """The minimal disk on the smooth Ω next to a polygon, and on what its own flattening makes of that.
@@ -185,51 +177,39 @@ class HarmonicSolver:
             t: parameters of its vertices.
             route: for the record.
         """
-        with self.clock.stage("flattening"):
+        with self.task.clock.stage("flattening"):
             # points that stand for single vertices are to be followed
-            is_fine = self._is_rough and len(self.loop) <= self._density.points
-            shape, form = resolved(polygon, t, self._density, is_fine, count=self._count, device=self.device)
-        slide = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=self.device)
-        with self.clock.stage("slide"):
+            is_fine = self.is_rough and len(self.task.unit) <= self._density.points
+            shape, form = resolved(
+                polygon, t, self._density, is_fine, count=self._count, device=self.task.options.device
+            )
+        slide = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=self.task.options.device)
+        with self.task.clock.stage("slide"):
             disk = minimise_dirichlet_energy(
-                self._exact,
+                self.exact,
                 form,
                 slide,
                 tolerance=_COARSE,
-                max_steps=self.steps.left,
-                negligible=self._negligible_energy,
-                on_step=self._take,
+                max_steps=self.task.steps.left,
+                negligible=self.negligible_energy,
+                on_step=self.take,
             )
         if disk.crowded:
-            raise DomainError("the nodes crowd on the domain's boundary", vertices=len(self.loop))
-        with self.clock.stage("flattening"):
+            raise DomainError("the nodes crowd on the domain's boundary", vertices=len(self.task.unit))
+        with self.task.clock.stage("flattening"):
             form, slide = reflattened(disk, form, shape)
         return self._fitted(self._fit(form, slide), route)
 
     def _begin(self) -> Fit:
         """The fit on the unit disk from equal steps."""
-        n = even(max(_FEWEST_NODES, len(self.loop)))
-        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.device) / n)
+        n = even(max(_FEWEST_NODES, len(self.task.unit)))
+        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.task.options.device) / n)
 
     def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
         """The fit on an Ω from a slide."""
-        m = len(self.loop)
-        return Fit(
-            curve=self._exact,
-            form=form,
-            slide=slide,
-            nodes=even(max(len(slide), m * (_PER_EDGE_ROUGH if self._is_rough else 1))),
-            most_nodes=even(max(4 * _FEWEST_NODES, _MOST_PER_EDGE * m)),
-            is_rough=self._is_rough,
-            allowed=self.allowed,
-            enough=self._enough,
-            mean_edge=self.loop.mean_edge_length,
-            gradient=self._fine_gradient,
-            negligible=self._negligible_energy,
-            steps_left=lambda: self.steps.left,
-            on_step=self._take,
-            clock=self.clock,
-        )
+        m = len(self.task.unit)
+        nodes = even(max(len(slide), m * (_PER_EDGE_ROUGH if self.is_rough else 1)))
+        return Fit(solver=self, form=form, slide=slide, nodes=nodes)
 
     def _fitted(self, fit: Fit, route: RouteName) -> Found:
         """The minimal disk with as many nodes as the tolerance asks for, or as help.
@@ -239,13 +219,13 @@ class HarmonicSolver:
         """
         fit_together([fit])
         if fit.best is None:
-            raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.loop))
+            raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.task.unit))
         lift, disk = fit.best
-        with self.clock.stage("surface"):
+        with self.task.clock.stage("surface"):
             surface = surface_of(lift, fit.form.boundary)
         n = len(disk.slide)
         return Found(
-            curves=(self.curve,),
+            curves=(self.task.curve,),
             surface=surface,
             matchings=(np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),),
             misfit=lift.misfit,
@@ -254,8 +234,9 @@ class HarmonicSolver:
             limit=fit.limit,
         )
 
-    def _take(self, gradient: float) -> None:
-        self.steps.take("Douglas-Newton", gradient)
+    def take(self, gradient: float) -> None:
+        """Takes down a step."""
+        self.task.steps.take("Douglas-Newton", gradient)
 
     @staticmethod
     def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[Fit]:

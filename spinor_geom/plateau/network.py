@@ -70,7 +70,6 @@ class Discretisation:
             tolerance: RMS distance from Γ, in mean edges, that is asked for: corners take fewer poles for a loose one.
             branch: a point in the hole around which p and q change their sign; none where they are single-valued.
         """
-        edges = len(domain.vertices)
         at_corner = corner_poles(tolerance)
         return cls._of(
             domain,
@@ -78,7 +77,7 @@ class Discretisation:
             pairs,
             poles=place_poles(domain, offset=offset, at_corner=at_corner),
             breaks=tuple(map(panel_breaks, domain.boundaries)),
-            degree=min(degree, max(8, 2 * edges)),
+            degree=degree,
             at_corner=at_corner,
             branch=branch,
         )

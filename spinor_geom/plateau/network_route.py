@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -25,20 +26,21 @@ from spinor_geom.errors import DomainError, OptionError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import Residual, independent_residual
-from spinor_geom.plateau.roughness import roughness
+from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
-from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import PointEquations
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import spin_invariant
 from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
+
+if TYPE_CHECKING:
+    from spinor_geom.plateau.task import Task
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
@@ -96,35 +98,17 @@ class _Side:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetworkSolver:
-    """One loop or two on the network route.
+    """One loop or two on the network route."""
 
-    Attributes:
-        loops: at unit size.
-        curves: Γ through each.
-        options: of the network.
-        allowed: RMS distance from Γ to reach.
-        tolerance: that in mean edges.
-        steps: all that are taken, and their limit.
-        device: where the linear algebra runs.
-        clock: of the stages.
-    """
-
-    loops: tuple[BoundaryLoop, ...]
-    curves: tuple[BoundaryCurve, ...]
-    options: Cauchy
-    allowed: float
-    tolerance: float
-    steps: Steps
-    device: torch.device
-    clock: Clock
+    task: Task
 
     @cached_property
     def _sides(self) -> tuple[_Side, ...]:
         """The loops in the order of Ω's boundaries: the longest goes outside, where there is more room."""
-        with self.clock.stage("first fill"):
-            reverse = len(self.loops) > 1 and runs_back(*(loop.points for loop in self.loops))
+        with self.task.clock.stage("first fill"):
+            reverse = len(self.task.units) > 1 and runs_back(*(loop.points for loop in self.task.units))
         sides = []
-        for number, (loop, curve) in enumerate(zip(self.loops, self.curves, strict=True)):
+        for number, (loop, curve) in enumerate(zip(self.task.units, self.task.curves, strict=True)):
             back = reverse and number > 0
             indices = rim_indices(loop)
             sides.append(
@@ -134,7 +118,7 @@ class NetworkSolver:
                     loop=loop.reversed() if back else loop,
                     curve=curve.reversed() if back else curve,
                     indices=indices,
-                    corners=loop.corners[indices] & (len(self.loops) == 1),
+                    corners=loop.corners[indices] & (len(self.task.units) == 1),
                 )
             )
         return tuple(sorted(sides, key=lambda side: -side.loop.perimeter))
@@ -149,15 +133,15 @@ class NetworkSolver:
             SingularMatrixError: it is degenerate.
         """
         rims = [side.loop.points[side.indices] for side in self._sides]
-        with self.clock.stage("first fill"):
+        with self.task.clock.stage("first fill"):
             return first_disk(*rims) if len(rims) == 1 else discrete_annulus(*rims)[1]
 
     @property
     def crowds(self) -> bool:
         """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
-        first, second = (curve.coefficients[-1] for curve in self.curves)
+        first, second = (curve.coefficients[-1] for curve in self.task.curves)
         gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
-        length = sum(loop.perimeter for loop in self.loops) / 2
+        length = sum(loop.perimeter for loop in self.task.units) / 2
         # 4 nodes on a length as long as the gap is wide, and ten times as many to be sure
         if 40 * length * gaps.max() < _CROWDED * gaps.min() ** 2:
             return False
@@ -173,7 +157,7 @@ class NetworkSolver:
 
     @property
     def _turning(self) -> float:
-        return max(map(roughness, self.loops))
+        return max(map(roughness, self.task.units))
 
     def found_from(self, start: Disk) -> Found:
         """The minimal surface that a discrete one leads to.
@@ -184,9 +168,9 @@ class NetworkSolver:
         """
         fitted = self._fitted_from(start)
         # another start does not help where one point of a loop in ten turns by more
-        if len(self.loops) == 1 and self._is_missed(fitted) and self._turning <= np.radians(60):
+        if len(self.task.units) == 1 and self._is_missed(fitted) and self._turning <= np.radians(60):
             fitted = self._improved(fitted, start)
-        with self.clock.stage("surface"):
+        with self.task.clock.stage("surface"):
             surface, astray = fitted_surface(fitted)
             area = surface.area()
         between = None
@@ -212,7 +196,7 @@ class NetworkSolver:
     def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
         """The better of a fit and one that starts from a finer disk; the fit itself where that disk cannot be made."""
         try:
-            with self.clock.stage("first fill"):
+            with self.task.clock.stage("first fill"):
                 finer = finer_disk(disk, *self._sizes)
             return min(fitted, self._fitted_from(finer), key=lambda one: one.rms)
         except (DomainError, SingularMatrixError):  # what a second try fails at must not cost the first one's result
@@ -220,12 +204,12 @@ class NetworkSolver:
 
     def _fitted_from(self, start: Disk) -> Fitted:
         """The fit that starts from a discrete surface: its flattening gives Ω, its frames p and q."""
-        sides, device = self._sides, self.device
+        sides, device = self._sides, self.task.options.device
 
         def boundaries(rims: tuple[Complex[np.ndarray, "_"], ...]) -> list[SplineBoundary]:
             return [SplineBoundary.through(rim, side.corners) for rim, side in zip(rims, sides, strict=True)]
 
-        with self.clock.stage("flattening"):
+        with self.task.clock.stage("flattening"):
             flat = flatten(
                 start.vertices,
                 start.faces,
@@ -235,7 +219,7 @@ class NetworkSolver:
             )
             outer, *holes = boundaries(flat.rims)
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
-        with self.clock.stage("features"):
+        with self.task.clock.stage("features"):
             images = images_in_plane(start.vertices, start.faces, flat.boundary)
             lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, device)
             spinors, branch = lifted(), None
@@ -249,12 +233,12 @@ class NetworkSolver:
                 domain,
                 tuple(CurveTensors.of(side.curve, device) for side in sides),
                 pairs,
-                degree=self.options.degree,
-                offset=self.options.pole_offset,
-                tolerance=self.tolerance,
+                degree=self.task.options.cauchy.degree,
+                offset=self.task.options.cauchy.pole_offset,
+                tolerance=self.task.options.tolerance,
                 branch=branch,
             )
-        with self.clock.stage("fit"):
+        with self.task.clock.stage("fit"):
             edge = torch.as_tensor(np.searchsorted(domain.arcs[:, 0], stage.panels.t, side="right") - 1, device=device)
             z = torch.as_tensor(stage.panels.z, device=device)
             readout = stage.readout_of(spinors[edge] * stage.network.sign_changing(z)[:, None])
@@ -271,7 +255,7 @@ class NetworkSolver:
         else:
             best = self._fitted(stage, readout, slide)
             # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
-            if best.rms > self.allowed and stage.has_moduli:
+            if best.rms > self.task.allowed and stage.has_moduli:
                 corrected = self._with_right_moduli(stage, readout, slide)
                 best = replace(min(best, corrected, key=lambda one: one.rms), folds=corrected.folds)
         while best.rounds < 3 and self._is_missed(best):
@@ -289,48 +273,43 @@ class NetworkSolver:
     ) -> Fitted:
         """A fit in which Ω may move to its conformal moduli; the moves are made, and it is fitted again."""
         last, folds = np.inf, False
+        allowed, steps = self.task.allowed, self.task.steps
         while True:
-            fit = self._fit(stage.flexible(), readout, slide)
+            fit = gauss_newton(stage.flexible().problem, readout, slide, allowed=allowed, steps=steps)
             readout, slide = fit.readout, fit.slide
-            # a shorter move changes nothing: Ω's scale is near to 1
-            if stage.length_of_move(fit) < 0.01 * fit.residual:
+            # Ω's scale is near to 1: a shorter move does not show
+            if stage.length_of_move(fit) < fit.residual:
                 break
             try:
-                moved = stage.moved(fit, offset=self.options.pole_offset)
+                moved = stage.moved(fit, offset=self.task.options.cauchy.pole_offset)
             except DomainError:  # what is fitted so far stands
                 folds = True
                 break
             readout, slide = moved.transferred(stage, fit)
             stage = moved  # whatever the fit gained by the move, it is lost without it
-            if fit.residual > last / 2 or self.steps.are_spent:
+            if fit.residual > last / 2 or steps.are_spent:
                 break
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)
 
     def _fitted(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fitted:
-        fit = self._fit(stage, readout, slide)
-        return Fitted(stage=stage, fit=fit, residual=independent_residual(stage, fit, points=sum(map(len, self.loops))))
-
-    def _fit(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fit:
-        """Gauss-Newton with what is left of the steps."""
-        # while it converges fast, steps cost little and every digit is real
-        goal = 1e-6 * self.allowed
-        return gauss_newton(
-            stage.problem, readout, slide, goal=goal, allowed=self.allowed, steps=self.steps, stall=0.05
+        fit = gauss_newton(stage.problem, readout, slide, allowed=self.task.allowed, steps=self.task.steps)
+        return Fitted(
+            stage=stage, fit=fit, residual=independent_residual(stage, fit, points=sum(map(len, self.task.units)))
         )
 
     def _excess(self, fitted: Fitted) -> float:
-        return fitted.residual.misfit.excess(allowed=self.allowed, tolerance=self.tolerance)
+        return fitted.residual.misfit.excess(allowed=self.task.allowed, tolerance=self.task.options.tolerance)
 
     def _is_missed(self, fitted: Fitted) -> bool:
         """Whether a fit is to come nearer to Γ, and there are steps left for it."""
-        return self._excess(fitted) > 1 and not self.steps.are_spent
+        return self._excess(fitted) > 1 and not self.task.steps.are_spent
 
     def _limit(self, fitted: Fitted) -> str:
         """What keeps a fit from coming nearer to Γ, as the end of a sentence."""
         stage = fitted.stage
         features = stage.network.mixing.shape[1]
-        if self.steps.are_spent:
+        if self.task.steps.are_spent:
             return "the limit on steps or on time was reached"
         if fitted.folds:
             return (
@@ -340,7 +319,7 @@ class NetworkSolver:
         at_corners = stage.share_at_corners(fitted.residual.energy)
         if at_corners > 0.5:
             where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
-        elif self._turning > np.radians(25.0):  # beyond the turns of round loops of some 30 points
+        elif any(map(is_rough, self.task.units, self.task.curves)):
             where = f"the loop is rough: one point in ten turns by more than {np.degrees(self._turning):.0f}°"
         else:
             where = "more units bring it no nearer"

@@ -151,30 +151,12 @@ class Task:
     @cached_property
     def network(self) -> NetworkSolver:
         """Of one loop's or two loops' Cauchy network."""
-        return NetworkSolver(
-            loops=self.units,
-            curves=self.curves,
-            options=self.options.cauchy,
-            allowed=self.allowed,
-            tolerance=self.options.tolerance,
-            steps=self.steps,
-            device=self.options.device,
-            clock=self.clock,
-        )
+        return NetworkSolver(task=self)
 
     @cached_property
     def harmonic(self) -> HarmonicSolver:
         """Of Douglas's slide of one loop."""
-        return HarmonicSolver(
-            loop=self.unit,
-            curve=self.curve,
-            allowed=self.allowed,
-            steps=self.steps,
-            device=self.options.device,
-            clock=self.clock,
-            to_rounding=self.options.is_series,
-            begun=self.on_disk,
-        )
+        return HarmonicSolver(task=self)
 
     @cached_property
     def rims(self) -> RimsSolver:

@@ -26,7 +26,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import places_in_piece, through
 from spinor_geom.plateau.gauss_newton import gram
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.surface.formulas import null_vector, phi
 
 # The Newton equations' diagonal is raised by this share of its mean: an equation that no read-out can meet is not met
@@ -334,13 +334,11 @@ def nearest_through(
         steps: gets those that lower the distance.
     """
     linear: PointEquations | None = None
-    linearised, distance = 0, rms(here.error)
+    distance = rms(here.error)
     while distance > _BELOW_ALLOWED * allowed and not steps.are_spent:
         fresh = linear is None
         if linear is None:
-            if linearised == 12:  # rims that are met take one to ten
-                break
-            linear, linearised = here.linearised(), linearised + 1
+            linear = here.linearised()
         # far from the points the step is the one to the solution nearest to the start, not to where it is
         step = linear.step(here.error, readout - start if fresh else None)
         for length in 0.5 ** np.arange(6 if fresh else 1):
@@ -354,9 +352,8 @@ def nearest_through(
             continue
         readout, here, before, distance = readout + length * step, there, distance, rms(there.error)
         steps.take("Newton", distance)
-        # a linearisation is used again while its steps bring much
-        if distance > 0.3 * before:
-            if fresh and distance > 0.99 * before:
+        if distance > before / 2:
+            if fresh and distance > STALLED * before:
                 break
             linear = None
     return readout
