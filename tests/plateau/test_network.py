@@ -12,7 +12,7 @@ from spinor_geom.plateau import network, solve_plateau
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.network import Discretisation
-from spinor_geom.plateau.network_route import Cauchy
+from spinor_geom.plateau.options import Cauchy
 from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse
 
