@@ -109,7 +109,7 @@ def gauss_newton(
         if fit.energy < before:
             steps.take("Gauss-Newton", fit.residual)
         # a linearisation costs many times what a step costs
-        if fit.energy > before / 4:
+        if fit.energy > before / 2:
             if fresh and (fit.energy <= allowed**2 or fit.energy > STALLED**2 * before):
                 break
             linear, fresh = _Linear.at(problem, fit), True

@@ -18,6 +18,9 @@ from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
+# Vertices of a mesh beyond which none is refined: finer ones take seconds.
+_MOST_VERTICES = 5000
+
 
 @dataclass(frozen=True, kw_only=True)
 class Stability:
@@ -56,12 +59,10 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     mesh = _Mesh.of(surface)
     while True:
         mesh, coarse = mesh.refined(), mesh
-        if len(coarse.inner) < 6:  # too few to extrapolate from
-            continue
-        stability = _on_meshes(coarse, mesh)
-        # finer meshes than of some thousand vertices take seconds
-        if stability.index is not None or len(mesh.points) > 5000:
-            return stability
+        if len(coarse.inner):
+            stability = _on_meshes(coarse, mesh)
+            if stability.index is not None or len(mesh.points) > _MOST_VERTICES:
+                return stability
 
 
 def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
@@ -241,7 +242,6 @@ def _smallest_eigenpairs(
         inverse, functions = eigh(m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1])
     else:
         solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
-        # eigenvalues are right to the square of the tolerance of eigenvectors
-        inverse, functions = spl.eigsh(m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=1e-6)
+        inverse, functions = spl.eigsh(m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)))
     order = np.argsort(inverse)[::-1]
-    return 1 / np.maximum(inverse[order], 1e-300), functions[:, order]
+    return 1 / np.maximum(inverse[order], np.finfo(np.float64).tiny), functions[:, order]

@@ -9,8 +9,8 @@ from typing import Literal
 from spinor_geom.deadline import is_out_of_time
 
 # Share of the distance from Γ at which a step with a new linearisation is the last one: what is gained slower is not
-# worth its cost. An old linearisation is used as long as its steps halve the distance.
-STALLED = 0.9
+# worth its cost.
+STALLED = 0.98
 
 Method = Literal["Newton", "Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
 

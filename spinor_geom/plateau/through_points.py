@@ -35,10 +35,10 @@ _DAMPING = 1e-8
 # Gauss-Legendre nodes on each edge while p and q are sought; with twice as many it is told how near the surface comes,
 # and sought again where that is not near enough: 1 rim in 25 of those cut along triangles, with 10 nodes every third.
 NODES = 14
+# Shares of a step with a new linearisation that are tried; one with an old one is taken as it is or not at all.
+_LENGTHS = 0.5 ** np.arange(6)
 # Degree of the polynomials.
 DEGREE = 24
-# Newton steps go on to this share of the distance allowed.
-_BELOW_ALLOWED = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -330,18 +330,18 @@ def nearest_through(
         here: the surface to set out from.
         readout: its read-outs.
         start: those to stay near to.
-        allowed: RMS distance, a good deal below which it stops.
+        allowed: RMS distance; at half of it it stops.
         steps: gets those that lower the distance.
     """
     linear: PointEquations | None = None
     distance = rms(here.error)
-    while distance > _BELOW_ALLOWED * allowed and not steps.are_spent:
+    while distance > allowed / 2 and not steps.are_spent:
         fresh = linear is None
         if linear is None:
             linear = here.linearised()
         # far from the points the step is the one to the solution nearest to the start, not to where it is
         step = linear.step(here.error, readout - start if fresh else None)
-        for length in 0.5 ** np.arange(6 if fresh else 1):
+        for length in _LENGTHS if fresh else _LENGTHS[:1]:
             there = here.at(readout + length * step)
             if rms(there.error) < distance:
                 break
