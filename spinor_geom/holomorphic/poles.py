@@ -79,22 +79,20 @@ def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
     return Poles(positions=position, scales=distance)
 
 
-def polygon_poles(vertices: Complex[np.ndarray, " n"], *, most: int) -> Poles:
-    """Poles for p and q that are smooth on the edges of a polygon: one beside each edge's middle, one at vertices.
+def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
+    """Poles for p and q that are smooth on the edges of a polygon: beside each edge's middle, and at bent vertices.
 
     Each is at the first of some distances along the outer normal or bisector, in edges, where every edge is at least
-    0.35 of its own length away; in notches too narrow for that there is none. Its unit's scale is its distance from the
-    polygon.
+    0.35 of its own length away; in notches too narrow for that there is none. Vertices that turn by less than 45° have
+    none of their own. The scale of a pole's unit is its distance from the polygon.
 
     Args:
         vertices: of a simple polygon with Ω on its left.
-        most: number of poles beyond which the less bent vertices get none; those that turn by less than 45° never do.
     """
     step = np.roll(vertices, -1) - vertices
     edge = np.abs(step)
     turn = np.abs(np.angle(step / np.roll(step, 1)))
-    bent = np.argsort(-turn)[: max(0, most - len(vertices))]
-    bent = np.sort(bent[turn[bent] > _BENT])
+    bent = np.flatnonzero(turn > _BENT)
     foot = np.concatenate([vertices + step / 2, vertices[bent]])
     direction = np.concatenate([-1j * step / edge, _outward(vertices)[bent]])
     local = np.concatenate([edge, ((edge + np.roll(edge, 1)) / 2)[bent]])

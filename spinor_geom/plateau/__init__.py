@@ -2,7 +2,7 @@
 
 The way of a loop, from a module to the next, in one direction:
 
-- `task`: the loops, simple and at unit size, and Γ, the curves through their points
+- `request`: the loops, simple and at unit size, and Γ, the curves through their points; `task`: with their solvers
 - `plan`: which routes are tried, and in what order; the first surface within the tolerance is the answer
 - Ω: `plane_route` takes the inside of Γ, `harmonic_route` the unit disk or a smooth one of `omega`, `network_route` and
   `vertex_route` a flattened discrete surface, `rims` a disk with round holes for several loops
@@ -14,8 +14,7 @@ The way of a loop, from a module to the next, in one direction:
 """
 
 from spinor_geom.plateau.misfit import BoundaryResidual
-from spinor_geom.plateau.network_route import Cauchy
-from spinor_geom.plateau.options import Laurent
+from spinor_geom.plateau.options import Cauchy, Laurent
 from spinor_geom.plateau.solution import Annulus, NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 from spinor_geom.plateau.stability import Stability

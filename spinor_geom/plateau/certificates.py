@@ -21,9 +21,8 @@ def area_in_domain(surface: SpinorSurface) -> float:
     surface is smooth up to ∂Ω; near rough rims the triangles do not resolve λ.
     """
     mesh = surface.domain.triangulation
-    inner, inner_weights = _on_triangles(mesh.points[mesh.faces])
-    outer, outer_weights = _beside_polygons(surface)
-    z, weights = np.concatenate([inner, outer]), np.concatenate([inner_weights, outer_weights])
+    parts = [_on_triangles(mesh.points[mesh.faces]), *map(_beside_rim, surface.domain.boundaries)]
+    z, weights = map(np.concatenate, zip(*parts, strict=True))
     return float(weights @ surface.conformal_factor(z) ** 2)
 
 
@@ -57,14 +56,8 @@ def _on_triangles(
     return z.ravel(), weights.ravel()
 
 
-def _beside_polygons(surface: SpinorSurface) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Nodes and signed weights between ∂Ω and the polygons of its vertices."""
-    parts = [_beside_rim(boundary) for boundary in surface.domain.boundaries]
-    z, weights = zip(*parts, strict=True)
-    return np.concatenate(z), np.concatenate(weights)
-
-
 def _beside_rim(boundary: Boundary) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Nodes and signed weights between a boundary of Ω and the polygon of its vertices."""
     along = across = rule("gauss", _ORDER)
     t, width = boundary.parameters[:-1, None], np.diff(boundary.parameters)[:, None]
     arc, slope = boundary.point(t + width * along.nodes), width * boundary.derivative(t + width * along.nodes)

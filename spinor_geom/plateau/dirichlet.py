@@ -10,7 +10,6 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.errors import DomainError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,15 +40,9 @@ class DirichletForm:
     error: float
 
     @classmethod
-    def of_disk(cls, boundary: FourierBoundary) -> DirichletForm:
-        """The form of the unit disk about 0, its boundary by angle: z(t) = e^{2πit}.
-
-        Raises:
-            DomainError: ∂Ω is another curve.
-        """
-        if not np.array_equal(boundary.coefficients, boundary.frequencies == 1):
-            raise DomainError("the boundary must be the unit circle about 0 by its angle; take `of` for other domains")
-        return cls(boundary=boundary, kernel=None, correction=None, error=0.0)
+    def of_disk(cls, vertices: int) -> DirichletForm:
+        """The form of the unit disk about 0, with so many vertices on ∂Ω: z(t) = e^{2πit}."""
+        return cls(boundary=FourierBoundary.circle(1.0, vertices), kernel=None, correction=None, error=0.0)
 
     @classmethod
     def of(cls, boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:

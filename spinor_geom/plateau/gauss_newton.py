@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -11,7 +12,12 @@ from scipy.linalg.blas import dsyrk, zherk
 from torch import Tensor
 
 from spinor_geom.plateau.problem import PlateauProblem
-from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.steps import STALLED, Steps
+
+# Of the first step, as a share of the mean diagonal entry of the normal equations.
+_FIRST_DAMPING = 1e-2
+# Of a step, each five times as much damped as the one before: the last takes 10⁻⁸ of it and less.
+_TRIES = 14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,15 +28,54 @@ class Fit:
         readout: (n, 2), read-outs of p and q.
         constant: (3,), added to the positions that start at 0 at the first panel's start.
         slide: (nodes,), curve parameters of the nodes.
-        amounts: (k,), how far Ω should move along its modulus fields, to first order; included in the residual.
-        residual: RMS distance of r from Γ(slide) at the nodes, by arc length of ∂Ω.
+        amounts: (k,), how far Ω should move along its modulus fields, to first order; included in the error.
+        error: (nodes, 3), r + c − Γ(slide).
+        tangent: (nodes, 3), Γ′(slide).
+        gap: (holes, 3), Re ∮ φ dz around each hole.
+        energy: the mean of |error|² by arc length of ∂Ω, and the sum of |gap|².
     """
 
     readout: Complex[Tensor, "n 2"]
     constant: Float[Tensor, "3"]
     slide: Float[Tensor, " nodes"]
     amounts: Float[Tensor, " k"]
-    residual: float
+    error: Float[Tensor, "nodes 3"]
+    tangent: Float[Tensor, "nodes 3"]
+    gap: Float[Tensor, "holes 3"]
+    energy: float
+
+    @classmethod
+    def at(
+        cls,
+        problem: PlateauProblem,
+        readout: Complex[Tensor, "n 2"],
+        slide: Float[Tensor, " nodes"],
+        constant: Float[Tensor, "3"] | None = None,
+        amounts: Float[Tensor, " k"] | None = None,
+    ) -> Fit:
+        """That of given unknowns, or of the constant that brings r nearest to Γ, and of an Ω at rest."""
+        amounts = problem.weights.new_zeros(problem.fields.shape[1]) if amounts is None else amounts
+        point, tangent = problem.point_and_derivative(slide)
+        velocity, weights = problem.velocities(readout), problem.arc_weights
+        error = problem.integrate(velocity).real - point + problem.moved(readout) @ amounts
+        constant = -weights @ error if constant is None else constant
+        error = error + constant
+        gap = problem.around_hole(velocity).real
+        return cls(
+            readout=readout,
+            constant=constant,
+            slide=slide,
+            amounts=amounts,
+            error=error,
+            tangent=tangent,
+            gap=gap,
+            energy=float(weights @ error.square().sum(1) + gap.square().sum()),
+        )
+
+    @property
+    def residual(self) -> float:
+        """RMS distance of r from Γ(slide) at the nodes, by arc length of ∂Ω."""
+        return math.sqrt(self.energy)
 
 
 def gauss_newton(
@@ -38,10 +83,8 @@ def gauss_newton(
     readout: Complex[Tensor, "n 2"],
     slide: Float[Tensor, " nodes"],
     *,
-    goal: float,
     allowed: float,
     steps: Steps,
-    stall: float,
 ) -> Fit:
     """Minimises ∮ |r − Γ(s)|² |dz| over read-outs, constant and slide by Levenberg-Marquardt.
 
@@ -54,82 +97,26 @@ def gauss_newton(
         problem: nodes, features, Γ.
         readout: start.
         slide: start, increasing around the circle.
-        goal: RMS residual at which to stop.
         allowed: RMS residual below which only fast convergence goes on.
         steps: gets those that lower the residual.
-        stall: a step with a new linearisation that lowers the squared residual by less than this share is the last.
     """
-    root = problem.arc_weights.sqrt()[:, None]
-    amounts = root.new_zeros(problem.fields.shape[1])
-    state = _State.at(problem, readout, None, slide, amounts, root)
-    damping = 1e-2
-    linear, fresh = _Linear.at(problem, state, root), True
-    while state.energy > goal**2 and not steps.are_spent:
-        before, started = state.energy, damping
-        state, damping = _damped_step(problem, state, root, linear, damping)
-        if state.energy < before:
-            steps.take("Gauss-Newton", state.energy**0.5)
+    fit = Fit.at(problem, readout, slide)
+    damping = _FIRST_DAMPING
+    linear, fresh = _Linear.at(problem, fit), True
+    while not steps.are_spent:
+        before = fit.energy
+        fit, damping = _damped_step(problem, fit, linear, damping)
+        if fit.energy < before:
+            steps.take("Gauss-Newton", fit.residual)
         # a linearisation costs many times what a step costs
-        if state.energy > 0.4 * before:
-            # a step with an old linearisation that gains little asks for a new one; one with a new one is the last
-            # a step that had to be damped says little about what the next ones will gain
-            least = stall if damping <= started else stall / 10
-            if fresh and (state.energy <= allowed**2 or state.energy > (1 - least) * before):
+        if fit.energy > before / 2:
+            if fresh and (fit.energy <= allowed**2 or fit.energy > STALLED**2 * before):
                 break
-            linear, fresh = _Linear.at(problem, state, root), True
+            linear, fresh = _Linear.at(problem, fit), True
         else:
             fresh = False
-        damping = max(damping / 8, 1e-22)
-    return Fit(
-        readout=state.readout,
-        constant=state.constant,
-        slide=state.slide,
-        amounts=state.amounts,
-        residual=state.energy**0.5,
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _State:
-    readout: Tensor
-    constant: Tensor
-    slide: Tensor
-    amounts: Tensor
-    error: Tensor  # r + c − Γ(s), (nodes, 3)
-    tangent: Tensor  # Γ'(s), (nodes, 3)
-    gap: Tensor  # Re ∮ φ dz around each hole, (holes, 3)
-    energy: float
-
-    @classmethod
-    def at(
-        cls,
-        problem: PlateauProblem,
-        readout: Tensor,
-        constant: Tensor | None,
-        slide: Tensor,
-        amounts: Tensor,
-        root: Tensor,
-    ) -> _State:
-        point, tangent = problem.point_and_derivative(slide)
-        velocity = problem.velocities(readout)
-        error = problem.integrate(velocity).real - point
-        gap = problem.around_hole(velocity).real
-        if len(amounts):
-            error = error + problem.moved(readout) @ amounts
-        if constant is None:
-            constant = -(root.square() * error).sum(0)
-        error = error + constant
-        energy = float((root * error).square().sum() + gap.square().sum())
-        return cls(
-            readout=readout,
-            constant=constant,
-            slide=slide,
-            amounts=amounts,
-            error=error,
-            tangent=tangent,
-            gap=gap,
-            energy=energy,
-        )
+        damping = max(damping / 8, torch.finfo(torch.float64).eps)
+    return fit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,7 +132,8 @@ class _Linear:
     held: Tensor  # indices of the nodes that the slide's bounds hold
 
     @classmethod
-    def at(cls, problem: PlateauProblem, state: _State, root: Float[Tensor, "nodes 1"]) -> _Linear:
+    def at(cls, problem: PlateauProblem, state: Fit) -> _Linear:
+        root = problem.arc_weights.sqrt()[:, None]
         p, q = (problem.features @ state.readout).unbind(-1)
         slopes = [(2 * value * problem.dz)[:, None] * problem.features for value in (p, q)]
         parts = _in_parts(*map(problem.integrate, slopes))
@@ -168,7 +156,8 @@ class _Linear:
             rows[-gaps:, :n] = (_by_spinors(axes) @ around[:, None]).flatten(2).flatten(0, 1)
         return cls(rows=rows, normal_matrix=gram(rows), held=held)
 
-    def gradient(self, state: _State, root: Float[Tensor, "nodes 1"]) -> Float[Tensor, " k"]:
+    def gradient(self, problem: PlateauProblem, state: Fit) -> Float[Tensor, " k"]:
+        root = problem.arc_weights.sqrt()[:, None]
         residual = [
             (root[nodes] * direction * state.error[nodes]).sum(1)
             for direction, nodes in _directions(state.tangent, self.held)
@@ -192,7 +181,7 @@ def _by_spinors(e: Float[Tensor, "m 3"]) -> Float[Tensor, "m 4 4"]:
     return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
 
 
-def _held_nodes(problem: PlateauProblem, state: _State) -> Int[Tensor, " k"]:
+def _held_nodes(problem: PlateauProblem, state: Fit) -> Int[Tensor, " k"]:
     """Nodes at a bound of their slide that would go on beyond it: their distance along Γ' is a residual too."""
     low, high = problem.slide_bounds.T
     beyond = (state.tangent * state.error).sum(1)
@@ -228,54 +217,27 @@ def gram(rows: Float[Tensor, "m k"] | Complex[Tensor, "m k"]) -> Float[Tensor, "
     return torch.from_numpy(product(1.0, rows.numpy().T).T)
 
 
-def _displacement(
-    problem: PlateauProblem,
-    state: _State,
-    change: Complex[Tensor, "n 2"],
-    shift: Float[Tensor, "3"],
-    amounts: Float[Tensor, " k"],
-) -> Float[Tensor, "nodes 3"]:
-    """First-order change of the positions."""
-    p, q = (problem.features @ state.readout).unbind(-1)
-    dp, dq = (problem.features @ change).unbind(-1)
-    first, second = p * dp, q * dq
-    dphi = 2 * torch.stack([first - second, -1j * (first + second), q * dp + p * dq], dim=-1)
-    return problem.integrate(dphi * problem.dz[:, None]).real + shift + problem.moved(state.readout) @ amounts
-
-
-def _damped_step(
-    problem: PlateauProblem,
-    state: _State,
-    root: Float[Tensor, "nodes 1"],
-    linear: _Linear,
-    damping: float,
-) -> tuple[_State, float]:
+def _damped_step(problem: PlateauProblem, state: Fit, linear: _Linear, damping: float) -> tuple[Fit, float]:
     """The first step that lowers the residual, at rising damping; the old state if none does."""
     n = problem.features.shape[1]
-    gradient = linear.gradient(state, root)
+    gradient = linear.gradient(problem, state)
     scale = linear.normal_matrix.diagonal().mean()
     speed2 = state.tangent.square().sum(1)
-    for _ in range(14):  # each damped five times as much: the last takes 10⁻⁸ of the step and less
+    for _ in range(_TRIES):
         shifted = linear.normal_matrix.clone()
-        shifted.diagonal().add_(scale * (damping + 1e-14))
+        shifted.diagonal().add_(scale * damping)
         factor, info = torch.linalg.cholesky_ex(shifted)
         if int(info) == 0:
             step = -torch.cholesky_solve(gradient[:, None], factor)[:, 0]
             change = torch.complex(step[: 2 * n], step[2 * n : 4 * n]).reshape(2, n).T
             shift, amounts = step[4 * n : 4 * n + 3], step[4 * n + 3 :]
-            moved = state.error + _displacement(problem, state, change, shift, amounts)
+            unknowns = state.constant + shift, state.amounts + amounts
+            error = Fit.at(problem, state.readout + change, state.slide, *unknowns).error
             # damped like the rest: where Γ turns sharply the full move along its tangent can lead away from it
-            slide = state.slide + (state.tangent * moved).sum(1) / (speed2 * (1 + damping))
-            slide = problem.increasing(slide, speed2)
-            trial = _State.at(
-                problem,
-                state.readout + change,
-                state.constant + shift,
-                slide,
-                state.amounts + amounts,
-                root,
-            )
+            along = (state.tangent * error).sum(1) / (speed2 * (1 + damping))
+            slide = problem.increasing(state.slide + along, speed2)
+            trial = Fit.at(problem, state.readout + change, slide, *unknowns)
             if trial.energy < state.energy:
                 return trial, damping
-        damping = max(5 * damping, 1e-16)
+        damping *= 5
     return state, damping

@@ -5,24 +5,81 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.fft import next_fast_len
 from torch import Tensor
 
-from spinor_geom.deadline import is_out_of_time
-from spinor_geom.plateau.clock import Clock
+from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, lifted_together
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.request import Request
+from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 
-# Nodes of the loops that are fitted as one batch, 64 short ones: half as many take an eighth longer.
-_BATCH_NODES = 16384
+# Nodes of the loops that are fitted as one batch, and held in memory: half as many take an eighth longer.
+BATCH_NODES = 16384
+# Most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing.
+_MOST_PER_EDGE = 64
+# Nodes of short loops on the disk: many loops have as many nodes, and are fitted together.
+FEWEST_NODES = 256
+# Gradient of the energy, relative to its factors, at which a coarse solve stops, and that is rounding error. Between
+# them a solve goes on to a share of the tolerance, on smooth loops as small a one: each step doubles the digits.
+COARSE, _ROUNDING = 1e-4, 1e-13
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Aims:
+    """What the slides over one loop go on to."""
+
+    request: Request
+
+    @cached_property
+    def exact(self) -> CurveTensors:
+        """Γ."""
+        return CurveTensors.of(self.request.curve, self.request.options.device)
+
+    @cached_property
+    def is_rough(self) -> bool:
+        """Whether the loop is."""
+        return is_rough(self.request.unit, self.request.curve)
+
+    @property
+    def fine_gradient(self) -> float:
+        """At which a slide along Γ itself stops."""
+        if self.request.options.is_series:
+            return _ROUNDING
+        share = ROUGH_GRADIENT if self.is_rough else COARSE
+        return float(np.clip(share * self.request.options.tolerance, _ROUNDING, COARSE))
+
+    @property
+    def most_nodes(self) -> int:
+        """That are tried."""
+        return even(max(4 * FEWEST_NODES, _MOST_PER_EDGE * len(self.request.unit)))
+
+    def is_enough(self, misfit: Misfit) -> bool:
+        """Whether more nodes are not tried; rounding error is asked for where the curve itself has no other."""
+        allowed = self.request.allowed
+        if self.request.options.is_series and self.request.curve.degree > max(DEGREES):
+            allowed = min(allowed, _ROUNDING)
+        return misfit.excess(allowed=allowed, tolerance=allowed / self.request.unit.mean_edge_length) <= 1
+
+    @property
+    def negligible_energy(self) -> float:
+        """At a fall below which a slide stops, too."""
+        return negligible_energy(len(self.request.unit), self.request.allowed) if self.is_rough else 0.0
+
+    def take(self, gradient: float) -> None:
+        """Takes down a step."""
+        self.request.steps.take("Douglas-Newton", gradient)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -30,38 +87,19 @@ class Fit:
     """One loop's fit on an Ω, on its way.
 
     Attributes:
-        curve: Γ, at unit size.
+        aims: of the loop.
         form: of Ω.
-        slide: to start from.
-        nodes: to begin with.
-        most_nodes: that are tried.
-        is_rough: whether the loop is.
-        allowed: RMS distance from Γ to reach.
-        enough: RMS distance at which more nodes are not tried.
-        mean_edge: of the loop.
-        gradient: at which a slide stops.
-        negligible: fall of the energy at which it stops, too.
-        steps_left: gives the limit on Newton steps.
-        on_step: is called with the gradient at each step.
-        clock: of the stages.
+        slide: to start from, then the last one that was found.
+        nodes: to begin with, then those that are tried next.
         best: the nearest surface so far, and the harmonic disk that it was lifted from.
         limit: why it is over, as the end of a sentence; "" while it is not.
+        attempt: number of those before.
     """
 
-    curve: CurveTensors
+    aims: Aims
     form: DirichletForm
     slide: Float[Tensor, " n"]
     nodes: int
-    most_nodes: int
-    is_rough: bool
-    allowed: float
-    enough: float
-    mean_edge: float
-    gradient: float
-    negligible: float
-    steps_left: Callable[[], int]
-    on_step: Callable[[float], None]
-    clock: Clock
     best: tuple[Lift, HarmonicDisk] | None = None
     limit: str = ""
     attempt: int = 0
@@ -77,24 +115,20 @@ class Fit:
         is_better = self.attempt == 0 or (lift is not None and lift.misfit.rms < WORTHWHILE * before)
         if lift is not None and lift.misfit.rms < before:
             self.best = lift, disk
-        is_met = self.best is not None and self._excess(self.best[0], self.enough) <= 1
-        if is_met or not is_better:
+        if not is_better or (self.best is not None and self.aims.is_enough(self.best[0].misfit)):
             self.limit = "more nodes on the domain's boundary do not help"
-        elif self.nodes >= self.most_nodes:
+        elif self.nodes >= self.aims.most_nodes:
             self.limit = f"{self.nodes} nodes are the most that are tried"
-        elif not self.steps_left() or is_out_of_time():
+        elif self.aims.request.steps.are_spent:
             self.limit = "the limit on steps or on time was reached"
         else:
             self.attempt += 1
-            self.nodes = even(min(self.most_nodes, 2 * self.nodes))
+            self.nodes = even(min(self.aims.most_nodes, 2 * self.nodes))
 
     @property
     def is_near(self) -> bool:
         """Whether its slide is near to a solution."""
-        return self.attempt > 0 and not self.is_rough
-
-    def _excess(self, lift: Lift, allowed: float) -> float:
-        return lift.misfit.excess(allowed=allowed, tolerance=allowed / self.mean_edge)
+        return self.attempt > 0
 
 
 def fit_together(fits: Sequence[Fit]) -> None:
@@ -109,7 +143,7 @@ def fit_together(fits: Sequence[Fit]) -> None:
         for fit in left:
             alike["disk" if fit.form.is_disk else id(fit.form), fit.nodes, fit.is_near].append(fit)
         for group in alike.values():
-            together = max(1, _BATCH_NODES // group[0].nodes)
+            together = max(1, BATCH_NODES // group[0].nodes)
             for start in range(0, len(group), together):
                 _advance(group[start : start + together])
 
@@ -118,28 +152,30 @@ def _advance(fits: Sequence[Fit]) -> None:
     """One more attempt of fits that ask for as many nodes on one Ω."""
     begin = time.perf_counter()
     form, nodes = fits[0].form, fits[0].nodes
-    curves = CurveTensors.batch([fit.curve for fit in fits])
+    curves = CurveTensors.batch([fit.aims.exact for fit in fits])
     disks = minimise_dirichlet_energies(
         curves,
         form,
         torch.stack([resampled(fit.slide, nodes) for fit in fits]),
-        tolerances=[fit.gradient for fit in fits],
-        max_steps=[min(MOST_STEPS, fit.steps_left()) for fit in fits],
+        tolerances=[fit.aims.fine_gradient for fit in fits],
+        max_steps=[min(MOST_STEPS, fit.aims.request.steps.left) for fit in fits],
         near=fits[0].is_near,
-        negligible=[fit.negligible for fit in fits],
-        on_step=[fit.on_step for fit in fits],
+        negligible=[fit.aims.negligible_energy for fit in fits],
+        on_step=[fit.aims.take for fit in fits],
     )
     middle = time.perf_counter()
     whole = [i for i, disk in enumerate(disks) if not disk.crowded]
     lifts: dict[int, Lift | None] = {}
     if whole:
-        of_whole = curves if len(whole) == len(fits) else CurveTensors.batch([fits[i].curve for i in whole])
-        found = lifted_together([disks[i] for i in whole], form, of_whole, allowed=[fits[i].allowed for i in whole])
+        of_whole = curves if len(whole) == len(fits) else CurveTensors.batch([fits[i].aims.exact for i in whole])
+        found = lifted_together(
+            [disks[i] for i in whole], form, of_whole, allowed=[fits[i].aims.request.allowed for i in whole]
+        )
         lifts = dict(zip(whole, found, strict=True))
     end = time.perf_counter()
     for i, (fit, disk) in enumerate(zip(fits, disks, strict=True)):
-        fit.clock.add("slide", (middle - begin) / len(fits))
-        fit.clock.add("lift", (end - middle) / len(fits))
+        fit.aims.request.clock.add("slide", (middle - begin) / len(fits))
+        fit.aims.request.clock.add("lift", (end - middle) / len(fits))
         fit.take(disk, lifts.get(i))
 
 

@@ -17,82 +17,53 @@ from torch import Tensor
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import DEGREES
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import minimise_dirichlet_energy, resampled, slide_downhill
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.harmonic_fit import Fit, even, fit_together
+from spinor_geom.plateau.harmonic_fit import COARSE, FEWEST_NODES, Aims, Fit, even, fit_together
 from spinor_geom.plateau.lift import surface_of
 from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
+from spinor_geom.plateau.request import Request
+from spinor_geom.plateau.roughness import is_rough
 from spinor_geom.plateau.solution import RouteName
-from spinor_geom.plateau.steps import Steps
 
 # A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
 _DISK_ELONGATION = 2.5
-# Nodes per edge of a rough loop with which 1e-3 edges are met as a rule; smooth loops start with one.
-_PER_EDGE_ROUGH = 9
 # Points that Ω is made from: the cost of Λ on it is their number cubed.
 _FEWEST_POINTS, _POINTS = 32, 128
-# Most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing.
-_MOST_PER_EDGE = 64
-# Nodes of short loops on the disk: many loops have as many nodes, and are fitted together.
-_FEWEST_NODES = 256
-# Nodes at which the directions of an unstable slide are found: the cost is their number cubed.
-_MOST_FOR_MODES = 512
-# Gradient of the energy, relative to its factors, at which a coarse solve stops, and that is rounding error. Between
-# them a solve goes on to a share of the distance allowed in edges: a small one on smooth loops, where each step doubles
-# the digits.
-_COARSE, _ROUNDING = 1e-3, 1e-13
-_FINE_SMOOTH = 1e-4
-# RMS distance from Γ, in diagonals, that is rounding error.
-_ROUNDED = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSolver:
-    """One loop on the harmonic route.
+    """One loop on the harmonic route."""
 
-    Attributes:
-        loop: the loop at unit size.
-        curve: Γ.
-        allowed: RMS distance from Γ to reach.
-        steps: of Newton's method.
-        device: where the slide is found.
-        clock: of the stages.
-        to_rounding: whether steps go on until the gradient is rounding error.
-        begun: the fit on the unit disk, where it was made together with others.
-    """
+    request: Request
 
-    loop: BoundaryLoop
-    curve: BoundaryCurve
-    allowed: float
-    steps: Steps
-    device: torch.device
-    clock: Clock
-    to_rounding: bool = False
-    begun: Fit | None = None
+    @cached_property
+    def aims(self) -> Aims:
+        """What its slides go on to."""
+        return Aims(request=self.request)
 
-    def on_disk(self) -> Found:
+    def on_disk(self, begun: Fit | None = None) -> Found:
         """The minimal disk on the unit disk.
+
+        Args:
+            begun: the fit, where it was made together with others.
 
         Raises:
             DomainError: none was found: the loop has corners or is too long for its width, so that nodes crowd.
         """
         refusal = DomainError(
             "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
-            vertices=len(self.loop),
+            vertices=len(self.request.unit),
         )
-        if self.loop.corners.any():
+        if self.request.unit.corners.any():
             raise refusal
         try:
-            return self._fitted(self.begun or self._begin(), "disk")
+            return self._fitted(begun or self._begin(), "disk")
         except DomainError as error:
             raise refusal from error
 
@@ -102,8 +73,9 @@ class HarmonicSolver:
         Args:
             matching: of the unstable one.
         """
-        slide = torch.tensor(matching[:, 1], device=self.device)
-        start = slide_downhill(self._exact, self._unit_disk, resampled(slide, min(len(slide), _MOST_FOR_MODES)))
+        slide = torch.tensor(matching[:, 1], device=self.request.options.device)
+        # the cost of its directions is the number of nodes cubed
+        start = slide_downhill(self.aims.exact, self._unit_disk, resampled(slide, min(len(slide), 2 * FEWEST_NODES)))
         if start is None:
             return None
         try:
@@ -119,8 +91,8 @@ class HarmonicSolver:
             DomainError: it is not simple or too narrow, or nodes crowd.
         """
         even = np.arange(self._density.points) / self._density.points
-        with self.clock.stage("first fill"):
-            polygon = unfolded_loop(self.curve.point(self._density.slide(even)), saws=True)
+        with self.request.clock.stage("first fill"):
+            polygon = unfolded_loop(self.request.curve.point(self._density.slide(even)), saws=True)
         return self._on_domain(polygon, even, "unfolded")
 
     def flattened(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Found:
@@ -133,49 +105,21 @@ class HarmonicSolver:
         Raises:
             DomainError: the flattening is not simple or too narrow, or nodes crowd.
         """
-        with self.clock.stage("flattening"):
+        with self.request.clock.stage("flattening"):
             polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
-        return self._on_domain(polygon, self._density.parameter(self.curve.breaks[rim]), "flattened")
-
-    @cached_property
-    def _exact(self) -> CurveTensors:
-        return CurveTensors.of(self.curve, self.device)
-
-    @cached_property
-    def _is_rough(self) -> bool:
-        return is_rough(self.loop, self.curve)
+        return self._on_domain(polygon, self._density.parameter(self.request.curve.breaks[rim]), "flattened")
 
     @property
     def _count(self) -> int:
-        return points_of_domain(self.loop)
+        return points_of_domain(self.request.unit)
 
     @cached_property
     def _density(self) -> NodeDensity:
-        return NodeDensity(self.curve, self._count)
+        return NodeDensity(self.request.curve, self._count)
 
     @property
     def _unit_disk(self) -> DirichletForm:
-        return DirichletForm.of_disk(FourierBoundary.circle(1.0, self._count))
-
-    @property
-    def _fine_gradient(self) -> float:
-        """At which a slide along Γ itself stops."""
-        if self.to_rounding:
-            return _ROUNDING
-        share = ROUGH_GRADIENT if self._is_rough else _FINE_SMOOTH
-        return float(np.clip(share * self.allowed / self.loop.mean_edge_length, _ROUNDING, _COARSE))
-
-    @property
-    def _enough(self) -> float:
-        """RMS distance from Γ at which more nodes are not tried: rounding error where the curve itself has no other."""
-        if self.to_rounding and self.curve.degree > max(DEGREES):
-            return min(self.allowed, _ROUNDED)
-        return self.allowed
-
-    @property
-    def _negligible_energy(self) -> float:
-        """At a fall below which a slide stops, too."""
-        return negligible_energy(len(self.loop), self.allowed) if self._is_rough else 0.0
+        return DirichletForm.of_disk(self._count)
 
     def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], route: RouteName) -> Found:
         """The minimal disk on the smooth Ω next to a polygon, and on what its own flattening makes of that.
@@ -185,51 +129,39 @@ class HarmonicSolver:
             t: parameters of its vertices.
             route: for the record.
         """
-        with self.clock.stage("flattening"):
+        with self.request.clock.stage("flattening"):
             # points that stand for single vertices are to be followed
-            is_fine = self._is_rough and len(self.loop) <= self._density.points
-            shape, form = resolved(polygon, t, self._density, is_fine, count=self._count, device=self.device)
-        slide = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=self.device)
-        with self.clock.stage("slide"):
+            is_fine = self.aims.is_rough and len(self.request.unit) <= self._density.points
+            shape, form = resolved(
+                polygon, t, self._density, is_fine, count=self._count, device=self.request.options.device
+            )
+        start = torch.tensor(
+            self._density.slide(np.arange(shape.steps) / shape.steps), device=self.request.options.device
+        )
+        with self.request.clock.stage("slide"):
             disk = minimise_dirichlet_energy(
-                self._exact,
+                self.aims.exact,
                 form,
-                slide,
-                tolerance=_COARSE,
-                max_steps=self.steps.left,
-                negligible=self._negligible_energy,
-                on_step=self._take,
+                start,
+                tolerance=COARSE,
+                max_steps=self.request.steps.left,
+                negligible=self.aims.negligible_energy,
+                on_step=self.aims.take,
             )
         if disk.crowded:
-            raise DomainError("the nodes crowd on the domain's boundary", vertices=len(self.loop))
-        with self.clock.stage("flattening"):
+            raise DomainError("the nodes crowd on the domain's boundary", vertices=len(self.request.unit))
+        with self.request.clock.stage("flattening"):
             form, slide = reflattened(disk, form, shape)
         return self._fitted(self._fit(form, slide), route)
 
     def _begin(self) -> Fit:
         """The fit on the unit disk from equal steps."""
-        n = even(max(_FEWEST_NODES, len(self.loop)))
-        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.device) / n)
+        n = even(max(FEWEST_NODES, len(self.request.unit)))
+        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.request.options.device) / n)
 
     def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
         """The fit on an Ω from a slide."""
-        m = len(self.loop)
-        return Fit(
-            curve=self._exact,
-            form=form,
-            slide=slide,
-            nodes=even(max(len(slide), m * (_PER_EDGE_ROUGH if self._is_rough else 1))),
-            most_nodes=even(max(4 * _FEWEST_NODES, _MOST_PER_EDGE * m)),
-            is_rough=self._is_rough,
-            allowed=self.allowed,
-            enough=self._enough,
-            mean_edge=self.loop.mean_edge_length,
-            gradient=self._fine_gradient,
-            negligible=self._negligible_energy,
-            steps_left=lambda: self.steps.left,
-            on_step=self._take,
-            clock=self.clock,
-        )
+        return Fit(aims=self.aims, form=form, slide=slide, nodes=even(max(len(slide), len(self.request.unit))))
 
     def _fitted(self, fit: Fit, route: RouteName) -> Found:
         """The minimal disk with as many nodes as the tolerance asks for, or as help.
@@ -239,13 +171,13 @@ class HarmonicSolver:
         """
         fit_together([fit])
         if fit.best is None:
-            raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.loop))
+            raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.request.unit))
         lift, disk = fit.best
-        with self.clock.stage("surface"):
+        with self.request.clock.stage("surface"):
             surface = surface_of(lift, fit.form.boundary)
         n = len(disk.slide)
         return Found(
-            curves=(self.curve,),
+            curves=(self.request.curve,),
             surface=surface,
             matchings=(np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),),
             misfit=lift.misfit,
@@ -253,9 +185,6 @@ class HarmonicSolver:
             route=route,
             limit=fit.limit,
         )
-
-    def _take(self, gradient: float) -> None:
-        self.steps.take("Douglas-Newton", gradient)
 
     @staticmethod
     def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[Fit]:

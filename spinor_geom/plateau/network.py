@@ -70,7 +70,6 @@ class Discretisation:
             tolerance: RMS distance from Γ, in mean edges, that is asked for: corners take fewer poles for a loose one.
             branch: a point in the hole around which p and q change their sign; none where they are single-valued.
         """
-        edges = len(domain.vertices)
         at_corner = corner_poles(tolerance)
         return cls._of(
             domain,
@@ -78,7 +77,7 @@ class Discretisation:
             pairs,
             poles=place_poles(domain, offset=offset, at_corner=at_corner),
             breaks=tuple(map(panel_breaks, domain.boundaries)),
-            degree=min(degree, max(8, 2 * edges)),
+            degree=degree,
             at_corner=at_corner,
             branch=branch,
         )
@@ -138,15 +137,22 @@ class Discretisation:
         chosen = self.panels.ends[matter]
         poles = self.poles + refining_poles(self.domain, chosen)
         middle = chosen.mean(axis=1)
+        breaks = tuple(
+            np.sort(np.concatenate([some, middle[middle // 2 == number] - 2 * number]))
+            for number, some in enumerate(self.panels.rim_breaks)
+        )
+        return self._with(self.domain, self.pairs, poles, breaks)
+
+    def _with(
+        self, domain: PlaneDomain, pairs: CornerPairs, poles: Poles, breaks: tuple[Float[np.ndarray, " _"], ...]
+    ) -> Discretisation:
+        """The same curves on another Ω, or with other poles or panels."""
         return self._of(
-            self.domain,
+            domain,
             self.problem.curves,
-            self.pairs,
+            pairs,
             poles=poles,
-            breaks=tuple(
-                np.sort(np.concatenate([breaks, middle[middle // 2 == number] - 2 * number]))
-                for number, breaks in enumerate(self.panels.rim_breaks)
-            ),
+            breaks=breaks,
             degree=self.degree,
             at_corner=self.at_corner,
             branch=self.branch,
@@ -190,7 +196,7 @@ class Discretisation:
             torch.as_tensor(self.panels.arc_weights),
             poles=torch.as_tensor(poles.positions),
             scales=torch.as_tensor(poles.scales),
-            degree=8,
+            degree=self.degree,
         )
         return ModulusFields.of_corners(
             self.domain, self.panels, smooth.features(torch.as_tensor(self.panels.z)).numpy()
@@ -213,16 +219,10 @@ class Discretisation:
         """
         domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
         rims = zip(self.panels.rim_breaks, self.domain.boundaries, domain.boundaries, strict=True)
-        return self._of(
-            domain,
-            self.problem.curves,
-            CornerPairs(t=domain.boundary.parameters[:-1][domain.boundary.corners], s=self.pairs.s),
-            poles=place_poles(domain, offset=offset, at_corner=self.at_corner),
-            breaks=tuple(np.interp(breaks, old.parameters, new.parameters) for breaks, old, new in rims),
-            degree=self.degree,
-            at_corner=self.at_corner,
-            branch=self.branch,
-        )
+        pairs = CornerPairs(t=domain.boundary.parameters[:-1][domain.boundary.corners], s=self.pairs.s)
+        poles = place_poles(domain, offset=offset, at_corner=self.at_corner)
+        breaks = tuple(np.interp(some, old.parameters, new.parameters) for some, old, new in rims)
+        return self._with(domain, pairs, poles, breaks)
 
     def readout_of(self, spinors: Complex[Tensor, "nodes 2"]) -> Complex[Tensor, "n 2"]:
         """Least-squares read-outs of values of p and q at the nodes."""

@@ -21,20 +21,20 @@ from spinor_geom.discrete.strip import discrete_annulus, nodes_on_cylinder, runs
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
-from spinor_geom.errors import DomainError, OptionError, SingularMatrixError
+from spinor_geom.errors import DomainError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.residual import Residual, independent_residual
-from spinor_geom.plateau.roughness import roughness
+from spinor_geom.plateau.request import Request
+from spinor_geom.plateau.residual import independent_residual
+from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
-from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import PointEquations
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import spin_invariant
@@ -44,49 +44,24 @@ from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 _LONGEST_RIM = 240
 # Nodes on a round annulus beyond which a domain is made for two rims.
 _CROWDED = 1200.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cauchy:
-    """Options of the Cauchy network.
-
-    Attributes:
-        degree: highest degree of the polynomials; loops of fewer than 20 points take less.
-        pole_offset: distance of the poles from ∂Ω, in local edge lengths.
-    """
-
-    degree: int = 40
-    pole_offset: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Checks the options.
-
-        Raises:
-            OptionError: a negative degree or an offset that is not positive.
-        """
-        if self.degree < 1 or not self.pole_offset > 0:
-            raise OptionError(f"a Cauchy network needs degree ≥ 1 and pole_offset > 0, got {self}")
+# Nodes on a length as long as the gap between two rims is wide, ten times as many as they take: to be sure of few.
+_NODES_PER_GAP = 40.0
+# Way of a vertex of Ω, in residuals, that changes nothing: its scale is near to 1. With 1 areas are off by 5e-4.
+_STILL = 0.01
+# Fits of one loop, each with more units than the one before.
+_ROUNDS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Side:
-    """A loop with the surface on its left.
-
-    Attributes:
-        number: of the loop.
-        back: whether it runs against the one that was given.
-        loop: at unit size.
-        curve: Γ through it.
-        indices: of the points that stand for it.
-        corners: which of those are corners of Ω.
-    """
+    """A loop with the surface on its left."""
 
     number: int
-    back: bool
+    back: bool  # whether it runs against the one that was given
     loop: BoundaryLoop
     curve: BoundaryCurve
-    indices: Int[np.ndarray, " k"]
-    corners: Bool[np.ndarray, " k"]
+    indices: Int[np.ndarray, " k"]  # of the points that stand for it
+    corners: Bool[np.ndarray, " k"]  # which of those are corners of Ω
 
     @property
     def knots(self) -> Float[np.ndarray, " k1"]:
@@ -96,35 +71,17 @@ class _Side:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetworkSolver:
-    """One loop or two on the network route.
+    """One loop or two on the network route."""
 
-    Attributes:
-        loops: at unit size.
-        curves: Γ through each.
-        options: of the network.
-        allowed: RMS distance from Γ to reach.
-        tolerance: that in mean edges.
-        steps: all that are taken, and their limit.
-        device: where the linear algebra runs.
-        clock: of the stages.
-    """
-
-    loops: tuple[BoundaryLoop, ...]
-    curves: tuple[BoundaryCurve, ...]
-    options: Cauchy
-    allowed: float
-    tolerance: float
-    steps: Steps
-    device: torch.device
-    clock: Clock
+    request: Request
 
     @cached_property
     def _sides(self) -> tuple[_Side, ...]:
         """The loops in the order of Ω's boundaries: the longest goes outside, where there is more room."""
-        with self.clock.stage("first fill"):
-            reverse = len(self.loops) > 1 and runs_back(*(loop.points for loop in self.loops))
+        with self.request.clock.stage("first fill"):
+            reverse = len(self.request.units) > 1 and runs_back(*(loop.points for loop in self.request.units))
         sides = []
-        for number, (loop, curve) in enumerate(zip(self.loops, self.curves, strict=True)):
+        for number, (loop, curve) in enumerate(zip(self.request.units, self.request.curves, strict=True)):
             back = reverse and number > 0
             indices = rim_indices(loop)
             sides.append(
@@ -134,7 +91,7 @@ class NetworkSolver:
                     loop=loop.reversed() if back else loop,
                     curve=curve.reversed() if back else curve,
                     indices=indices,
-                    corners=loop.corners[indices] & (len(self.loops) == 1),
+                    corners=loop.corners[indices] & (len(self.request.units) == 1),
                 )
             )
         return tuple(sorted(sides, key=lambda side: -side.loop.perimeter))
@@ -149,17 +106,16 @@ class NetworkSolver:
             SingularMatrixError: it is degenerate.
         """
         rims = [side.loop.points[side.indices] for side in self._sides]
-        with self.clock.stage("first fill"):
+        with self.request.clock.stage("first fill"):
             return first_disk(*rims) if len(rims) == 1 else discrete_annulus(*rims)[1]
 
     @property
     def crowds(self) -> bool:
         """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
-        first, second = (curve.coefficients[-1] for curve in self.curves)
+        first, second = (curve.coefficients[-1] for curve in self.request.curves)
         gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
-        length = sum(loop.perimeter for loop in self.loops) / 2
-        # 4 nodes on a length as long as the gap is wide, and ten times as many to be sure
-        if 40 * length * gaps.max() < _CROWDED * gaps.min() ** 2:
+        length = sum(loop.perimeter for loop in self.request.units) / 2
+        if _NODES_PER_GAP * length * gaps.max() < _CROWDED * gaps.min() ** 2:
             return False
         try:
             surface = self.first_surface
@@ -172,8 +128,8 @@ class NetworkSolver:
         return tuple(len(side.indices) for side in self._sides)
 
     @property
-    def _turning(self) -> float:
-        return max(map(roughness, self.loops))
+    def _is_rough(self) -> bool:
+        return any(map(is_rough, self.request.units, self.request.curves))
 
     def found_from(self, start: Disk) -> Found:
         """The minimal surface that a discrete one leads to.
@@ -183,10 +139,10 @@ class NetworkSolver:
             SingularMatrixError: the discrete surface or the fit is degenerate.
         """
         fitted = self._fitted_from(start)
-        # another start does not help where one point of a loop in ten turns by more
-        if len(self.loops) == 1 and self._is_missed(fitted) and self._turning <= np.radians(60):
+        # another start does not help on rough loops
+        if self.request.is_disk and self._is_missed(fitted) and not self._is_rough:
             fitted = self._improved(fitted, start)
-        with self.clock.stage("surface"):
+        with self.request.clock.stage("surface"):
             surface, astray = fitted_surface(fitted)
             area = surface.area()
         between = None
@@ -202,7 +158,7 @@ class NetworkSolver:
             curves=tuple(side.curve for side in self._sides),
             surface=surface,
             matchings=tuple(fitted.stage.matchings(fitted.fit)),
-            misfit=fitted.residual.misfit.and_astray(astray),
+            misfit=fitted.misfit.and_astray(astray),
             area=area,
             route="network" if between is None else "annular network",
             limit=self._limit(fitted),
@@ -212,7 +168,7 @@ class NetworkSolver:
     def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
         """The better of a fit and one that starts from a finer disk; the fit itself where that disk cannot be made."""
         try:
-            with self.clock.stage("first fill"):
+            with self.request.clock.stage("first fill"):
                 finer = finer_disk(disk, *self._sizes)
             return min(fitted, self._fitted_from(finer), key=lambda one: one.rms)
         except (DomainError, SingularMatrixError):  # what a second try fails at must not cost the first one's result
@@ -220,12 +176,12 @@ class NetworkSolver:
 
     def _fitted_from(self, start: Disk) -> Fitted:
         """The fit that starts from a discrete surface: its flattening gives Ω, its frames p and q."""
-        sides, device = self._sides, self.device
+        sides, device = self._sides, self.request.options.device
 
         def boundaries(rims: tuple[Complex[np.ndarray, "_"], ...]) -> list[SplineBoundary]:
             return [SplineBoundary.through(rim, side.corners) for rim, side in zip(rims, sides, strict=True)]
 
-        with self.clock.stage("flattening"):
+        with self.request.clock.stage("flattening"):
             flat = flatten(
                 start.vertices,
                 start.faces,
@@ -235,7 +191,7 @@ class NetworkSolver:
             )
             outer, *holes = boundaries(flat.rims)
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
-        with self.clock.stage("features"):
+        with self.request.clock.stage("features"):
             images = images_in_plane(start.vertices, start.faces, flat.boundary)
             lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, device)
             spinors, branch = lifted(), None
@@ -249,12 +205,12 @@ class NetworkSolver:
                 domain,
                 tuple(CurveTensors.of(side.curve, device) for side in sides),
                 pairs,
-                degree=self.options.degree,
-                offset=self.options.pole_offset,
-                tolerance=self.tolerance,
+                degree=self.request.options.cauchy.degree,
+                offset=self.request.options.cauchy.pole_offset,
+                tolerance=self.request.options.tolerance,
                 branch=branch,
             )
-        with self.clock.stage("fit"):
+        with self.request.clock.stage("fit"):
             edge = torch.as_tensor(np.searchsorted(domain.arcs[:, 0], stage.panels.t, side="right") - 1, device=device)
             z = torch.as_tensor(stage.panels.z, device=device)
             readout = stage.readout_of(spinors[edge] * stage.network.sign_changing(z)[:, None])
@@ -271,11 +227,11 @@ class NetworkSolver:
         else:
             best = self._fitted(stage, readout, slide)
             # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
-            if best.rms > self.allowed and stage.has_moduli:
+            if best.rms > self.request.allowed and stage.has_moduli:
                 corrected = self._with_right_moduli(stage, readout, slide)
                 best = replace(min(best, corrected, key=lambda one: one.rms), folds=corrected.folds)
-        while best.rounds < 3 and self._is_missed(best):
-            finer = best.stage.refined(best.residual.energy, best.rms / self._excess(best))
+        while best.rounds < _ROUNDS and self._is_missed(best):
+            finer = best.stage.refined(best.energy, best.rms / self._excess(best))
             if finer is None:
                 break
             again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
@@ -289,59 +245,54 @@ class NetworkSolver:
     ) -> Fitted:
         """A fit in which Ω may move to its conformal moduli; the moves are made, and it is fitted again."""
         last, folds = np.inf, False
+        allowed, steps = self.request.allowed, self.request.steps
         while True:
-            fit = self._fit(stage.flexible(), readout, slide)
+            fit = gauss_newton(stage.flexible().problem, readout, slide, allowed=allowed, steps=steps)
             readout, slide = fit.readout, fit.slide
-            # a shorter move changes nothing: Ω's scale is near to 1
-            if stage.length_of_move(fit) < 0.01 * fit.residual:
+            if stage.length_of_move(fit) < _STILL * fit.residual:
                 break
             try:
-                moved = stage.moved(fit, offset=self.options.pole_offset)
+                moved = stage.moved(fit, offset=self.request.options.cauchy.pole_offset)
             except DomainError:  # what is fitted so far stands
                 folds = True
                 break
             readout, slide = moved.transferred(stage, fit)
             stage = moved  # whatever the fit gained by the move, it is lost without it
-            if fit.residual > last / 2 or self.steps.are_spent:
+            if fit.residual > last / 2 or steps.are_spent:
                 break
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)
 
     def _fitted(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fitted:
-        fit = self._fit(stage, readout, slide)
-        return Fitted(stage=stage, fit=fit, residual=independent_residual(stage, fit, points=sum(map(len, self.loops))))
-
-    def _fit(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fit:
-        """Gauss-Newton with what is left of the steps."""
-        # while it converges fast, steps cost little and every digit is real
-        goal = 1e-6 * self.allowed
-        return gauss_newton(
-            stage.problem, readout, slide, goal=goal, allowed=self.allowed, steps=self.steps, stall=0.05
-        )
+        fit = gauss_newton(stage.problem, readout, slide, allowed=self.request.allowed, steps=self.request.steps)
+        misfit, energy = independent_residual(stage, fit, points=sum(map(len, self.request.units)))
+        return Fitted(stage=stage, fit=fit, misfit=misfit, energy=energy)
 
     def _excess(self, fitted: Fitted) -> float:
-        return fitted.residual.misfit.excess(allowed=self.allowed, tolerance=self.tolerance)
+        return fitted.misfit.excess(allowed=self.request.allowed, tolerance=self.request.options.tolerance)
 
     def _is_missed(self, fitted: Fitted) -> bool:
         """Whether a fit is to come nearer to Γ, and there are steps left for it."""
-        return self._excess(fitted) > 1 and not self.steps.are_spent
+        return self._excess(fitted) > 1 and not self.request.steps.are_spent
 
     def _limit(self, fitted: Fitted) -> str:
         """What keeps a fit from coming nearer to Γ, as the end of a sentence."""
-        stage = fitted.stage
+        stage, loops = fitted.stage, self.request.units
         features = stage.network.mixing.shape[1]
-        if self.steps.are_spent:
+        if self.request.steps.are_spent:
             return "the limit on steps or on time was reached"
         if fitted.folds:
             return (
                 "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "
                 f"its network of {features} features follows the boundary no better"
             )
-        at_corners = stage.share_at_corners(fitted.residual.energy)
+        at_corners = stage.share_at_corners(fitted.energy)
         if at_corners > 0.5:
             where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
-        elif self._turning > np.radians(25.0):  # beyond the turns of round loops of some 30 points
-            where = f"the loop is rough: one point in ten turns by more than {np.degrees(self._turning):.0f}°"
+        elif self._is_rough:
+            where = (
+                f"the loop is rough: one point in ten turns by more than {np.degrees(max(map(roughness, loops))):.0f}°"
+            )
         else:
             where = "more units bring it no nearer"
         if stage.is_full:
@@ -367,14 +318,15 @@ class Fitted:
 
     stage: Discretisation
     fit: Fit
-    residual: Residual
+    misfit: Misfit
+    energy: Float[np.ndarray, " panels"]
     rounds: int = 1
     folds: bool = False
 
     @property
     def rms(self) -> float:
         """RMS distance from Γ."""
-        return self.residual.misfit.rms
+        return self.misfit.rms
 
 
 def _middle(hole: Complex[np.ndarray, " n"]) -> complex:

@@ -17,26 +17,19 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk
 
-# Width of the smoothing of the nodes' density, in points: it must not follow single edges.
-_DENSITY_WIDTH = 1.4
-# Samples of a spline for its Fourier coefficients, per coefficient kept.
-_OVERSAMPLING = 8
+# Samples of a curve for each point or coefficient that is made of it.
+_OVERSAMPLING = 4
 # Largest error of Λ at which Ω counts as resolved.
 _RESOLVED = 1e-4
-# Shares of the nodes that follow the loop's length, its vertices, and its turning.
-_SHARES = (0.4, 0.3, 0.3)
 # Two parts of a closed curve face each other where the way along it is so many times their distance.
 _FACING = 2.0
-# Samples for each point of Ω at which facing parts of a loop are looked for, and most nodes, in multiples of the usual
-# number, that a narrow place gets.
-_FACING_SAMPLES, _MOST_IN_NARROW = 4, 8.0
+# Most nodes, in multiples of the usual number, that a narrow place gets.
+_MOST_IN_NARROW = 8.0
 # Most steps of ∂Ω: Λ takes 16 bytes for each pair of them, and as much again several times while it is made.
 _MOST_STEPS = 4096
 # Steps of ∂Ω for each point that it is made from, and the width, in points, of the Gaussian that rounds it, because it
 # has to be analytic: the coarsest that is resolved. On the first narrow fingers close up.
 _SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
-# Width of a loop, as a density of nodes, from which its fingers want the finer ones.
-_NARROW = 1.7
 # Rows of a table of distances made at once.
 _ROWS = 512
 
@@ -44,7 +37,7 @@ _ROWS = 512
 class NodeDensity:
     """The parameter t of ∂Ω that a loop asks for: equal steps of t lie denser at its vertices and bends.
 
-    It is a weighted mean of three shares of the loop up to a point: of its length, of its vertices, of its turning; and
+    It is the mean of three shares of the loop up to a point: of its length, of its vertices, of its turning; and
     where the loop is narrower than a point's share of its length more nodes come in. It is made smooth, so that ∂Ω and
     the slide along it can be analytic. On a circle of equal edges t = s.
 
@@ -67,11 +60,12 @@ class NodeDensity:
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
         turning = np.cumsum(np.linalg.norm(np.diff(tangent, axis=0, prepend=tangent[:1]), axis=1))
         by_vertex = np.interp(s, curve.breaks, np.arange(count + 1) / count)
-        share = np.array(_SHARES) @ np.stack([curve.length_share(s), by_vertex, turning / turning[-1]])
+        share = (curve.length_share(s) + by_vertex + turning / turning[-1]) / 3
         share = (share + np.interp(s, np.arange(len(more)) / (len(more) - 1), more)) / total
         self._t = np.arange(n + 1) / n
         offset = np.fft.rfft(np.interp(self._t[:-1], share, s) - self._t[:-1])
-        offset *= np.exp(-0.5 * (2 * np.pi * np.arange(len(offset)) * _DENSITY_WIDTH / points) ** 2)
+        # smoothed over √2 points: it must not follow single edges
+        offset *= np.exp(-((2 * np.pi * np.arange(len(offset)) / points) ** 2))
         smooth = np.fft.irfft(offset, n=n)
         # the mean of increasing functions increases
         self._s = self._t + np.append(smooth, smooth[0]) - smooth[0]
@@ -79,8 +73,8 @@ class NodeDensity:
 
     @property
     def is_narrow(self) -> bool:
-        """Whether fingers of the loop want a fine ∂Ω."""
-        return self.narrowest > _NARROW
+        """Whether fingers of the loop, which want twice the usual nodes, want a fine ∂Ω, too."""
+        return self.narrowest > 2
 
     def parameter(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
         """t(s), continued around the circle."""
@@ -102,7 +96,7 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
     Returns:
         The nodes, from 0 on; and the largest density of nodes, the usual one included.
     """
-    n = _FACING_SAMPLES * points
+    n = _OVERSAMPLING * points
     s = np.arange(n + 1) / n
     p, along = curve.point(s[:-1]), curve.length_share(s)
     edge = curve.length() / points

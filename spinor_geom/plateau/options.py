@@ -9,8 +9,29 @@ from typing import Literal, TypeAlias
 import torch
 
 from spinor_geom.errors import OptionError
-from spinor_geom.plateau.network_route import Cauchy
 from spinor_geom.plateau.trained_route import Optimizer, Trainer, optimizer_options
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cauchy:
+    """Options of the Cauchy network.
+
+    Attributes:
+        degree: highest degree of the polynomials; loops of fewer than 20 points take less.
+        pole_offset: distance of the poles from ∂Ω, in local edge lengths.
+    """
+
+    degree: int = 40
+    pole_offset: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Checks the options.
+
+        Raises:
+            OptionError: a negative degree or an offset that is not positive.
+        """
+        if self.degree < 1 or not self.pole_offset > 0:
+            raise OptionError(f"a Cauchy network needs degree ≥ 1 and pole_offset > 0, got {self}")
 
 
 @dataclass(frozen=True, kw_only=True)

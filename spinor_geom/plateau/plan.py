@@ -22,7 +22,7 @@ from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
 from spinor_geom.plateau.rims import obstacle
 from spinor_geom.plateau.roughness import ROUGH_TURN, roughness, roundest
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
-from spinor_geom.plateau.solutions import Beside, find_disks, leave_unstable
+from spinor_geom.plateau.solutions import find_disks, leave_unstable, lower_beside
 from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.trained_route import Trainer
 from spinor_geom.plateau.vertex_route import disk_through_points
@@ -106,7 +106,7 @@ class OnUnitDisk:
 
     def surface(self, task: Task) -> Found:
         """The disk, with p and q as power series."""
-        return task.harmonic.on_disk()
+        return task.harmonic.on_disk(task.on_disk)
 
 
 @dataclass(frozen=True)
@@ -261,11 +261,12 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     # a plane disk is stable, one through a rough loop's points is next to a discrete disk of least area, and a trained
     # one is taken as it is; of one that is far from Γ it says nothing of those over Γ whether it is stable
     elif solution.route in ("disk", "unfolded", "network") and solution.converged:
-        beside = Beside(rim=task.rim, solve=lambda disk: _solution(_routes_down(task, disk), task), steps=task.steps)
 
         def lower(unstable: PlateauSolution) -> PlateauSolution | None:
             with task.clock.stage("leaving"):
-                return beside.lower(unstable)
+                return lower_beside(
+                    unstable, task.rim, lambda disk: _solution(_routes_down(task, disk), task), task.steps
+                )
 
         solution = leave_unstable(solution, lower, "along its eigenvectors")
     return replace(solution, history=tuple(task.steps.history), solve_timings=dict(task.clock.seconds))
@@ -325,16 +326,19 @@ def _rim_disks(task: Task) -> RimDisks:
     """What a surface between loops is set against: disks over each and surfaces over some, of whatever model suits."""
     options = task.options if task.options.laurent is None else replace(task.options, model="auto")
 
+    def over(numbers: Sequence[int]) -> Task:
+        return Task.over([task.loops[k] for k in numbers], [task.curves[k] for k in numbers], options)
+
     def disks() -> tuple[PlateauSolution, ...] | None:
         try:
-            parts = [Task.over(*rim, options) for rim in zip(task.loops, task.curves, strict=True)]
+            parts = [over([number]) for number in range(len(task.loops))]
             return tuple(minimal_disk(part, plan(part)) for part in parts)
         except SpinorGeomError:
             return None
 
     def area_over(numbers: tuple[int, ...]) -> float | None:
         try:
-            answer = surface_between(task.of_some(numbers, options))
+            answer = surface_between(over(numbers))
         except SpinorGeomError:
             return None
         return answer.area if isinstance(answer, PlateauSolution) else None

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int, Shaped
+from scipy.optimize import isotonic_regression
 from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
@@ -18,7 +19,6 @@ from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.moduli import CornerPairs
-from spinor_geom.plateau.slide import nearest_increasing
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import PATH_ORDER
 
@@ -291,6 +291,29 @@ class PlateauProblem:
     def moved(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3 k"]:
         """Change of r at the nodes when they move along each field: Re(φ v)."""
         return (self.null_curve(readout)[: self.nodes, :, None] * self.fields[:, None, :]).real
+
+
+def nearest_increasing(
+    s: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], bounds: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
+    """A non-decreasing slide around the circle near to s, with s_n ≤ s_0 + 1, inside the bounds of each node.
+
+    It is the nearest one (isotonic regression) of the circle cut open at one node.
+
+    Shortening the whole step instead stalls at corners and on noisy curves.
+
+    Args:
+        s: parameters of the nodes in order; they may lie in any interval of about length 1.
+        speed: |Γ'| at the nodes; the circle is cut where it is largest, where a change of s costs most.
+        bounds: lowest and highest s of each node, non-decreasing both.
+    """
+    if (np.diff(np.append(s, s[0] + 1)) <= 0).any():
+        cut = int(np.argmax(speed))
+        line = np.concatenate([s[cut:], s[:cut] + 1])
+        line = isotonic_regression(line).x
+        line = np.minimum(line, line[0] + 1)
+        s = np.concatenate([line[len(s) - cut :] - 1, line[: len(s) - cut]])
+    return np.asarray(np.clip(s, *bounds.T))
 
 
 def way_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:

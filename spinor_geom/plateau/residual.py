@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -15,21 +13,13 @@ from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import PlateauProblem, TensorCurve
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Residual:
-    """Distance of the surface's boundary from Γ, at unit size.
-
-    Attributes:
-        misfit: of all rims.
-        energy: integral of the squared distance over each panel by arc length of ∂Ω, which has length 1 there.
-    """
-
-    misfit: Misfit
-    energy: Float[np.ndarray, " panels"]
+# Gauss-Newton steps from a matched point of Γ to the nearest one: two or three are taken where they are not far apart.
+_PROJECTIONS = 5
 
 
-def independent_residual(stage: Discretisation, fit: Fit, *, points: int) -> Residual:
+def independent_residual(
+    stage: Discretisation, fit: Fit, *, points: int
+) -> tuple[Misfit, Float[np.ndarray, " panels"]]:
     """Distance to Γ on panels of another order, that share no node with those of the fit.
 
     Each point is projected on Γ near its matched parameter, not on the nearest part of Γ: a boundary that lies on the
@@ -39,6 +29,10 @@ def independent_residual(stage: Discretisation, fit: Fit, *, points: int) -> Res
         stage: the discretisation.
         fit: its fit.
         points: number of loop points; at least three samples are taken for each.
+
+    Returns:
+        The misfit of all rims, and the integral of the squared distance over each panel by arc length of ∂Ω, which has
+        length 1 there.
     """
     count = len(stage.panels.ends)
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
@@ -55,20 +49,18 @@ def independent_residual(stage: Discretisation, fit: Fit, *, points: int) -> Res
     misfit = Misfit.together(rims)
     # closing it moves the boundary by about as much
     gap = float(problem.around_hole(velocity).real.norm())
-    return Residual(
-        misfit=misfit.and_astray(gap),
-        energy=(problem.arc_weights * torch.cat(squares)).reshape(count, order).sum(1).cpu().numpy(),
-    )
+    energy = (problem.arc_weights * torch.cat(squares)).reshape(count, order).sum(1)
+    return misfit.and_astray(gap), energy.cpu().numpy()
 
 
 def projected(
     r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: TensorCurve, *, limit: float
 ) -> Float[Tensor, " n"]:
     """Parameters of the points of Γ nearest to given points, by Gauss-Newton steps of at most `limit` from a start."""
-    for _ in range(5):
+    for _ in range(_PROJECTIONS):
         point, tangent = curve.point_and_derivative(slide)
         move = ((r - point) * tangent).sum(1) / tangent.square().sum(1)
         slide = slide + move.clamp(-limit, limit)
-        if float(move.abs().max()) < 1e-10:  # of the next step nothing is left in float64
+        if float(move.abs().max()) < torch.finfo(move.dtype).eps ** 0.5:  # nothing is left of the next step
             break
     return slide

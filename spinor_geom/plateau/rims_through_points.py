@@ -113,7 +113,7 @@ def _basis(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[T
     """The features on the rims of Ω, and their orthonormal read-outs for the smooth surface."""
     circles = smooth.circles
     device = circles.radii.device
-    poles = [polygon_poles(boundary.vertices, most=2 * len(boundary.vertices)) for boundary in domain.boundaries]
+    poles = [polygon_poles(boundary.vertices) for boundary in domain.boundaries]
     if domain.contains(circles.centres.cpu().numpy()).any():
         raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
     for number, centre in enumerate(circles.centres.tolist(), 1):

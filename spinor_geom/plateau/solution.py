@@ -66,7 +66,7 @@ class RimMatch:
         # three turns, so that every vertex parameter lies well inside; equal s (nodes slid together) are one knot
         s = np.concatenate([s - 1, s, s + 1])
         t = np.concatenate([t - 1, t, t + 1])
-        keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 1e-12)
+        keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 0)
         return self.boundary.point(PchipInterpolator(s[keep], t[keep])(self.curve.breaks[:-1]))
 
 

@@ -31,9 +31,9 @@ from spinor_geom.plateau.steps import Steps
 
 # Growth of the triangles inwards: finer than a first fill, whose area may have no descent where the surface's has.
 _GROWTH = 0.1
-# Displacements along an eigenvector, in diagonals, among which the least area is sought. Where that leads nowhere some
+# Displacements along an eigenvector, in diagonals, among which the least area is sought. Where that leads nowhere the
 # large ones are tried: from beyond a new disk Newton's method goes to it, from short of it back to the old one.
-_AMPLITUDES = 0.5 ** np.arange(1, 7, 0.5)
+_AMPLITUDES, _LARGE = 0.5 ** np.arange(1, 7, 0.5), (1 / 4, 1 / 8, 1 / 16)
 # Two disks of one area and of one normal along Γ are the same (a minimal surface is determined by its normal along a
 # curve): as many radians normals differ by, as RMS, where they are not.
 _SAME_NORMAL = 0.1
@@ -148,38 +148,31 @@ def leave_unstable(
     return solution if reason == solution.reason else replace(solution, reason=reason)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Beside:
-    """Disks beside unstable ones.
+def lower_beside(solution: PlateauSolution, rim: Rim, solve: Solve, steps: Steps) -> PlateauSolution | None:
+    """The first disk of less area beside an unstable one, no farther from Γ; None where no try leads to one.
 
     The disk is moved along an eigenvector of its second variation to the least area, the area descends from there, and
     the solver starts from the discrete disk that this leads to.
 
-    Attributes:
+    Args:
+        solution: the unstable one.
         rim: of the loop.
         solve: the solver.
         steps: that it takes.
     """
-
-    rim: Rim
-    solve: Solve
-    steps: Steps
-
-    def lower(self, solution: PlateauSolution) -> PlateauSolution | None:
-        """The first solution of less area than an unstable one, no farther from Γ; None where no try leads to one."""
-        for direction in _departures(solution, self.rim):
-            for disk in direction:
-                if self.steps.are_spent:
-                    return None
-                try:
-                    again = self.solve(disk)
-                except FAILURES:
-                    continue
-                if _is_lower(again, solution):
-                    if again.converged or again.boundary_residual.rms <= solution.boundary_residual.rms:
-                        return again
-                    break  # from farther along the solver would only come here again
-        return None
+    for direction in _departures(solution, rim):
+        for disk in direction:
+            if steps.are_spent:
+                return None
+            try:
+                again = solve(disk)
+            except FAILURES:
+                continue
+            if _is_lower(again, solution):
+                if again.converged or again.boundary_residual.rms <= solution.boundary_residual.rms:
+                    return again
+                break  # from farther along the solver would only come here again
+    return None
 
 
 def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
@@ -361,7 +354,7 @@ def _beside(
             pass
         else:
             yield _disk(descent.vertices, mesh)
-    for amplitude in _AMPLITUDES[2:7:2]:
+    for amplitude in _LARGE:
         yield _disk(x + amplitude * displacement, mesh)
 
 

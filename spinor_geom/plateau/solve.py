@@ -17,9 +17,9 @@ from spinor_geom.discrete.minimal_surface import first_disks
 from spinor_geom.errors import OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
+from spinor_geom.plateau.harmonic_fit import BATCH_NODES, FEWEST_NODES
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
-from spinor_geom.plateau.network_route import Cauchy
-from spinor_geom.plateau.options import Model, Options
+from spinor_geom.plateau.options import Cauchy, Model, Options
 from spinor_geom.plateau.plan import OnUnitDisk, Route, ThroughPoints, all_surfaces, minimal_disk, plan, surface_between
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import Iteration
@@ -239,8 +239,7 @@ def solve_plateau_batch(
 def _side_by_side(
     loops: Iterator[BoundaryLoop], options: Options, seconds: float
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
-    # so many loops are held in memory
-    while chunk := list(itertools.islice(loops, 64)):
+    while chunk := list(itertools.islice(loops, BATCH_NODES // FEWEST_NODES)):
         with one_thread():
             answers = [_planned(loop, options) for loop in chunk]
             _fit_together(answers, seconds)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,9 @@ from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# Vertices of a mesh beyond which none is refined: finer ones take seconds.
+_MOST_VERTICES = 5000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,40 +59,33 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     mesh = _Mesh.of(surface)
     while True:
         mesh, coarse = mesh.refined(), mesh
-        if len(coarse.inner) < 6:  # too few to extrapolate from
-            continue
-        stability = _on_meshes(coarse, mesh)
-        # finer meshes than of some thousand vertices take seconds
-        if stability.index is not None or len(mesh.points) > 5000:
-            return stability
+        if len(coarse.inner):
+            stability = _on_meshes(coarse, mesh)
+            if stability.index is not None or len(mesh.points) > _MOST_VERTICES:
+                return stability
 
 
 def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
     """The verdict of two meshes."""
     curvatures = [float(mesh.curvature.sum()) for mesh in (coarse, fine)]
-    # where refinement changes it by more than a twentieth, the eigenvalues do not yet converge at their order
-    change = abs(curvatures[1] - curvatures[0])
-    resolved = change <= curvatures[1] / 20
-    if resolved and max(curvatures) + change < 2 * np.pi:
+    if max(curvatures) + abs(curvatures[1] - curvatures[0]) < 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvatures[1])
     count = 2
     while True:
         few = coarse.smallest_eigenvalues(count)
         many = fine.smallest_eigenvalues(count)[: len(few)]
-        # linear elements converge at order 2, where they do not yet at order 1 or more: extrapolation by a third of the
-        # difference and half of that as the error, or by anything up to the difference
-        step = many - few
-        values = many + step / (3 if resolved else 2)
-        margin = np.abs(step) / (6 if resolved else 2)
+        # linear elements converge at order 2, which the value is extrapolated by; at order 1, if they do not yet, they
+        # would go on by as much again as from the coarser mesh to the finer one
+        low, high = np.sort([many, 2 * many - few], axis=0)
         # the eigenvalues are in order: the first that is not surely below 1 decides about all after it
-        index = int(np.argmin(np.append(values + margin < 1, False)))
-        if index < len(values) or len(few) < count:
+        index = int(np.argmin(np.append(high < 1, False)))
+        if index < len(many) or len(few) < count:
             break
         count *= 2
-    counted = index < len(values) and bool(values[index] - margin[index] > 1)
+    counted = index < len(many) and bool(low[index] > 1)
     return Stability(
         verdict="unstable" if index else "stable" if counted else "undecided",
-        eigenvalue=float(values[0]),
+        eigenvalue=float((4 * many[0] - few[0]) / 3),
         index=index if counted else None,
         total_curvature=curvatures[1],
     )
@@ -150,11 +146,9 @@ def _boundary_curvature(surface: SpinorSurface) -> tuple[float, float]:
     Δ log λ = −Kλ² turns ∫|K| dA into ∮ ∂_ν log λ |dz|, which is the area enclosed by the normals along ∂Ω.
     """
     rims = [(boundary, panel_breaks(boundary)) for boundary in surface.domain.boundaries]
-    fewest = min(len(breaks) for _, breaks in rims) - 1
-    # 400 points at least, which are doubled up to three times while 2π lies within the error
-    first = max(0, int(np.ceil(np.log2(400 / fewest))))
     coarse = None
-    for level in range(first, first + 4):
+    # four points a panel at least, which are doubled up to three times while 2π lies within the error
+    for level in range(2, 6):
         share = np.arange(2**level) / 2**level
         spinors = [
             surface.spinors(boundary.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()))
@@ -170,20 +164,14 @@ def _boundary_curvature(surface: SpinorSurface) -> tuple[float, float]:
     return curvature, error
 
 
+@dataclass(frozen=True, eq=False)
 class _Mesh:
     """A triangulation of Ω with midpoint refinement that follows ∂Ω; the coarse vertices come first in the refined."""
 
-    def __init__(
-        self,
-        surface: SpinorSurface,
-        points: Complex[np.ndarray, " n"],
-        faces: Int[np.ndarray, "f 3"],
-        parameter: Float[np.ndarray, " n"],
-    ) -> None:
-        self.surface, self.points, self.faces = surface, points, faces
-        self.parameter = parameter  # of boundary vertices on ∂Ω; NaN inside
-        # a mesh is the finer one of two, then the coarser
-        self.smallest_eigenvalues = cache(self._smallest_eigenvalues)
+    surface: SpinorSurface
+    points: Complex[np.ndarray, " n"]
+    faces: Int[np.ndarray, "f 3"]
+    parameter: Float[np.ndarray, " n"]  # of boundary vertices on ∂Ω; NaN inside
 
     @classmethod
     def of(cls, surface: SpinorSurface) -> _Mesh:
@@ -220,13 +208,12 @@ class _Mesh:
         straight = np.concatenate([self.points, middle])
         curved = straight.copy()
         curved[n + rim] = self.surface.domain.point(parameter[rim])
-        # a triangle that following ∂Ω would shrink to a tenth keeps its straight side
-        thin = _areas(curved, faces) <= _areas(straight, faces) / 10
-        kept = np.unique(faces[thin])
+        a, b, c = curved[faces].T
+        kept = np.unique(faces[np.imag(np.conj(b - a) * (c - a)) <= 0])
         curved[kept] = straight[kept]
         return _Mesh(self.surface, curved, faces, np.concatenate([self.parameter, parameter]))
 
-    def _smallest_eigenvalues(self, count: int) -> Float[np.ndarray, " k"]:
+    def smallest_eigenvalues(self, count: int) -> Float[np.ndarray, " k"]:
         """The smallest μ."""
         return _smallest_eigenpairs(self.points, self.faces, self.curvature, self.inner, count)[0]
 
@@ -236,11 +223,6 @@ def _mass(areas: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], n: int)
     local = areas[:, None, None] / 6 * (np.ones((3, 3)) + np.eye(3))
     rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
     return csc_array(coo_array((local.ravel(), (rows, columns)), shape=(n, n)))
-
-
-def _areas(points: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
-    a, b, c = points[faces].T
-    return np.asarray(0.5 * np.imag(np.conj(b - a) * (c - a)))
 
 
 def _smallest_eigenpairs(
@@ -260,7 +242,6 @@ def _smallest_eigenpairs(
         inverse, functions = eigh(m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1])
     else:
         solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
-        # eigenvalues are right to the square of the tolerance of eigenvectors
-        inverse, functions = spl.eigsh(m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=1e-6)
+        inverse, functions = spl.eigsh(m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)))
     order = np.argsort(inverse)[::-1]
-    return 1 / np.maximum(inverse[order], 1e-300), functions[:, order]
+    return 1 / np.maximum(inverse[order], np.finfo(np.float64).tiny), functions[:, order]

@@ -66,9 +66,7 @@ def lifted_spinors(
     inner = single_valued(phi_from_frames(*frames), image.mean(axis=1)).numpy()
     face, side = np.nonzero((beside := np.asarray(igl.triangle_triangle_adjacency(faces)[0])) >= 0)
     agreement = np.nan_to_num((inner[face].conj() * inner[beside[face, side]]).sum(axis=1).real / 2)
-    # an edge of no weight would be none
-    turned = 1 + 1e-9 - np.abs(agreement)
-    graph = csr_array((turned, (face, beside[face, side])), shape=(len(faces), len(faces)))
+    graph = csr_array((1 - np.abs(agreement), (face, beside[face, side])), shape=(len(faces), len(faces)))
     _, before = breadth_first_order(minimum_spanning_tree(graph), 0, directed=False)
     before[0] = 0
     sign = np.where((inner.conj() * inner[before]).sum(axis=1).real < 0, -1.0, 1.0)
@@ -102,7 +100,7 @@ def lifted_frames(
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     tangent = vertices[after] - vertices[:m]
     # a face without area has no normal: any direction across the edge will do for a start
-    flat = np.linalg.norm(normal, axis=1) <= 1e-14 * np.sum(tangent**2, axis=1)
+    flat = np.linalg.norm(normal, axis=1) <= np.finfo(np.float64).eps * np.sum(tangent**2, axis=1)
     normal[flat] = np.cross(tangent[flat], np.eye(3)[np.abs(tangent[flat]).argmin(axis=1)])
     edge = boundary[after] - boundary
     return phi_from_frames(

@@ -8,6 +8,10 @@ from typing import Literal
 
 from spinor_geom.deadline import is_out_of_time
 
+# Share of the distance from Γ at which a step with a new linearisation is the last one: what is gained slower is not
+# worth its cost.
+STALLED = 0.98
+
 Method = Literal["Newton", "Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
 
 

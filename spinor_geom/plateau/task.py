@@ -1,150 +1,35 @@
-"""Loops to be spanned by a minimal surface: they and Γ at unit size, and what all routes to the surface share."""
+"""A request with the solvers of its routes, which several routes share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
-
-import numpy as np
-from jaxtyping import Float
 
 from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.errors import LoopsMeetError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.evidence import Evidence
-from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_fit import Fit
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
-from spinor_geom.plateau.misfit import BoundaryResidual
 from spinor_geom.plateau.network_route import NetworkSolver, rim_indices
-from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rims import RimsSolver
-from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch
 from spinor_geom.plateau.solutions import Rim
-from spinor_geom.plateau.steps import Iteration, Steps
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
-    """A loop or several, Γ through them, and how the surface is asked for.
+class Task(Request):
+    """Loops to be spanned.
 
     Attributes:
-        loops: as they were given.
-        units: with their common centre at 0 and their common diagonal 1, where every tolerance is a ratio.
-        curves: Γ through each, at unit size.
-        centre: of the loops.
-        scale: their common diagonal.
-        options: of the call.
-        steps: of all routes.
-        clock: of their stages.
         on_disk: the fit on the unit disk, where it was made together with those of other loops.
         first_disk: the first discrete disk, likewise.
     """
 
-    loops: tuple[BoundaryLoop, ...]
-    units: tuple[BoundaryLoop, ...]
-    curves: tuple[BoundaryCurve, ...]
-    centre: Float[np.ndarray, "3"]
-    scale: float
-    options: Options
-    steps: Steps
-    clock: Clock = field(default_factory=Clock)
     on_disk: Fit | None = None
     first_disk: Disk | None = None
-
-    @classmethod
-    def of(
-        cls,
-        given: Sequence[BoundaryLoop | ClosedCurve],
-        options: Options,
-        on_iteration: Callable[[Iteration], None] | None = None,
-    ) -> Task:
-        """The task of loops or curves in formulas.
-
-        Raises:
-            OptionError: a model that has no surfaces over so many loops.
-            SelfCrossingLoopError: a loop crosses or touches itself.
-            LoopsMeetError: two loops cross or touch each other.
-            RepeatedPointError: two neighbouring points of a loop are equal.
-            CurveError: formulas are not those of a smooth closed curve.
-        """
-        options.require_rims(len(given))
-        samples = [(one, None) if isinstance(one, BoundaryLoop) else _sampled(one) for one in given]
-        loops = tuple(loop for loop, _ in samples)
-        _require_apart(loops)
-        lengths = np.array([loop.perimeter for loop in loops])
-        # relative to the first centre: loops far from the origin lose no digits
-        first = loops[0].centroid
-        centre = first + lengths @ np.stack([loop.centroid - first for loop in loops]) / lengths.sum()
-        scale = float(np.linalg.norm(np.ptp(np.concatenate([loop.points for loop in loops]), axis=0)))
-        units = tuple(_placed(loop, centre, scale) for loop in loops)
-        curves = tuple(
-            BoundaryCurve.from_loop(unit) if formula is None else formula.placed(unit.points, 1 / scale)
-            for unit, (_, formula) in zip(units, samples, strict=True)
-        )
-        steps = Steps(limit=options.max_iterations, on_iteration=on_iteration)
-        return cls(loops=loops, units=units, curves=curves, centre=centre, scale=scale, options=options, steps=steps)
-
-    @classmethod
-    def over(cls, loop: BoundaryLoop, curve: BoundaryCurve, options: Options) -> Task:
-        """The task of a loop that is known to be simple, with Γ through it at any size and place."""
-        unit = _placed(loop, loop.centroid, loop.diagonal)
-        size = float(np.linalg.norm(np.ptp(curve.coefficients[-1], axis=0)))
-        return cls(
-            loops=(loop,),
-            units=(unit,),
-            curves=(curve.placed(unit.points, unit.diagonal / size),),
-            centre=loop.centroid,
-            scale=loop.diagonal,
-            options=options,
-            steps=Steps(limit=options.max_iterations),
-        )
 
     def anew(self) -> Task:
         """The same loops, with no steps and no time taken."""
         return replace(self, steps=replace(self.steps, history=[]), clock=Clock(), on_disk=None)
-
-    def of_some(self, numbers: Sequence[int], options: Options) -> Task:
-        """Some of the loops where they lie, in silence."""
-        return replace(
-            self,
-            loops=tuple(self.loops[k] for k in numbers),
-            units=tuple(self.units[k] for k in numbers),
-            curves=tuple(self.curves[k] for k in numbers),
-            options=options,
-            steps=Steps(limit=options.max_iterations),
-            clock=Clock(),
-        )
-
-    @property
-    def is_disk(self) -> bool:
-        """Whether there is one loop."""
-        return len(self.loops) == 1
-
-    @property
-    def loop(self) -> BoundaryLoop:
-        """That of a disk."""
-        return self.loops[0]
-
-    @property
-    def unit(self) -> BoundaryLoop:
-        """That of a disk at unit size."""
-        return self.units[0]
-
-    @property
-    def curve(self) -> BoundaryCurve:
-        """That of a disk at unit size."""
-        return self.curves[0]
-
-    @property
-    def allowed(self) -> float:
-        """RMS distance from Γ that is allowed, at unit size."""
-        return self.options.tolerance * _mean_edge(self.units)
 
     @property
     def rim(self) -> Rim:
@@ -154,30 +39,12 @@ class Task:
     @cached_property
     def network(self) -> NetworkSolver:
         """Of one loop's or two loops' Cauchy network."""
-        return NetworkSolver(
-            loops=self.units,
-            curves=self.curves,
-            options=self.options.cauchy,
-            allowed=self.allowed,
-            tolerance=self.options.tolerance,
-            steps=self.steps,
-            device=self.options.device,
-            clock=self.clock,
-        )
+        return NetworkSolver(request=self)
 
     @cached_property
     def harmonic(self) -> HarmonicSolver:
         """Of Douglas's slide of one loop."""
-        return HarmonicSolver(
-            loop=self.unit,
-            curve=self.curve,
-            allowed=self.allowed,
-            steps=self.steps,
-            device=self.options.device,
-            clock=self.clock,
-            to_rounding=self.options.is_series,
-            begun=self.on_disk,
-        )
+        return HarmonicSolver(request=self)
 
     @cached_property
     def rims(self) -> RimsSolver:
@@ -190,79 +57,3 @@ class Task:
             steps=self.steps,
             clock=self.clock,
         )
-
-    def is_met(self, found: Found) -> bool:
-        """Whether a surface is as near to Γ as it was asked to be."""
-        return found.misfit.excess(allowed=self.allowed, tolerance=self.options.tolerance) <= 1
-
-    def solution(self, found: Found, rim_disks: RimDisks | None = None) -> PlateauSolution:
-        """A surface in the loops' coordinates; that between several loops with the disks that it is set against."""
-        scale, history, between = self.scale, tuple(self.steps.history), found.between
-        with self.clock.stage("surface"):
-            surface = found.surface.transform(scale=scale, translation=self.centre)
-        residual = BoundaryResidual.of(found.misfit.enlarged(scale), mean_edge=_mean_edge(self.loops), diagonal=scale)
-        converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
-        order, back = ((0,), (False,)) if between is None else (between.order, between.back)
-        loops = [self.loops[k].reversed() if way else self.loops[k] for k, way in zip(order, back, strict=True)]
-        parts = zip(loops, found.curves, surface.domain.boundaries, found.matchings, strict=True)
-        return PlateauSolution(
-            surface=surface,
-            rims=tuple(
-                RimMatch(loop=loop, curve=curve.placed(loop.points, scale), boundary=boundary, matching=matching)
-                for loop, curve, boundary, matching in parts
-            ),
-            domain=surface.domain,
-            boundary_residual=residual,
-            area=found.area * scale**2,
-            route=found.route,
-            history=history,
-            solve_timings=dict(self.clock.seconds),
-            tolerance=self.options.tolerance,
-            converged=converged,
-            reason=reason,
-            # a plane region is its Ω, whose boundaries were found to be simple
-            evidence=Evidence(surface=surface, is_plane=found.route == "plane"),
-            annulus=None
-            if between is None or rim_disks is None
-            else Annulus(
-                modulus=between.modulus,
-                antiperiodic=between.antiperiodic,
-                period=between.period * scale,
-                backward=tuple(way for _, way in sorted(zip(order, back, strict=True))),
-                order=order,
-                rim_disks=rim_disks,
-            ),
-        )
-
-
-def _mean_edge(loops: Sequence[BoundaryLoop]) -> float:
-    return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
-
-
-def _placed(loop: BoundaryLoop, centre: Float[np.ndarray, "3"], scale: float) -> BoundaryLoop:
-    """A loop with a centre at 0 and a diagonal of 1."""
-    return BoundaryLoop(points=(loop.points - centre) / scale, vertex_ids=loop.vertex_ids, corners=loop.corners)
-
-
-def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
-    """The loop of the ends of the polynomials of a curve in formulas, and these."""
-    curve = BoundaryCurve.from_formula(given)
-    return BoundaryLoop.from_points(curve.coefficients[-1], corners=np.flatnonzero(curve.corners)), curve
-
-
-def _require_apart(loops: Sequence[BoundaryLoop]) -> None:
-    """Checks that loops neither cross or touch themselves nor each other.
-
-    Raises:
-        SelfCrossingLoopError: a loop crosses or touches itself.
-        LoopsMeetError: two loops cross or touch each other.
-    """
-    for loop in loops:
-        require_simple(loop)
-    for first, second in combinations(loops, 2):
-        meeting = crossings_between(first.points, second.points)
-        if len(meeting):
-            pairs = zip((first, second), meeting[0].tolist(), strict=True)
-            raise LoopsMeetError(
-                edges=[[int(loop.vertex_ids[k]), int(loop.vertex_ids[(k + 1) % len(loop)])] for loop, k in pairs]
-            )

@@ -54,7 +54,7 @@ class _Limits:
         self.inside -= 1
 
 
-_LIMITS = _Limits()
+_limits = _Limits()
 
 
 @contextmanager
@@ -63,9 +63,9 @@ def one_thread() -> Iterator[None]:
 
     On matrices of a few hundred rows several threads are up to a hundred times slower than one.
     """
-    back = _LIMITS.enter()
+    back = _limits.enter()
     try:
         yield
     finally:
-        with _LIMITS.lock:
+        with _limits.lock:
             back.close()

@@ -26,7 +26,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import places_in_piece, through
 from spinor_geom.plateau.gauss_newton import gram
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.surface.formulas import null_vector, phi
 
 # The Newton equations' diagonal is raised by this share of its mean: an equation that no read-out can meet is not met
@@ -35,10 +35,10 @@ _DAMPING = 1e-8
 # Gauss-Legendre nodes on each edge while p and q are sought; with twice as many it is told how near the surface comes,
 # and sought again where that is not near enough: 1 rim in 25 of those cut along triangles, with 10 nodes every third.
 NODES = 14
+# Shares of a step with a new linearisation that are tried; one with an old one is taken as it is or not at all.
+_LENGTHS = 0.5 ** np.arange(6)
 # Degree of the polynomials.
 DEGREE = 24
-# Newton steps go on to this share of the distance allowed.
-_BELOW_ALLOWED = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -330,20 +330,18 @@ def nearest_through(
         here: the surface to set out from.
         readout: its read-outs.
         start: those to stay near to.
-        allowed: RMS distance, a good deal below which it stops.
+        allowed: RMS distance; at half of it it stops.
         steps: gets those that lower the distance.
     """
     linear: PointEquations | None = None
-    linearised, distance = 0, rms(here.error)
-    while distance > _BELOW_ALLOWED * allowed and not steps.are_spent:
+    distance = rms(here.error)
+    while distance > allowed / 2 and not steps.are_spent:
         fresh = linear is None
         if linear is None:
-            if linearised == 12:  # rims that are met take one to ten
-                break
-            linear, linearised = here.linearised(), linearised + 1
+            linear = here.linearised()
         # far from the points the step is the one to the solution nearest to the start, not to where it is
         step = linear.step(here.error, readout - start if fresh else None)
-        for length in 0.5 ** np.arange(6 if fresh else 1):
+        for length in _LENGTHS if fresh else _LENGTHS[:1]:
             there = here.at(readout + length * step)
             if rms(there.error) < distance:
                 break
@@ -354,9 +352,8 @@ def nearest_through(
             continue
         readout, here, before, distance = readout + length * step, there, distance, rms(there.error)
         steps.take("Newton", distance)
-        # a linearisation is used again while its steps bring much
-        if distance > 0.3 * before:
-            if fresh and distance > 0.99 * before:
+        if distance > before / 2:
+            if fresh and distance > STALLED * before:
                 break
             linear = None
     return readout

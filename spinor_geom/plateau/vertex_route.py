@@ -48,8 +48,6 @@ from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Most Cauchy units on rims of up to as many points: the cost grows like the cube.
-_MOST_UNITS = 800
 # So many edges away from the points no start has led to a surface through them, and a boundary that leaves the loop's
 # edges by as many would cross what is beside them.
 _FAR = 2.0
@@ -173,7 +171,7 @@ def _phi_of(network: CauchyNetwork, z: Complex[np.ndarray, " n"]) -> Complex[np.
 
 def _basis(vertices: Complex[np.ndarray, " n"], nodes: int, device: torch.device) -> Basis:
     none = torch.zeros(0, dtype=torch.complex128, device=device)
-    poles = polygon_poles(vertices, most=max(_MOST_UNITS, len(vertices)))
+    poles = polygon_poles(vertices)
     return Basis.on([torch.as_tensor(vertices, device=device)], [poles], (), none, nodes=nodes)
 
 

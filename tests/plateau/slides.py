@@ -14,7 +14,7 @@ from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.problem import CurveTensors
 
 CPU = torch.device("cpu")
-DISK = DirichletForm.of_disk(FourierBoundary.circle(1.0))
+DISK = DirichletForm.of_disk(64)
 # r = 1 + 0.8 cos 2θ + 0.05 sin θ: a waist of a fifth of the width
 PEANUT = FourierBoundary(np.array([0, 0, 0, 0.4, 0.025j, 1, -0.025j, 0.4, 0]), 64)
 

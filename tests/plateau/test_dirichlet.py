@@ -9,8 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary
-from spinor_geom.errors import DomainError
-from spinor_geom.plateau.dirichlet import DirichletForm
 from tests.plateau.slides import DISK, PEANUT, ellipse, even, form_of
 from tests.strategies import analytic_boundaries
 
@@ -163,17 +161,3 @@ def test_measure_bounds_the_error_on_domains_as_symmetric_as_ellipses(ratio, n):
 def test_disk_takes_no_matrix():
     assert DISK.kernel is None
     assert DISK.correction is None
-
-
-@pytest.mark.parametrize(
-    "boundary",
-    [
-        FourierBoundary.circle(2.0),
-        FourierBoundary(np.array([0, 0.5, 1]), 64),
-        FourierBoundary(np.array([0, 0, 1j]), 64),
-    ],
-    ids=["radius 2", "about 0.5", "turned"],
-)
-def test_only_the_unit_circle_is_taken_for_the_unit_disk(boundary):
-    with pytest.raises(DomainError, match="unit circle"):
-        DirichletForm.of_disk(boundary)

@@ -12,31 +12,18 @@ from spinor_geom.errors import DomainError, SurfaceError
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.harmonic_route import HarmonicSolver
-from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.task import Task
 from spinor_geom.surface.formulas import phi
 from tests.loops import noisy_ellipse
-from tests.plateau.slides import CPU
 
 SEAM_AREA = 4.36461878664500
 
 
 def harmonic_solver(loop, *, tolerance, max_steps=300):
     """The route alone, at unit size."""
-    unit = BoundaryLoop(
-        points=(loop.points - loop.centroid) / loop.diagonal, vertex_ids=loop.vertex_ids, corners=loop.corners
-    )
-    return HarmonicSolver(
-        loop=unit,
-        curve=BoundaryCurve.from_loop(unit),
-        allowed=tolerance * unit.mean_edge_length,
-        steps=Steps(limit=max_steps),
-        device=CPU,
-        clock=Clock(),
-    )
+    return Task.of([loop], Options(tolerance=tolerance, max_iterations=max_steps)).harmonic
 
 
 def measured(surface, curve, steps):
@@ -75,11 +62,11 @@ def measured(surface, curve, steps):
 def test_ellipses(ratio, points):
     solver = harmonic_solver(gallery.ellipse(ratio).sample(points), tolerance=1e-8)
     found = solver.on_disk() if ratio == 2 else solver.unfolded()
-    assert found.misfit.rms < 1e-8 * solver.loop.mean_edge_length
+    assert found.misfit.rms < 1e-8 * solver.request.unit.mean_edge_length
     if points == 256:  # a spline of degree 5 or more
         diagonal = np.hypot(2 * ratio, 2)
         assert abs(found.area * diagonal**2 / (np.pi * ratio) - 1) < 1e-8
-    rms, largest = measured(found.surface, solver.curve, 8000)
+    rms, largest = measured(found.surface, solver.request.curve, 8000)
     assert rms < 1.5 * found.misfit.rms + 1e-12
     assert largest < 1.5 * found.misfit.max + 1e-11
 
@@ -188,9 +175,9 @@ def test_reported_residual_of_random_curves_is_the_measured_one():
         except (DomainError, SurfaceError):
             continue
         found_some += 1
-        assert len(solver.steps.history) <= 25
-        rms, largest = measured(found.surface, solver.curve, 8 * len(found.matchings[0]))
-        if found.misfit.rms <= solver.allowed:
+        assert len(solver.request.steps.history) <= 25
+        rms, largest = measured(found.surface, solver.request.curve, 8 * len(found.matchings[0]))
+        if found.misfit.rms <= solver.request.allowed:
             # told at half as many points of the boundary as it is measured at: four to the shortest waves, whose crests
             # may lie an eighth of the wave beside them
             assert abs(rms / found.misfit.rms - 1) < 0.02, seed
@@ -234,7 +221,7 @@ def test_limit_on_steps_holds_for_all_routes_together():
     solver = harmonic_solver(noisy_ellipse(60, amount=0.15), tolerance=1e-3, max_steps=7)
     for _ in range(2):
         solver.unfolded()
-        assert len(solver.steps.history) <= 7
+        assert len(solver.request.steps.history) <= 7
 
 
 def test_loops_with_corners_go_to_the_network():

@@ -12,7 +12,7 @@ from spinor_geom.plateau import network, solve_plateau
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.network import Discretisation
-from spinor_geom.plateau.network_route import Cauchy
+from spinor_geom.plateau.options import Cauchy
 from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse
 
@@ -29,13 +29,7 @@ def stage():
 
 def fit_of(stage, p, q):
     """A fit with given p and q at the nodes."""
-    return Fit(
-        readout=stage.readout_of(torch.stack([p, q], dim=-1)),
-        constant=torch.zeros(3, dtype=torch.float64),
-        slide=torch.from_numpy(stage.panels.t),
-        amounts=torch.zeros(0, dtype=torch.float64),
-        residual=1.0,
-    )
+    return Fit.at(stage.problem, stage.readout_of(torch.stack([p, q], dim=-1)), torch.from_numpy(stage.panels.t))
 
 
 def test_refinement_adds_where_the_residual_is_and_keeps_the_fit(stage):

@@ -27,5 +27,5 @@ def test_corners_do_not_make_a_polygon_rough():
     loop = gallery.schwarz_prism(1.5).sample(64)
     assert np.count_nonzero(loop.corners) == 8
     network = Task.of([loop], Options()).network
-    # a ninth of its points are corners of 90°: it would count as ragged, and be spared the second start that it needs
-    assert network._turning < 1e-6
+    # a ninth of its points are corners of 90°: it would count as rough, and be spared the second start that it needs
+    assert not network._is_rough

@@ -13,7 +13,7 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, network_route, plan, solutions, solve_plateau
-from spinor_geom.plateau.solutions import Beside, Rim, find_disks, leave_unstable
+from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable, lower_beside
 from spinor_geom.plateau.steps import Steps
 from tests.exact_solutions import ENNEPER, exact_solution, with_stability
 from tests.loops import noisy_ellipse
@@ -216,8 +216,8 @@ def unstable_ennepers_disk() -> tuple[PlateauSolution, Rim]:
 
 
 def left(solution: PlateauSolution, rim: Rim, solve_from) -> PlateauSolution:
-    beside = Beside(rim=rim, solve=solve_from, steps=Steps(limit=9))
-    return leave_unstable(solution, beside.lower, "along its eigenvectors")
+    lower = partial(lower_beside, rim=rim, solve=solve_from, steps=Steps(limit=9))
+    return leave_unstable(solution, lower, "along its eigenvectors")
 
 
 def test_stable_disk_comes_back_as_it_is():

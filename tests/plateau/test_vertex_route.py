@@ -150,7 +150,7 @@ def test_poles_beside_a_polygon_keep_every_edge_at_a_distance() -> None:
     # a star: convex tips and deep notches
     t = 2 * np.pi * np.arange(24) / 24
     polygon = (1 + 0.35 * (-1.0) ** np.arange(24)) * np.exp(1j * t)
-    poles = polygon_poles(polygon, most=100)
+    poles = polygon_poles(polygon)
     step = np.roll(polygon, -1) - polygon
     share = np.clip(((poles.positions[:, None] - polygon) * step.conj()).real / np.abs(step) ** 2, 0, 1)
     distance = np.abs(poles.positions[:, None] - polygon - share * step)
@@ -158,14 +158,13 @@ def test_poles_beside_a_polygon_keep_every_edge_at_a_distance() -> None:
     np.testing.assert_allclose(distance.min(axis=1), poles.scales)
     winding = np.angle((np.roll(polygon, -1) - poles.positions[:, None]) / (polygon - poles.positions[:, None])).sum(1)
     assert np.abs(winding).max() < 1e-6
-    assert len(polygon_poles(polygon, most=24).positions) <= 24
     assert len(poles.positions) > 24
 
 
 def test_poles_beside_a_hole_lie_in_it() -> None:
     t = 2 * np.pi * np.arange(24) / 24
     hole = (1 + 0.2 * (-1.0) ** np.arange(24)) * np.exp(-1j * t)
-    poles = polygon_poles(hole, most=48).positions
+    poles = polygon_poles(hole).positions
     winding = np.angle((np.roll(hole, -1) - poles[:, None]) / (hole - poles[:, None])).sum(1)
     np.testing.assert_allclose(winding, -2 * np.pi)
 

@@ -1,0 +1,213 @@
+"""What a minimal surface is asked for: loops and Γ through them at unit size, and what all routes to it share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from spinor_geom.errors import LoopsMeetError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.mesh.intersections import crossings_between, require_simple
+from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau.evidence import Evidence
+from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.misfit import BoundaryResidual
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch
+from spinor_geom.plateau.steps import Iteration, Steps
+
+AnyRequest = TypeVar("AnyRequest", bound="Request")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Request:
+    """A loop or several, Γ through them, and how the surface is asked for.
+
+    Attributes:
+        loops: as they were given.
+        units: with their common centre at 0 and their common diagonal 1, where every tolerance is a ratio.
+        curves: Γ through each, at unit size.
+        centre: of the loops.
+        scale: their common diagonal.
+        options: of the call.
+        steps: of all routes.
+        clock: of their stages.
+    """
+
+    loops: tuple[BoundaryLoop, ...]
+    units: tuple[BoundaryLoop, ...]
+    curves: tuple[BoundaryCurve, ...]
+    centre: Float[np.ndarray, "3"]
+    scale: float
+    options: Options
+    steps: Steps
+    clock: Clock = field(default_factory=Clock)
+
+    @classmethod
+    def of(
+        cls: type[AnyRequest],
+        given: Sequence[BoundaryLoop | ClosedCurve],
+        options: Options,
+        on_iteration: Callable[[Iteration], None] | None = None,
+    ) -> AnyRequest:
+        """The request of loops or curves in formulas.
+
+        Raises:
+            OptionError: a model that has no surfaces over so many loops.
+            SelfCrossingLoopError: a loop crosses or touches itself.
+            LoopsMeetError: two loops cross or touch each other.
+            RepeatedPointError: two neighbouring points of a loop are equal.
+            CurveError: formulas are not those of a smooth closed curve.
+        """
+        options.require_rims(len(given))
+        samples = [(one, None) if isinstance(one, BoundaryLoop) else _sampled(one) for one in given]
+        loops = tuple(loop for loop, _ in samples)
+        _require_apart(loops)
+        return cls.over(loops, [curve for _, curve in samples], options, on_iteration)
+
+    @classmethod
+    def over(
+        cls: type[AnyRequest],
+        loops: Sequence[BoundaryLoop],
+        curves: Sequence[BoundaryCurve | None],
+        options: Options,
+        on_iteration: Callable[[Iteration], None] | None = None,
+    ) -> AnyRequest:
+        """The request of loops that are known to be simple and apart.
+
+        Args:
+            loops: in any coordinates.
+            curves: Γ through each at any size and place; none for the smooth one through its points.
+            options: of the call.
+            on_iteration: is called after each step.
+        """
+        lengths = np.array([loop.perimeter for loop in loops])
+        # relative to the first centre: loops far from the origin lose no digits
+        first = loops[0].centroid
+        centre = first + lengths @ np.stack([loop.centroid - first for loop in loops]) / lengths.sum()
+        scale = _extent(np.concatenate([loop.points for loop in loops]))
+        units = tuple(
+            BoundaryLoop(points=(loop.points - centre) / scale, vertex_ids=loop.vertex_ids, corners=loop.corners)
+            for loop in loops
+        )
+        return cls(
+            loops=tuple(loops),
+            units=units,
+            curves=tuple(
+                BoundaryCurve.from_loop(unit)
+                if curve is None
+                else curve.placed(unit.points, unit.diagonal / _extent(curve.coefficients[-1]))
+                for unit, curve in zip(units, curves, strict=True)
+            ),
+            centre=centre,
+            scale=scale,
+            options=options,
+            steps=Steps(limit=options.max_iterations, on_iteration=on_iteration),
+        )
+
+    @property
+    def is_disk(self) -> bool:
+        """Whether there is one loop."""
+        return len(self.loops) == 1
+
+    @property
+    def loop(self) -> BoundaryLoop:
+        """That of a disk."""
+        return self.loops[0]
+
+    @property
+    def unit(self) -> BoundaryLoop:
+        """That of a disk at unit size."""
+        return self.units[0]
+
+    @property
+    def curve(self) -> BoundaryCurve:
+        """That of a disk at unit size."""
+        return self.curves[0]
+
+    @property
+    def allowed(self) -> float:
+        """RMS distance from Γ that is allowed, at unit size."""
+        return self.options.tolerance * _mean_edge(self.units)
+
+    def is_met(self, found: Found) -> bool:
+        """Whether a surface is as near to Γ as it was asked to be."""
+        return found.misfit.excess(allowed=self.allowed, tolerance=self.options.tolerance) <= 1
+
+    def solution(self, found: Found, rim_disks: RimDisks | None = None) -> PlateauSolution:
+        """A surface in the loops' coordinates; that between several loops with the disks that it is set against."""
+        scale, history, between = self.scale, tuple(self.steps.history), found.between
+        with self.clock.stage("surface"):
+            surface = found.surface.transform(scale=scale, translation=self.centre)
+        residual = BoundaryResidual.of(found.misfit.enlarged(scale), mean_edge=_mean_edge(self.loops), diagonal=scale)
+        converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
+        order, back = ((0,), (False,)) if between is None else (between.order, between.back)
+        loops = [self.loops[k].reversed() if way else self.loops[k] for k, way in zip(order, back, strict=True)]
+        parts = zip(loops, found.curves, surface.domain.boundaries, found.matchings, strict=True)
+        return PlateauSolution(
+            surface=surface,
+            rims=tuple(
+                RimMatch(loop=loop, curve=curve.placed(loop.points, scale), boundary=boundary, matching=matching)
+                for loop, curve, boundary, matching in parts
+            ),
+            domain=surface.domain,
+            boundary_residual=residual,
+            area=found.area * scale**2,
+            route=found.route,
+            history=history,
+            solve_timings=dict(self.clock.seconds),
+            tolerance=self.options.tolerance,
+            converged=converged,
+            reason=reason,
+            # a plane region is its Ω, whose boundaries were found to be simple
+            evidence=Evidence(surface=surface, is_plane=found.route == "plane"),
+            annulus=None
+            if between is None or rim_disks is None
+            else Annulus(
+                modulus=between.modulus,
+                antiperiodic=between.antiperiodic,
+                period=between.period * scale,
+                backward=tuple(way for _, way in sorted(zip(order, back, strict=True))),
+                order=order,
+                rim_disks=rim_disks,
+            ),
+        )
+
+
+def _mean_edge(loops: Sequence[BoundaryLoop]) -> float:
+    return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
+
+
+def _extent(points: Float[np.ndarray, "n 3"]) -> float:
+    """Diagonal of their bounding box."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
+    """The loop of the ends of the polynomials of a curve in formulas, and these."""
+    curve = BoundaryCurve.from_formula(given)
+    return BoundaryLoop.from_points(curve.coefficients[-1], corners=np.flatnonzero(curve.corners)), curve
+
+
+def _require_apart(loops: Sequence[BoundaryLoop]) -> None:
+    """Checks that loops neither cross or touch themselves nor each other.
+
+    Raises:
+        SelfCrossingLoopError: a loop crosses or touches itself.
+        LoopsMeetError: two loops cross or touch each other.
+    """
+    for loop in loops:
+        require_simple(loop)
+    for first, second in combinations(loops, 2):
+        meeting = crossings_between(first.points, second.points)
+        if len(meeting):
+            pairs = zip((first, second), meeting[0].tolist(), strict=True)
+            raise LoopsMeetError(
+                edges=[[int(loop.vertex_ids[k]), int(loop.vertex_ids[(k + 1) % len(loop)])] for loop, k in pairs]
+            )
