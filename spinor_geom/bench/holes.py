@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
+from spinor_geom.gallery import catenoid
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import boundary_edges
@@ -219,16 +220,8 @@ def facing_rims(height: float, n: int = 48) -> Hole:
         rim=np.concatenate([upper.rim, upper.rim + len(lower)]),
         expected=expected,
         facing=True,
-        area=catenoid_area(height) if joined else None,
+        area=catenoid(height).area if joined else None,
     )
-
-
-def catenoid_area(height: float) -> float:
-    """Area of the stable catenoid between unit circles at ±height, by Newton's method for its neck."""
-    c = 0.99
-    for _ in range(100):
-        c -= (c * np.cosh(height / c) - 1) / (np.cosh(height / c) - height / c * np.sinh(height / c))
-    return float(2 * np.pi * (height * c + c * c * np.sinh(height / c) * np.cosh(height / c)))
 
 
 def _square(low: int, high: int) -> list[tuple[int, int]]:

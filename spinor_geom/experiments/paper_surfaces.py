@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
+from spinor_geom.gallery.curves import harmonics
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -58,24 +59,22 @@ def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
     # r is harmonic: its boundary is the real part of a power series
     series = np.fft.fft(surface.position(circle), axis=0)[: _BOUNDARY_POINTS // 2] / (_BOUNDARY_POINTS / 2)
     series[0] /= 2
-    waves = 2j * np.pi * np.arange(len(series))
+    even = harmonics(series)
 
-    def on_circle(t: Float[np.ndarray, "*pts"], order: int) -> Float[np.ndarray, "*pts 3"]:
-        """A derivative of r(e^{2πiw}) by w."""
-        w = np.asarray(t) + _UNEVEN * np.sin(2 * np.pi * np.asarray(t)) / (2 * np.pi) + _SHIFT
-        return np.asarray((waves**order * np.exp(waves * w[..., None]) @ series).real)
+    def place(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        return np.asarray(t + _UNEVEN * np.sin(2 * np.pi * np.asarray(t)) / (2 * np.pi) + _SHIFT)
 
     def speed(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 1"]:
         return np.asarray(1 + _UNEVEN * np.cos(2 * np.pi * np.asarray(t)))[..., None]
 
     def second_derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         change = -2 * np.pi * _UNEVEN * np.sin(2 * np.pi * np.asarray(t))[..., None]
-        return np.asarray(on_circle(t, 2) * speed(t) ** 2 + on_circle(t, 1) * change)
+        return np.asarray(even.second_derivative(place(t)) * speed(t) ** 2 + even.derivative(place(t)) * change)
 
     return KnownCurve(
         name=name,
-        point=lambda t: on_circle(t, 0),
-        derivative=lambda t: np.asarray(on_circle(t, 1) * speed(t)),
+        point=lambda t: even.point(place(t)),
+        derivative=lambda t: even.derivative(place(t)) * speed(t),
         second_derivative=second_derivative,
         source="prescribed p and q",
     )
