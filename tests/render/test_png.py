@@ -26,6 +26,13 @@ def scene() -> tuple[View, ...]:
     return fill_scene(fill_hole(tube(), return_report=True)[1])
 
 
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of the pixels."""
+    monkeypatch.setattr(png, "WIDTH", 800)
+    monkeypatch.setattr(png, "HEIGHT", 400)
+
+
 def pixels(path: Path) -> np.ndarray:
     """(height, width, 3) of a PNG, top row first."""
     import pyvista
@@ -50,6 +57,7 @@ def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[View, ...], tmp_
     assert [item.name for item in tmp_path.iterdir()] == ["picture.png"]
 
 
+@pytest.mark.usefixtures("small")
 def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -> None:
     mesh = TriangleMesh(*tube())
     scene = loops_scene(mesh, boundary_loops(mesh))
