@@ -19,6 +19,7 @@ from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.measures.quality import smallest_angles
+from spinor_geom.mesh.bending import face_normals
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.operators import face_areas, internal_angles
@@ -170,8 +171,7 @@ def rim_bend(
     first, second = half.pairs[(half.pairs < 3 * len(patch)).sum(axis=1) == 1].T
     if not len(first):
         return None
-    corners = vertices[np.concatenate([patch, rest])]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = face_normals(vertices, np.concatenate([patch, rest]))
     # faces that run through their edge in the same direction have their normals on different sides
     sign = np.where(half.origin[first] == half.origin[second], -1.0, 1.0)
     one, other = normals[first // 3], sign[:, None] * normals[second // 3]

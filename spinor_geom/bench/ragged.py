@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
-from spinor_geom.bench.holes import Hole, all_rims, lattice
+from spinor_geom.bench.holes import Hole, all_rims, collar, lattice
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -33,22 +33,14 @@ def ragged_hole(name: str) -> Hole:
 
 
 def _collar(noise: float, points: int) -> Hole:
-    """A strip outside a noisy ellipse: its inner rim is the hole, its outer one is closed by a cone below."""
+    """A strip outside a noisy ellipse."""
     random = np.random.default_rng(points)
     t = 2 * np.pi * np.arange(points) / points
     rim = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)])
     edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1).mean()
     inner = rim + noise * edge * random.standard_normal(rim.shape)
     outer = np.column_stack([2.6 * np.cos(t), 1.6 * np.sin(t), np.full(points, -0.8)])
-    i, j = np.arange(points), (np.arange(points) + 1) % points
-    faces = np.vstack(
-        [
-            np.column_stack([i, i + points, j]),
-            np.column_stack([j, i + points, j + points]),
-            np.column_stack([i + points, np.full(points, 2 * points), j + points]),
-        ]
-    )
-    return all_rims(f"noise-{noise:.0%}-{points}", np.vstack([inner, outer, [[0, 0, -3]]]), faces)
+    return collar(f"noise-{noise:.0%}-{points}", inner, outer)
 
 
 @lru_cache(maxsize=1)
