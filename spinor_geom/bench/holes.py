@@ -20,6 +20,7 @@ from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.gallery import catenoid
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -97,15 +98,9 @@ def hole_over(name: str, loop: BoundaryLoop, area: float | None = None) -> Hole:
     The collar goes on as the discrete minimal surface over the loop ends, so that a filler that continues the mesh
     smoothly is led the right way.
     """
-    n = len(loop)
     disk = discrete_minimal_surface(loop)
-    a, b, c = (disk.vertices[disk.faces[:, k]] for k in range(3))
-    across = np.cross(b - a, c - a)
-    normal = np.zeros((len(disk.vertices), 3))
-    for k in range(3):
-        np.add.at(normal, disk.faces[:, k], across)
     tangent = np.roll(loop.points, -1, axis=0) - np.roll(loop.points, 1, axis=0)
-    outward = np.cross(tangent, normal[:n])
+    outward = np.cross(tangent, vertex_normals(disk.vertices, disk.faces)[: len(loop)])
     outward /= np.linalg.norm(outward, axis=1)[:, None]
     outer = loop.points + _COLLAR * loop.mean_edge_length * outward
     return replace(collar(name, loop.points, outer), area=area)
