@@ -60,12 +60,12 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Cont
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
 
 
-def cell(value: Any) -> str:
-    """The text of a figure in a table: four digits of numbers, nothing for what there is not."""
+def cell(value: Any, digits: int = 4) -> str:
+    """The text of a figure in a table, nothing for what there is not."""
     if value is None or isinstance(value, bool):
         return {None: "", True: "yes", False: "no"}[value]
     if isinstance(value, float):
-        return "" if math.isnan(value) else f"{value:.4g}"
+        return "" if math.isnan(value) else f"{value:.{digits}g}"
     return str(value)
 
 
