@@ -25,7 +25,6 @@ from spinor_geom.mesh.intersections import intersections_between, self_intersect
 from spinor_geom.mesh.operators import face_areas, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.meshing.embed import mesh_patch
-from spinor_geom.plateau.solution import PlateauSolution
 
 # of the exact |H|: second derivatives cost some milliseconds a point
 _CURVATURE_POINTS = 100
@@ -68,7 +67,14 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
                 "exact_curvature_median": float(np.median(curvature)),
                 "exact_curvature_max": float(curvature.max()),
             }
-        figures |= _surface_distance(solution, case.chart, diameter)
+        # at vertices inside, which are the surface's own points; those on the rim are given
+        fine = mesh_patch(solution, (4 * solution.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
+        distance = case.chart.distances(fine.vertices[fine.boundary_size :]) / diameter
+        if len(distance):
+            figures |= {
+                "surface_distance_max": float(distance.max()),
+                "surface_distance_mean": float(distance.mean()),
+            }
     return figures
 
 
@@ -201,16 +207,6 @@ def patch_figures(
         figures["distance_max"] = distance.max / diameter
         figures["distance_mean"] = distance.mean / diameter
     return figures
-
-
-def _surface_distance(solution: PlateauSolution, chart: Chart, diameter: float) -> Figures:
-    """Distances of our surface, at points spread over it, from the exact one."""
-    fine = mesh_patch(solution, (4 * solution.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
-    # its vertices are the surface's own points; those on the rim are given
-    distance = chart.distances(fine.vertices[fine.boundary_size :]) / diameter
-    if not len(distance):
-        return {}
-    return {"surface_distance_max": float(distance.max()), "surface_distance_mean": float(distance.mean())}
 
 
 def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Bool[np.ndarray, " f"], Int[np.ndarray, " n"]]:

@@ -31,13 +31,13 @@ _TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512
 _MEASURED = 1024
 
 
-def random_networks(depth: int = 10) -> SpinorSurface:
+def random_networks(depth: int) -> SpinorSurface:
     """The surface of two networks with random parameters, as the paper's training starts from them."""
     network = ComplexMLP(depth=depth, gain=RMSprop().gain, generator=torch.Generator().manual_seed(_SEED))
     return SpinorSurface(network, PlaneDomain.disk())
 
 
-def perturbed_series(depth: int = 10) -> SpinorSurface:
+def perturbed_series(depth: int) -> SpinorSurface:
     """The Taylor polynomials of order 10 of the random networks' p and q, their coefficients perturbed at random."""
     z = np.exp(2j * np.pi * np.arange(_TAYLOR_POINTS) / _TAYLOR_POINTS)
     coefficients = np.fft.fft(random_networks(depth).spinors(z), axis=0)[: _ORDER + 1] / _TAYLOR_POINTS
@@ -80,16 +80,6 @@ def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
     )
 
 
-def paper_curves(depth: int = 10) -> dict[str, KnownCurve]:
-    """The boundaries of the four surfaces; the last two are those of prescribed ones."""
-    return {
-        "twisted circle": twisted_circle(),
-        "tennis seam": tennis_seam(0.8),
-        "random networks": boundary_of(random_networks(depth), "random networks"),
-        "perturbed series": boundary_of(perturbed_series(depth), "perturbed series"),
-    }
-
-
 def solved_by_network(curve: KnownCurve, options: LevenbergMarquardt) -> Trained:
     """A network over the unit disk by Levenberg-Marquardt, from the solution by power series."""
     start = solve_plateau(curve, model="series")
@@ -98,8 +88,14 @@ def solved_by_network(curve: KnownCurve, options: LevenbergMarquardt) -> Trained
 
 
 def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:
-    """The four surfaces from their boundaries alone, as networks."""
-    found = {name: solved_by_network(curve, options).surface for name, curve in paper_curves(options.depth).items()}
+    """The four surfaces from their boundaries alone, as networks; the last two are prescribed ones."""
+    curves = {
+        "twisted circle": twisted_circle(),
+        "tennis seam": tennis_seam(0.8),
+        "random networks": boundary_of(random_networks(options.depth), "random networks"),
+        "perturbed series": boundary_of(perturbed_series(options.depth), "perturbed series"),
+    }
+    found = {name: solved_by_network(curve, options).surface for name, curve in curves.items()}
     return {name: surface for name, surface in found.items() if isinstance(surface, SpinorSurface)}
 
 
