@@ -13,6 +13,6 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-# the same examples in every run, and no failure because a machine is busy
-hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
+# the same examples in every run, so that more of them find no more, and no failure because a machine is busy
+hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=30)
 hypothesis.settings.load_profile("repeatable")

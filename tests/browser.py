@@ -65,19 +65,20 @@ def visit(browser: Any, address: str, *, ready: bool = False) -> Iterator[Visit]
     """Opens an address, follows what the page does, and keeps it from the network.
 
     Args:
-        browser: from `browser`.
+        browser: from `browser`, or a context of it.
         address: a URL, of a file as well.
         ready: waits until the page's views say that they stand, by the page's title.
 
     Yields:
         The open page.
     """
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page = browser.new_page()
+    page.set_viewport_size({"width": 1280, "height": 900})
     opened = Visit(page=page)
 
     def answer(route: Any) -> None:
         if route.request.url.startswith(_LOCAL):
-            route.continue_()
+            route.fallback()
         else:
             opened.foreign.append(route.request.url)
             route.abort()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 from typing import Literal
 
 import numpy as np
@@ -129,18 +129,17 @@ def known_case(name: str) -> Case:
     Raises:
         OptionError: there is none.
     """
-    base, _, sampling = name.partition("@")
+    base, at, sampling = name.partition("@")
     head, _, seed = base.partition("-")
     if base in KNOWN:
         kind, make = KNOWN[base]
-        case = Case(name=name, kind=kind, known=make())
     elif head == "random" and seed.isdigit():
-        case = Case(name=name, kind="smooth", known=gallery.random_polynomial(int(seed)))
+        kind, make = "smooth", partial(gallery.random_polynomial, int(seed))
     else:
         raise OptionError(f"there is no case {name!r}; choose from: {', '.join(KNOWN)}, random-SEED")
-    if name == base:
-        return case
+    if not at:
+        return Case(name=name, kind=kind, known=make())
     for other in ("even", "uneven"):
-        if sampling == other and case.kind == "smooth":
-            return replace(case, sampling=other)
+        if sampling == other and kind == "smooth":
+            return Case(name=name, kind=kind, known=make(), sampling=other)
     raise OptionError(f"there is no case {name!r}; smooth cases have the samplings @even and @uneven")

@@ -19,7 +19,7 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.bench.holes import Hole, lattice
 from spinor_geom.errors import OptionError
 from spinor_geom.measures.hausdorff import distances_to_mesh
-from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
+from spinor_geom.mesh.topology import boundary_edges, face_components
 
 Kind = Literal["flat", "dome", "curved", "long", "ring", "tube", "scan"]
 _Points: TypeAlias = Float[np.ndarray, "k 3"]
@@ -224,11 +224,9 @@ def is_disk(faces: Int[np.ndarray, "f 3"]) -> bool:
 def _read_scan(path: Path) -> tuple[_Mesh, csr_array, float]:
     """A mesh, its edges with their lengths, and their mean."""
     mesh = read_mesh(path).mesh
-    half = HalfEdges.of(mesh.faces)
-    first = half.order[half.starts[:-1]]
-    a, b = half.origin[first], half.target[first]
-    lengths = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
-    graph = coo_array((lengths, (a, b)), shape=(len(mesh.vertices),) * 2)
+    surface = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    lengths = surface.edges_unique_length
+    graph = coo_array((lengths, surface.edges_unique.T), shape=(len(mesh.vertices),) * 2)
     return (mesh.vertices, mesh.faces), graph.tocsr(), float(lengths.mean())
 
 

@@ -17,8 +17,10 @@ from numpy.typing import ArrayLike
 from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
+from spinor_geom.gallery import catenoid
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -96,15 +98,9 @@ def hole_over(name: str, loop: BoundaryLoop, area: float | None = None) -> Hole:
     The collar goes on as the discrete minimal surface over the loop ends, so that a filler that continues the mesh
     smoothly is led the right way.
     """
-    n = len(loop)
     disk = discrete_minimal_surface(loop)
-    a, b, c = (disk.vertices[disk.faces[:, k]] for k in range(3))
-    across = np.cross(b - a, c - a)
-    normal = np.zeros((len(disk.vertices), 3))
-    for k in range(3):
-        np.add.at(normal, disk.faces[:, k], across)
     tangent = np.roll(loop.points, -1, axis=0) - np.roll(loop.points, 1, axis=0)
-    outward = np.cross(tangent, normal[:n])
+    outward = np.cross(tangent, vertex_normals(disk.vertices, disk.faces)[: len(loop)])
     outward /= np.linalg.norm(outward, axis=1)[:, None]
     outer = loop.points + _COLLAR * loop.mean_edge_length * outward
     return replace(collar(name, loop.points, outer), area=area)
@@ -219,16 +215,8 @@ def facing_rims(height: float, n: int = 48) -> Hole:
         rim=np.concatenate([upper.rim, upper.rim + len(lower)]),
         expected=expected,
         facing=True,
-        area=catenoid_area(height) if joined else None,
+        area=catenoid(height).area if joined else None,
     )
-
-
-def catenoid_area(height: float) -> float:
-    """Area of the stable catenoid between unit circles at ±height, by Newton's method for its neck."""
-    c = 0.99
-    for _ in range(100):
-        c -= (c * np.cosh(height / c) - 1) / (np.cosh(height / c) - height / c * np.sinh(height / c))
-    return float(2 * np.pi * (height * c + c * c * np.sinh(height / c) * np.cosh(height / c)))
 
 
 def _square(low: int, high: int) -> list[tuple[int, int]]:

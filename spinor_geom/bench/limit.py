@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +10,8 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from spinor_geom.bench.cases import Case
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.mesh.curve import ClosedCurve
+from spinor_geom.gallery.curves import harmonics
+from spinor_geom.mesh.curve import ClosedCurve, CurveFunction
 from spinor_geom.mesh.interpolation import by_arcs
 from spinor_geom.plateau.solve import solve_plateau
 
@@ -43,32 +43,16 @@ def points_limit(case: Case, n: int) -> float | None:
 
 def _interpolants(points: Float[np.ndarray, "n 3"], *, equal_steps: bool) -> Iterator[ClosedCurve]:
     if equal_steps:
-        yield _curve(lambda order: _trigonometric(points, order))
+        series = 2 * np.fft.rfft(points, axis=0) / len(points)
+        series[[0] if len(points) % 2 else [0, -1]] /= 2
+        yield harmonics(series)
     around = np.vstack([points, points[:1]])
     for degree in (7, 5):
         spline = make_interp_spline(by_arcs(points), around, k=degree, bc_type="periodic")
-        yield _curve(partial(_derivative, spline))
+        point, derivative, second_derivative = (_periodic(spline, order) for order in range(3))
+        yield ClosedCurve(point=point, derivative=derivative, second_derivative=second_derivative)
 
 
-def _derivative(spline: BSpline, order: int) -> BSpline:
-    return spline.derivative(order) if order else spline
-
-
-def _curve(derivative: Callable[[int], Callable[..., Float[np.ndarray, "*pts 3"]]]) -> ClosedCurve:
-    point, first, second = (derivative(order) for order in range(3))
-    return ClosedCurve(
-        point=lambda s: point(np.mod(s, 1.0)),
-        derivative=lambda s: first(np.mod(s, 1.0)),
-        second_derivative=lambda s: second(np.mod(s, 1.0)),
-    )
-
-
-def _trigonometric(points: Float[np.ndarray, "n 3"], order: int) -> Callable[..., Float[np.ndarray, "*pts 3"]]:
-    n = len(points)
-    waves = np.fft.fftfreq(n, 1 / n)
-    coefficients = (2j * np.pi * waves[:, None]) ** order * np.fft.fft(points, axis=0) / n
-
-    def function(s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        return np.asarray((np.exp(2j * np.pi * np.asarray(s)[..., None] * waves) @ coefficients).real)
-
-    return function
+def _periodic(spline: BSpline, order: int) -> CurveFunction:
+    derivative = spline.derivative(order) if order else spline
+    return lambda s: derivative(np.mod(s, 1.0))

@@ -19,12 +19,12 @@ from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.measures.quality import smallest_angles
+from spinor_geom.mesh.bending import face_normals
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.operators import face_areas, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.meshing.embed import mesh_patch
-from spinor_geom.plateau.solution import PlateauSolution
 
 # of the exact |H|: second derivatives cost some milliseconds a point
 _CURVATURE_POINTS = 100
@@ -67,7 +67,14 @@ def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
                 "exact_curvature_median": float(np.median(curvature)),
                 "exact_curvature_max": float(curvature.max()),
             }
-        figures |= _surface_distance(solution, case.chart, diameter)
+        # at vertices inside, which are the surface's own points; those on the rim are given
+        fine = mesh_patch(solution, (4 * solution.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
+        distance = case.chart.distances(fine.vertices[fine.boundary_size :]) / diameter
+        if len(distance):
+            figures |= {
+                "surface_distance_max": float(distance.max()),
+                "surface_distance_mean": float(distance.mean()),
+            }
     return figures
 
 
@@ -170,8 +177,7 @@ def rim_bend(
     first, second = half.pairs[(half.pairs < 3 * len(patch)).sum(axis=1) == 1].T
     if not len(first):
         return None
-    corners = vertices[np.concatenate([patch, rest])]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = face_normals(vertices, np.concatenate([patch, rest]))
     # faces that run through their edge in the same direction have their normals on different sides
     sign = np.where(half.origin[first] == half.origin[second], -1.0, 1.0)
     one, other = normals[first // 3], sign[:, None] * normals[second // 3]
@@ -201,16 +207,6 @@ def patch_figures(
         figures["distance_max"] = distance.max / diameter
         figures["distance_mean"] = distance.mean / diameter
     return figures
-
-
-def _surface_distance(solution: PlateauSolution, chart: Chart, diameter: float) -> Figures:
-    """Distances of our surface, at points spread over it, from the exact one."""
-    fine = mesh_patch(solution, (4 * solution.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
-    # its vertices are the surface's own points; those on the rim are given
-    distance = chart.distances(fine.vertices[fine.boundary_size :]) / diameter
-    if not len(distance):
-        return {}
-    return {"surface_distance_max": float(distance.max()), "surface_distance_mean": float(distance.mean())}
 
 
 def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Bool[np.ndarray, " f"], Int[np.ndarray, " n"]]:

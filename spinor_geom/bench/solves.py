@@ -13,9 +13,9 @@ from scipy.spatial.distance import pdist
 
 from spinor_geom import gallery
 from spinor_geom.bench.figures import Limit
-from spinor_geom.bench.holes import catenoid_area
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments.paper_surfaces import boundary_distance
+from spinor_geom.gallery.curves import harmonics
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
@@ -203,7 +203,7 @@ def _rims() -> Iterator[Solve]:
         return Solve("rims", name, subject, limits, disks=(KnownDisk(area=area),))
 
     for h in HEIGHTS:
-        pair, area = (ring(1.0, h), ring(1.0, -h)), catenoid_area(h)
+        pair, area = (ring(1.0, h), ring(1.0, -h)), gallery.catenoid(h).area
         sampled, name = partial(_sampled, pair, (64, 64)), f"catenoid h = {h:g}"
         yield known(f"{name} of 64 points a rim", sampled, area, _ANNULUS, _area(1e-6), _seconds(0.1))
         yield known(f"{name} of formulas", partial(_same, pair), area, _ANNULUS, _area(1e-12), _seconds(0.1))
@@ -234,17 +234,7 @@ def ring(
     radius: float, height: float, *, centre: tuple[float, float] = (0.0, 0.0), stretch: float = 1.0
 ) -> ClosedCurve:
     """An ellipse in a horizontal plane."""
-
-    def around(order: int, offset: Float[np.ndarray, "3"]) -> Callable[..., Float[np.ndarray, "*pts 3"]]:
-        def function(s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-            angle = 2 * np.pi * np.asarray(s) + order * np.pi / 2
-            flat = np.stack([stretch * np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-            return np.asarray((2 * np.pi) ** order * radius * flat + offset)
-
-        return function
-
-    place = np.array([*centre, height])
-    return ClosedCurve(point=around(0, place), derivative=around(1, 0 * place), second_derivative=around(2, 0 * place))
+    return harmonics(np.array([[*centre, height], [radius * stretch, -1j * radius, 0]]))
 
 
 def _sampled(

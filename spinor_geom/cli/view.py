@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 
@@ -30,5 +31,5 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     fields = {title: shape.told} if arguments.curvature else {}
     mesh = Faces(vertices=shape.vertices, faces=shape.faces, colour=MESH_COLOUR, inside=INSIDE_COLOUR, fields=fields)
     view = View(layers=[mesh, Lines(vertices=shape.vertices, edges=shape.rims, width=1.0)])
-    draw_apart([view], _SIZE, [0.0], None, title, time_limit=None)
+    draw_apart([view], _SIZE, [0.0], None, title, time_limit=math.inf)  # as long as it is looked at
     return ExitStatus.DONE

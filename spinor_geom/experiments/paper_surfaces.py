@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
+from spinor_geom.gallery.curves import harmonics
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -30,13 +31,13 @@ _TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512
 _MEASURED = 1024
 
 
-def random_networks(depth: int = 10) -> SpinorSurface:
+def random_networks(depth: int) -> SpinorSurface:
     """The surface of two networks with random parameters, as the paper's training starts from them."""
     network = ComplexMLP(depth=depth, gain=RMSprop().gain, generator=torch.Generator().manual_seed(_SEED))
     return SpinorSurface(network, PlaneDomain.disk())
 
 
-def perturbed_series(depth: int = 10) -> SpinorSurface:
+def perturbed_series(depth: int) -> SpinorSurface:
     """The Taylor polynomials of order 10 of the random networks' p and q, their coefficients perturbed at random."""
     z = np.exp(2j * np.pi * np.arange(_TAYLOR_POINTS) / _TAYLOR_POINTS)
     coefficients = np.fft.fft(random_networks(depth).spinors(z), axis=0)[: _ORDER + 1] / _TAYLOR_POINTS
@@ -58,37 +59,25 @@ def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
     # r is harmonic: its boundary is the real part of a power series
     series = np.fft.fft(surface.position(circle), axis=0)[: _BOUNDARY_POINTS // 2] / (_BOUNDARY_POINTS / 2)
     series[0] /= 2
-    waves = 2j * np.pi * np.arange(len(series))
+    even = harmonics(series)
 
-    def on_circle(t: Float[np.ndarray, "*pts"], order: int) -> Float[np.ndarray, "*pts 3"]:
-        """A derivative of r(e^{2πiw}) by w."""
-        w = np.asarray(t) + _UNEVEN * np.sin(2 * np.pi * np.asarray(t)) / (2 * np.pi) + _SHIFT
-        return np.asarray((waves**order * np.exp(waves * w[..., None]) @ series).real)
+    def place(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        return np.asarray(t + _UNEVEN * np.sin(2 * np.pi * np.asarray(t)) / (2 * np.pi) + _SHIFT)
 
     def speed(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 1"]:
         return np.asarray(1 + _UNEVEN * np.cos(2 * np.pi * np.asarray(t)))[..., None]
 
     def second_derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         change = -2 * np.pi * _UNEVEN * np.sin(2 * np.pi * np.asarray(t))[..., None]
-        return np.asarray(on_circle(t, 2) * speed(t) ** 2 + on_circle(t, 1) * change)
+        return np.asarray(even.second_derivative(place(t)) * speed(t) ** 2 + even.derivative(place(t)) * change)
 
     return KnownCurve(
         name=name,
-        point=lambda t: on_circle(t, 0),
-        derivative=lambda t: np.asarray(on_circle(t, 1) * speed(t)),
+        point=lambda t: even.point(place(t)),
+        derivative=lambda t: even.derivative(place(t)) * speed(t),
         second_derivative=second_derivative,
         source="prescribed p and q",
     )
-
-
-def paper_curves(depth: int = 10) -> dict[str, KnownCurve]:
-    """The boundaries of the four surfaces; the last two are those of prescribed ones."""
-    return {
-        "twisted circle": twisted_circle(),
-        "tennis seam": tennis_seam(0.8),
-        "random networks": boundary_of(random_networks(depth), "random networks"),
-        "perturbed series": boundary_of(perturbed_series(depth), "perturbed series"),
-    }
 
 
 def solved_by_network(curve: KnownCurve, options: LevenbergMarquardt) -> Trained:
@@ -99,8 +88,14 @@ def solved_by_network(curve: KnownCurve, options: LevenbergMarquardt) -> Trained
 
 
 def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:
-    """The four surfaces from their boundaries alone, as networks."""
-    found = {name: solved_by_network(curve, options).surface for name, curve in paper_curves(options.depth).items()}
+    """The four surfaces from their boundaries alone, as networks; the last two are prescribed ones."""
+    curves = {
+        "twisted circle": twisted_circle(),
+        "tennis seam": tennis_seam(0.8),
+        "random networks": boundary_of(random_networks(options.depth), "random networks"),
+        "perturbed series": boundary_of(perturbed_series(options.depth), "perturbed series"),
+    }
+    found = {name: solved_by_network(curve, options).surface for name, curve in curves.items()}
     return {name: surface for name, surface in found.items() if isinstance(surface, SpinorSurface)}
 
 

@@ -45,7 +45,8 @@ def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:
     rows: list[dict[str, Any]] = []
     lines: dict[str, tuple[ArrayLike, ArrayLike]] = {}
     for rule_name, (order, allowed) in ORDERS.items():
-        away = [neck * _distance(known.surface, z, exact, rule_name, n) for n in steps]
+        drawn = (by_rule(known.surface, rule_name, n).integrate(np.zeros_like(z), z) for n in steps)
+        away = [neck * np.linalg.norm(moved - exact, axis=-1) for moved in drawn]
         largest = [float(d.max()) for d in away]
         slope = fitted_slope(steps, largest, _DISTANCE_FLOOR)
         lines[rule_name] = (steps, largest)
@@ -63,18 +64,6 @@ def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:
         verdict=f"The fitted slopes of the largest error are {told}; the rules' orders are -2 and -4.",
         pictures={"catenoid": log_log(lines, x="steps N", y="largest distance", slopes=slopes)},
     )
-
-
-def _distance(
-    surface: SpinorSurface,
-    z: Complex[np.ndarray, "*pts"],
-    exact: Float[np.ndarray, "*pts 3"],
-    rule_name: RuleName,
-    n: int,
-) -> Float[np.ndarray, "*pts"]:
-    """Distances of r(z) − r(0), by a rule with n steps on each ray, from exact ones."""
-    moved = by_rule(surface, rule_name, n).integrate(np.zeros_like(z), z)
-    return np.asarray(np.linalg.norm(moved - exact, axis=-1))
 
 
 def mean_curvature(*, grid: int, steps: Sequence[int], network: LevenbergMarquardt) -> Outcome:

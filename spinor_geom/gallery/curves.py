@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from torch import Tensor
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
-from spinor_geom.mesh.curve import CurveFunction
+from spinor_geom.mesh.curve import ClosedCurve, CurveFunction
 
 _TENNIS_SEAM_DISKS = {
     0.8: (KnownDisk(area=4.36461878664500, stable=True, relative_error=1e-14),),
@@ -292,34 +292,21 @@ def _starts(share: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     return np.append(0.0, np.cumsum(share)[:-1])
 
 
-def _fourier(
-    *,
-    name: str,
-    cosine: Mapping[int, ArrayLike],
-    sine: Mapping[int, ArrayLike],
-    disks: tuple[KnownDisk, ...] = (),
-    source: str,
-    chart: Chart | None = None,
-) -> KnownCurve:
-    """The curve Σ a_k cos 2πkt + b_k sin 2πkt."""
-    modes = [(2 * np.pi * k, np.array(a), 0.0) for k, a in cosine.items()]
-    modes += [(2 * np.pi * k, np.array(b), -np.pi / 2) for k, b in sine.items()]
+def harmonics(coefficients: Complex[np.ndarray, "k 3"]) -> ClosedCurve:
+    """The curve Re Σ c_k e^{2πikt}, k from 0 on."""
+    waves = 2j * np.pi * np.arange(len(coefficients))
 
-    def order(n: int) -> CurveFunction:
-        def value(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-            angle = np.asarray(t)[..., None]
-            # differentiating a cosine turns it by a quarter
-            terms = [w**n * v * np.cos(w * angle + start + n * np.pi / 2) for w, v, start in modes]
-            return np.asarray(sum(terms))
+    def derivative(order: int) -> CurveFunction:
+        weighed = waves[:, None] ** order * coefficients
+        return lambda t: np.asarray((np.exp(np.asarray(t)[..., None] * waves) @ weighed).real)
 
-        return value
+    return ClosedCurve(point=derivative(0), derivative=derivative(1), second_derivative=derivative(2))
 
-    return KnownCurve(
-        name=name,
-        point=order(0),
-        derivative=order(1),
-        second_derivative=order(2),
-        disks=disks,
-        source=source,
-        chart=chart,
-    )
+
+def _fourier(cosine: Mapping[int, ArrayLike], sine: Mapping[int, ArrayLike], **known: Any) -> KnownCurve:
+    """The curve Σ a_k cos 2πkt + b_k sin 2πkt, with what is known of it."""
+    coefficients = np.zeros((1 + max(*cosine, *sine), 3), dtype=np.complex128)
+    for sign, modes in ((1, cosine), (-1j, sine)):
+        for k, vector in modes.items():
+            coefficients[k] += sign * np.asarray(vector)
+    return KnownCurve(**{**vars(harmonics(coefficients)), **known})

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
+from scipy.spatial import geometric_slerp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk, ellipkm1
 
@@ -246,14 +247,13 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
 def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np.ndarray, " m"]:
     """The closed curve in s whose Gauss image runs along great circles from corner to corner."""
     normals = _sphere(corners**degree)
-    fraction = np.arange(_SIDE_POINTS)[:, None] / _SIDE_POINTS
+    fraction = np.arange(_SIDE_POINTS) / _SIDE_POINTS
     sides = []
     for start, end, a, b in zip(normals, np.roll(normals, -1, axis=0), corners, np.roll(corners, -1), strict=True):
-        angle = math.acos(float(np.clip(start @ end, -1, 1)))
-        image = (np.sin((1 - fraction) * angle) * start + np.sin(fraction * angle) * end) / math.sin(angle)
-        size, turn = np.abs(_stereographic(image)) ** (1 / degree), np.angle(_stereographic(image)) / degree
+        image = _stereographic(geometric_slerp(start, end, fraction))
+        size, turn = np.abs(image) ** (1 / degree), np.angle(image) / degree
         # the root between those of the ends
-        straight = np.angle(a + (b - a) * (fraction[:, 0] + 0.5 / _SIDE_POINTS))
+        straight = np.angle(a + (b - a) * (fraction + 0.5 / _SIDE_POINTS))
         step = 2 * np.pi / degree
         side = size * np.exp(1j * (turn + step * np.round((straight - turn) / step)))
         side[0] = a

@@ -1,4 +1,4 @@
-"""The process that draws: `python -m spinor_geom.render.draw JOB`, a file with the arguments of `draw`, pickled."""
+"""The process that draws: its job names a file with the arguments of `draw`, pickled."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from spinor_geom.isolate import serve
 from spinor_geom.render.layers import Camera, Faces, Lines, View, turned
 
 COLOURS, LABEL_SIZE, TUBE_SIDES, MARGIN = "viridis", 14, 10, 1.06
@@ -145,4 +146,4 @@ def _look(plotter: Any, camera: Camera, points: Any) -> None:
 
 
 if __name__ == "__main__":
-    draw(*pickle.loads(Path(sys.argv[1]).read_bytes()))
+    serve(lambda job, _: draw(*pickle.loads(Path(job["arguments"]).read_bytes())))

@@ -55,17 +55,20 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Cont
     """
     head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in columns)
     lines = (
-        f"<tr{' class=missed' if k in marked else ''}>{''.join(map(_cell, row))}</tr>" for k, row in enumerate(rows)
+        f"<tr{' class=missed' * (k in marked)}>"
+        + "".join(f"<td{' class=long' * (len(text) > _LONG)}>{html.escape(text)}</td>" for text in row)
+        + "</tr>"
+        for k, row in enumerate(rows)
     )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
 
 
-def cell(value: Any) -> str:
-    """The text of a figure in a table: four digits of numbers, nothing for what there is not."""
+def cell(value: Any, digits: int = 4) -> str:
+    """The text of a figure in a table, nothing for what there is not."""
     if value is None or isinstance(value, bool):
         return {None: "", True: "yes", False: "no"}[value]
     if isinstance(value, float):
-        return "" if math.isnan(value) else f"{value:.4g}"
+        return "" if math.isnan(value) else f"{value:.{digits}g}"
     return str(value)
 
 
@@ -78,7 +81,3 @@ def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def picture(data: bytes, alt: str) -> str:
     """A PNG inside the page."""
     return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
-
-
-def _cell(text: str) -> str:
-    return f'<td class="long">{html.escape(text)}</td>' if len(text) > _LONG else f"<td>{html.escape(text)}</td>"

@@ -32,7 +32,7 @@ from spinor_geom.render.loop_views import (
     patch_faces,
     surroundings,
 )
-from spinor_geom.render.page import document, picture, table
+from spinor_geom.render.page import cell, document, picture, table
 from spinor_geom.render.plots import inline_svg, log_log
 from spinor_geom.render.scene import camera_on, shown_loop
 from spinor_geom.render.viewer import STYLE, Scene, Views, panel
@@ -221,7 +221,7 @@ def _loop_table(outcomes: Sequence[LoopOutcome]) -> str:
                 "reason": outcome.reason,
             }
         )
-    cells = [[_number(value) for value in row.values()] for row in rows]
+    cells = [[cell(value, digits=6) for value in row.values()] for row in rows]
     marked = [k for k, outcome in enumerate(outcomes) if not outcome.converged]
     return table(list(rows[0]) if rows else (), cells, marked=marked)
 
@@ -279,14 +279,8 @@ def _flat(figures: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]
         if isinstance(value, Mapping):
             lines += _flat(value, f"{label}: ")
         elif value not in (None, "", []):
-            lines.append((label, _number(value)))
+            lines.append((label, cell(value, digits=6)))
     return lines
-
-
-def _number(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _png(values: Complex[np.ndarray, "h w"], middle: float) -> bytes:

@@ -13,6 +13,7 @@ import spinor_geom
 from spinor_geom import gallery
 from spinor_geom.cli import view
 from spinor_geom.cli.main import main
+from spinor_geom.render.portrait import Portrait
 
 MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
 
@@ -37,14 +38,15 @@ def test_a_mesh_and_a_surface_are_drawn_on_white_with_their_boundaries(saved: Pa
         assert len(np.unique(image.reshape(-1, 3), axis=0)) > 200  # shaded
 
 
-def test_the_eye_and_the_upright_axis_are_chosen(tmp_path: Path) -> None:
-    seen = []
+def test_the_eye_and_the_upright_axis_are_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+    # what would be drawn is looked at: to draw it takes a process
+    monkeypatch.setattr(Portrait, "write", lambda self, _, *, eye, size: seen.append((self.layers[0], eye, size)))
     for options in (["--eye", "0,-1,0"], ["--eye=-1,-1,0"], ["--eye", "0,-1,0", "--up", "z"]):
-        path = tmp_path / "picture.png"
-        assert main(["render", str(MESH), "-o", str(path), "--size", "120x120", *options]) == 0
-        seen.append(np.asarray(Image.open(path).convert("L")).astype(int))
-    assert np.abs(seen[0] - seen[1]).mean() > 5
-    assert np.abs(seen[0] - seen[2]).mean() > 5
+        assert main(["render", str(MESH), "-o", str(tmp_path / "p.png"), "--size", "120x90", *options]) == 0
+    lying, _, upright = (layer.vertices for layer, _, _ in seen)
+    np.testing.assert_array_equal(lying, upright @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    assert [(eye, size) for _, eye, size in seen] == [(eye, (120, 90)) for eye in ((0, -1, 0), (-1, -1, 0), (0, -1, 0))]
 
 
 @pytest.mark.parametrize(

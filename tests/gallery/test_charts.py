@@ -80,7 +80,11 @@ def test_a_low_prism_s_disk_tends_to_its_square():
     assert 4 < gallery.schwarz_prism(0.06).disks[0].area < 4.2
 
 
-@pytest.mark.parametrize("known", [gallery.schwarz_prism(1.0), gallery.schwarz_h(0.5)], ids=lambda known: known.name)
+@pytest.mark.parametrize(
+    "known",
+    [pytest.param(gallery.schwarz_prism(1.0), marks=pytest.mark.slow), gallery.schwarz_h(0.5)],
+    ids=lambda known: known.name,
+)
 def test_a_solver_that_knows_no_answer_finds_the_area(known):
     # the loop's curved sides are splines through 24 points each
     assert abs(solve_plateau(loop_of(known, 96)).area / area_of(known) - 1) < 3e-6

@@ -74,6 +74,7 @@ def test_period_is_closed_and_both_rims_are_met():
     assert np.abs(surface.mean_curvature(z)).max() * np.sqrt(solution.area) < 1e-8
 
 
+@pytest.mark.slow
 def test_spinors_that_change_their_sign():
     first, second = (sampled(curve, 64) for curve in linked())
     solution = solve_plateau((first, second), model="cauchy")

@@ -106,7 +106,7 @@ def test_moved_domain_keeps_its_corners_angles():
     np.testing.assert_allclose(turn, np.pi / 2, atol=2e-2)
 
 
-@pytest.mark.parametrize("turns", [1.3, 3.0])
+@pytest.mark.parametrize("turns", [1.3, pytest.param(3.0, marks=pytest.mark.slow)])
 def test_helical_ramps_meet_the_tolerance(turns):
     """Ω winds, and of 3 turns the moduli of its flattening are too far from right to meet it."""
     curve = gallery.helical_ramp(turns)

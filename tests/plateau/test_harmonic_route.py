@@ -165,10 +165,11 @@ def test_sampling_does_not_matter_to_the_area(points):
 # --- honesty ----------------------------------------------------------------------------------------------------------
 
 
-def test_reported_residual_of_random_curves_is_the_measured_one():
+@pytest.mark.parametrize("first", [0, pytest.param(10, marks=pytest.mark.slow)])
+def test_reported_residual_of_random_curves_is_the_measured_one(first):
     """Whatever strongly folded curves come to in few steps."""
     found_some = 0
-    for seed in range(20):
+    for seed in range(first, first + 10):
         solver = harmonic_solver(gallery.random_curve(seed).sample(80), tolerance=1e-2, max_steps=25)
         try:
             found = solver.unfolded()
@@ -184,7 +185,7 @@ def test_reported_residual_of_random_curves_is_the_measured_one():
             assert abs(largest / found.misfit.max - 1) < 1 - np.cos(np.pi / 8), seed
         # what is far from Γ is not projected on the part of it that is nearest
         assert found.misfit.rms / 2 < rms < 1.5 * found.misfit.rms, seed
-    assert found_some >= 12
+    assert found_some >= 6
 
 
 def test_narrow_fingers_are_reached_not_passed_over():
@@ -198,7 +199,7 @@ def test_narrow_fingers_are_reached_not_passed_over():
     assert abs(solution.area_in_domain / solution.area - 1) < 1e-3
 
 
-@pytest.mark.parametrize("seed", [22, 80])
+@pytest.mark.parametrize("seed", [pytest.param(22, marks=pytest.mark.slow), 80])
 def test_vertices_follow_every_bend_of_the_domain(seed):
     """Edges that cut across its notches led integrals out of Ω, to positions far from the surface."""
     solution = solve_plateau(gallery.random_curve(seed).sample(120))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +23,13 @@ from tests.fill.shapes import tube
 @pytest.fixture(scope="module")
 def scene() -> tuple[View, ...]:
     return fill_scene(fill_hole(tube(), return_report=True)[1])
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of the pixels."""
+    monkeypatch.setattr(png, "WIDTH", 800)
+    monkeypatch.setattr(png, "HEIGHT", 400)
 
 
 def pixels(path: Path) -> np.ndarray:
@@ -50,6 +56,7 @@ def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[View, ...], tmp_
     assert [item.name for item in tmp_path.iterdir()] == ["picture.png"]
 
 
+@pytest.mark.usefixtures("small")
 def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -> None:
     mesh = TriangleMesh(*tube())
     scene = loops_scene(mesh, boundary_loops(mesh))
@@ -62,37 +69,30 @@ def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -
     assert ((red > 1.4 * green) & (green > 1.4 * blue) & (red > 120)).mean() < 0.001
 
 
-def failing(status: int, said: str) -> object:
-    return lambda command, **_: subprocess.CompletedProcess(command, status, "", said)
+# what a process does that is to draw
+DRAWING = "import {}; from spinor_geom.isolate import serve; serve(lambda *_: exec({!r}))"
 
 
 @pytest.mark.parametrize(
-    ("status", "said", "words"),
+    ("imported", "done", "words"),
     [
-        (-11, "WARN| libOSMesa not found", "no usable OpenGL library"),
-        (1, "ImportError: libGL.so.1: cannot open shared object file", "no usable OpenGL library"),
-        (1, "Traceback\nMemoryError: out of memory", "MemoryError: out of memory"),
-        (1, "", "status 1"),
+        ("os", "print('WARN| libOSMesa not found'); os.abort()", "no usable OpenGL library"),
+        ("os", "raise ImportError('libGL.so.1: cannot open shared object file')", "no usable OpenGL library"),
+        ("os", "raise MemoryError('out of memory')", "MemoryError: out of memory"),
+        ("os", "os._exit(1)", "status 1"),
+        ("time", "time.sleep(100)", "took longer than 0.5 s"),
     ],
 )
 def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
-    scene: tuple[View, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, status: int, said: str, words: str
+    scene: tuple[View, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imported: str, done: str, words: str
 ) -> None:
-    monkeypatch.setattr(png.subprocess, "run", failing(status, said))
+    (tmp_path / "instead_of_drawing.py").write_text(DRAWING.format(imported, done))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(png, "DRAWING", "instead_of_drawing")
+    monkeypatch.setattr(png, "TIME_LIMIT", 0.5 - png.TIME_OF_FRAME if imported == "time" else 60.0)
     with pytest.raises(RenderError, match=words):
         png.write_png(scene, tmp_path / "picture.png")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_drawing_that_hangs_is_a_typed_error(
-    scene: tuple[View, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def hangs(command: list[str], **options: float) -> None:
-        raise subprocess.TimeoutExpired(command, options["timeout"])
-
-    monkeypatch.setattr(png.subprocess, "run", hangs)
-    with pytest.raises(RenderError, match="longer than"):
-        png.write_png(scene, tmp_path / "picture.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["instead_of_drawing.py"]
 
 
 def test_a_missing_package_is_named_with_its_extra() -> None:
