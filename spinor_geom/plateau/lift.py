@@ -302,7 +302,7 @@ class _SampledBoundary:
         diagonal.add_(len(diagonal[0]) * torch.finfo(gram.dtype).eps * diagonal.mean(-1, keepdim=True))
         wanted = (matrix * torch.cat(right, dim=1)[:, None]).sum(-1)
         if len(self.dz) == 1:
-            x = torch.linalg.solve(gram, wanted)
+            x = _each_solved(gram, wanted)
         else:
             opened = torch.nn.functional.pad(gap_rows(spinors, moves), (0, 0, 0, 3))
             both = torch.linalg.solve(gram, torch.cat([wanted[..., None], opened], dim=-1))
@@ -340,6 +340,14 @@ class _SampledBoundary:
                 zip(is_lifted.tolist(), areas.tolist(), periods.tolist(), strict=True)
             )
         )
+
+
+def _each_solved(matrices: Float[Tensor, "b n n"], right: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
+    """The solutions of systems; on a CPU each is the same to the last bit whatever others there are."""
+    if matrices.is_cuda:
+        return torch.linalg.solve(matrices, right)
+    # a copy of each begins where memory is aligned: LAPACK rounds otherwise elsewhere
+    return torch.stack([torch.linalg.solve(one.clone(), b) for one, b in zip(matrices, right, strict=True)])
 
 
 def _on(curves: CurveTensors, slides: Float[Tensor, "b m k"]) -> _OnCurves:
