@@ -19,8 +19,8 @@ from spinor_geom.plateau.newton import MOST_STEPS, minimised
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface
 
-# Modulus beyond which all but the distance of the rims' means has decayed to rounding errors: there is no surface.
-MOST_MODULUS = 40.0
+# Modulus beyond which all but the distance of the rims' means has decayed to 1e-9 of itself: there is no surface.
+MOST_MODULUS = 20.0
 # Damping of the first step, in units of the metric, and the factor by which it grows and falls.
 _DAMPING, _FACTOR = 1e-2, 4.0
 # Gradients, dampings and falls of the energy at which nothing but rounding errors is left.
