@@ -185,17 +185,12 @@ class RimsSolver:
                 return None
 
     @cached_property
-    def _wanted_nodes(self) -> float:
+    def _coarse_nodes(self) -> int:
         """Nodes on each of two rims that resolve the gap: its width against their length is about the modulus."""
         first, second = (curve.coefficients[-1] for curve in self.curves)
         gap = float(np.mean(cKDTree(first).query(second)[0]))
         length = sum(loop.perimeter for loop in self.loops) / 2
-        return _NODES_PER_GAP * length / max(gap, float(np.finfo(np.float64).tiny))
-
-    @cached_property
-    def _coarse_nodes(self) -> int:
-        """Nodes on each of two rims with which an annulus is sought."""
-        return _even(np.clip(self._wanted_nodes, _FEWEST_NODES, _DENSE_IN_ALL / 2))
+        return _even(np.clip(_NODES_PER_GAP * length / gap, _FEWEST_NODES, _DENSE_IN_ALL / 2))
 
     @cached_property
     def _starts(self) -> tuple[Placement, ...]:
@@ -222,23 +217,13 @@ class RimsSolver:
         return any(curve.degree == min(DEGREES) and not curve.corners.any() for curve in self.curves)
 
     @cached_property
-    def _reversed(self) -> tuple[BoundaryCurve, ...]:
-        return tuple(curve.reversed() for curve in self.curves)
-
-    @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
         """All rims on each step of their way, in both directions."""
         device = self.options.device
         return tuple(
             tuple(
-                Rim(number=k, ways=(CurveTensors.of(curve, device), CurveTensors.of(back, device)))
-                for k, (curve, back) in enumerate(
-                    zip(
-                        curves,
-                        self._reversed if curves is self._way[-1] else [c.reversed() for c in curves],
-                        strict=True,
-                    )
-                )
+                Rim(number=k, ways=(CurveTensors.of(curve, device), CurveTensors.of(curve.reversed(), device)))
+                for k, curve in enumerate(curves)
             )
             for curves in self._way
         )
@@ -361,7 +346,7 @@ class RimsSolver:
         return Found(
             surface=surface,
             curves=tuple(
-                (self._reversed if back else self.curves)[rim.number]
+                self.curves[rim.number].reversed() if back else self.curves[rim.number]
                 for rim, back in zip(placed.rims, placed.back, strict=True)
             ),
             matchings=tuple(_matching(slide) for slide in lift.slides),
