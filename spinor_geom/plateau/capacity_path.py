@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import torch
 from jaxtyping import Float
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import minimize_scalar
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
@@ -28,7 +28,7 @@ from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface, Moduli
 
 # Steps of log M: the largest, and the least before the path is lost.
-_STEP, _LEAST_STEP = 0.3, 0.002
+_STEP, _LEAST_STEP = 0.5, 0.002
 # Gradient and slopes of a point of the path: λ changes its sign where it does, and Newton's method goes on from there.
 _ON_PATH = 1e-6
 
@@ -121,23 +121,33 @@ class _OnPath:
         slopes = slopes / (self.here.domain.rims * self.here.form.steps)
         return torch.cat([torch.zeros_like(self.here.by_slides), slopes])
 
-    def corrected(self, log_modulus: float) -> tuple[_OnPath, float]:
-        """One Newton step to the path at a given log M, and the size of the defect before it."""
+    @cached_property
+    def _gradient(self) -> Float[Tensor, " k"]:
+        """Of E − λT."""
+        gradient, slopes = self.here.gradient(), self.capacity.moduli.slopes
+        gradient[-len(slopes) :] -= self.multiplier * slopes
+        return gradient
+
+    def defect(self, log_modulus: float) -> float:
+        """How far this is from the path at a given log M."""
+        count = len(self.here.by_slides)
+        slides, moduli = self._gradient[:count], self._gradient[count:]
+        along = slides.square().mean().sqrt() / self.here.normal.square().sum(-1).mean().sqrt()
+        return max(float(along), float(moduli.abs().max()) / self.here.energy, abs(self.log_modulus - log_modulus))
+
+    def corrected(self, log_modulus: float) -> _OnPath:
+        """After one Newton step to the path at a given log M."""
         here, count = self.here, len(self.here.by_slides)
-        gradient = here.gradient()
-        gradient[count:] -= self.multiplier * self.capacity.moduli.slopes
         hessian = here.hessian()
         hessian[count:, count:] -= self.multiplier * self.capacity.moduli.hessian
         # the derivative of log M is −(2/T) that of T/2
         pull = torch.cat([torch.zeros_like(here.by_slides), self.capacity.moduli.slopes])
         normal = self.by_log_modulus
         gap = self.log_modulus - log_modulus
-        both = torch.linalg.solve(hessian, torch.stack([-gradient, pull], dim=1))
+        both = torch.linalg.solve(hessian, torch.stack([-self._gradient, pull], dim=1))
         change = (-gap - normal @ both[:, 0]) / (normal @ both[:, 1])
         step = both[:, 0] + change * both[:, 1]
-        slides = gradient[:count].square().mean().sqrt() / here.normal.square().sum(-1).mean().sqrt()
-        size = max(float(slides), float(gradient[count:].abs().max()) / here.energy, abs(gap))
-        return _OnPath(here=here.stepped(step), multiplier=self.multiplier + float(change)), size
+        return _OnPath(here=here.stepped(step), multiplier=self.multiplier + float(change))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,14 +185,29 @@ class _Path:
         """Where |λ| is least between points."""
         sign = math.copysign(1, points[1].multiplier)
         ends = points[0].log_modulus, points[-1].log_modulus
-        found = minimize_scalar(lambda log: sign * self._nearby(points, log).multiplier, bounds=ends, method="bounded")
+        found = minimize_scalar(
+            lambda log: sign * self._nearby(points, log).multiplier,
+            bounds=ends,
+            method="bounded",
+            options={"xatol": _LEAST_STEP},
+        )
         return self._nearby(points, float(found.x))
 
-    def _zero(self, *points: _OnPath) -> HarmonicSurface:
-        """The critical point between two points."""
-        low, high = (point.log_modulus for point in points)
-        zero = float(brentq(lambda log: self._nearby(points, log).multiplier, low, high, xtol=_ON_PATH))
-        return self.problem.critical(self._nearby(points, zero).here.surface)
+    def _zero(self, low: _OnPath, high: _OnPath) -> HarmonicSurface:
+        """The critical point between two points: Newton's method from where λ is about 0, if it stays between them."""
+        while True:
+            share = low.multiplier / (low.multiplier - high.multiplier)
+            width = high.log_modulus - low.log_modulus
+            middle = self._nearby((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
+            found = self.problem.critical(middle.here.surface)
+            log = _OnPath.near(self.problem.point(found)).log_modulus
+            if (
+                middle in (low, high)
+                or width < _LEAST_STEP
+                or (found.size < _ON_PATH and low.log_modulus <= log <= high.log_modulus)
+            ):
+                return found
+            low, high = (middle, high) if middle.multiplier * low.multiplier > 0 else (low, middle)
 
     def _nearby(self, points: Sequence[_OnPath], log_modulus: float) -> _OnPath:
         """The point with a given log M from the nearest of points; that one itself where the way is lost."""
@@ -195,10 +220,10 @@ class _Path:
         goal = near.log_modulus if log_modulus is None else log_modulus
         before = math.inf
         for _ in range(MOST_STEPS):
-            there, size = near.corrected(goal)
+            size = near.defect(goal)
             if size < _ON_PATH:
                 return near
             if not size < before:
                 return None
-            near, before = there, size
+            near, before = near.corrected(goal), size
         return None

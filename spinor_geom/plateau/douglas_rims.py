@@ -19,10 +19,12 @@ from spinor_geom.plateau.newton import MOST_STEPS, minimised
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface
 
-# Modulus beyond which all but the distance of the rims' means has decayed to rounding errors: there is no surface.
-MOST_MODULUS = 40.0
+# Modulus beyond which all but the distance of the rims' means has decayed to 1e-9 of itself: there is no surface.
+MOST_MODULUS = 20.0
 # Damping of the first step, in units of the metric, and the factor by which it grows and falls.
 _DAMPING, _FACTOR = 1e-2, 4.0
+# Share of the energy that is added to the metric of each modulus: the search stays in shallow valleys.
+_STIFF_MODULUS = 0.1
 # Gradients, dampings and falls of the energy at which nothing but rounding errors is left.
 ROUNDING = 1e-13
 # A step of Newton's method at a critical point lowers the gradient at least to this share.
@@ -54,7 +56,9 @@ class RimsProblem:
     def descended(self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False) -> HarmonicSurface | None:
         """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
 
-        A modulus runs away then, or a rim shrinks to a point of it.
+        A modulus runs away then, or a rim shrinks to a point of it. `minimised`, which factors nothing, is no way to
+        here: its steps are not held back in the moduli, so that it leaves shallow valleys (the 5-noid's falls apart),
+        and along splines it takes three times as long.
 
         Args:
             start: a surface.
@@ -75,7 +79,7 @@ class RimsProblem:
             metric = here.stiffness * torch.ones_like(gradient)
             if not fixed:
                 count = len(here.by_slides)
-                metric[count:] = hessian.diagonal()[count:].abs() + 0.1 * here.energy
+                metric[count:] = hessian.diagonal()[count:].abs() + _STIFF_MODULUS * here.energy
             there = None
             while damping < 1 / ROUNDING:
                 damped = hessian.clone()

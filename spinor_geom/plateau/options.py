@@ -83,7 +83,7 @@ class Options:
     tolerance: float = 1e-3
     max_iterations: int = 400
     unstable: str = "leave"
-    between: str = "smooth"
+    between: str = "auto"
     device: torch.device = field(default_factory=lambda: torch.device("cpu"))
 
     def __post_init__(self) -> None:
@@ -96,8 +96,8 @@ class Options:
             )
         if self.unstable not in ("leave", "keep"):
             raise OptionError(f"unknown choice for unstable {self.unstable!r}; choose 'leave' or 'keep'")
-        if self.between not in ("smooth", "free"):
-            raise OptionError(f"unknown choice for between {self.between!r}; choose 'smooth' or 'free'")
+        if self.between not in ("auto", "smooth", "free"):
+            raise OptionError(f"unknown choice for between {self.between!r}; choose 'auto', 'smooth' or 'free'")
         # an unknown optimizer is refused at once
         _ = self.trainer
 

@@ -20,7 +20,7 @@ from spinor_geom.plateau.harmonic_route import points_of_domain, suits_unit_disk
 from spinor_geom.plateau.omega import NodeDensity
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
 from spinor_geom.plateau.rims import obstacle
-from spinor_geom.plateau.roughness import ROUGH_TURN, roughness, roundest
+from spinor_geom.plateau.roughness import ROUGH_TURN, is_rough, roughness, roundest
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
 from spinor_geom.plateau.solutions import find_disks, leave_unstable, lower_beside
 from spinor_geom.plateau.task import Task
@@ -182,7 +182,7 @@ def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]
 
 
 def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
-    rims, options = task.rims, task.options
+    options = task.options
     with task.clock.stage("moduli"):
         reason = obstacle(task.units, task.curves)
     if reason is not None:
@@ -191,7 +191,8 @@ def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
         return (*in_plane, OnCircles())
     if not options.is_free:
         return (*in_plane, ByNetwork())
-    through = (ThroughPoints(),) if options.between == "free" and rims.is_rough else ()
+    is_free = options.between == "free" or (options.between == "auto" and options.model == "auto")
+    through = (ThroughPoints(),) if is_free and any(map(is_rough, task.units, task.curves)) else ()
     if len(task.loops) > 2:
         return (*in_plane, *through, OnCircles())
     on_domain = (ByNetwork(), OnCircles()) if task.network.crowds else (OnCircles(), ByNetwork())

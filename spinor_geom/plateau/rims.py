@@ -20,6 +20,7 @@ from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.cone import parted_by_cone
@@ -35,7 +36,7 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.rims_through_points import surface_through
-from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
+from spinor_geom.plateau.roughness import ROUGH_GRADIENT, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.steps import Steps
 
@@ -184,17 +185,12 @@ class RimsSolver:
                 return None
 
     @cached_property
-    def _wanted_nodes(self) -> float:
+    def _coarse_nodes(self) -> int:
         """Nodes on each of two rims that resolve the gap: its width against their length is about the modulus."""
         first, second = (curve.coefficients[-1] for curve in self.curves)
         gap = float(np.mean(cKDTree(first).query(second)[0]))
         length = sum(loop.perimeter for loop in self.loops) / 2
-        return _NODES_PER_GAP * length / max(gap, float(np.finfo(np.float64).tiny))
-
-    @cached_property
-    def _coarse_nodes(self) -> int:
-        """Nodes on each of two rims with which an annulus is sought."""
-        return _even(np.clip(self._wanted_nodes, _FEWEST_NODES, _DENSE_IN_ALL / 2))
+        return _even(np.clip(_NODES_PER_GAP * length / gap, _FEWEST_NODES, _DENSE_IN_ALL / 2))
 
     @cached_property
     def _starts(self) -> tuple[Placement, ...]:
@@ -206,23 +202,19 @@ class RimsSolver:
 
     @cached_property
     def _way(self) -> tuple[tuple[BoundaryCurve, ...], ...]:
-        """Curves that lead to those of the loops: these alone, or for rough loops from smooth ones on.
+        """Curves that lead to those of the loops: these alone, or to splines from smooth ones on.
 
         Newton's method finds its way through many sharp bends only if they grow on it.
         """
-        if not self.is_rough:
+        if not self._has_splines:
             return (self.curves,)
         ways = [_grown(curve) for curve in self.curves]
         return tuple(zip(*ways, strict=True))
 
     @cached_property
-    def is_rough(self) -> bool:
-        """Whether one of the loops is."""
-        return any(is_rough(loop, curve) for curve, loop in zip(self.curves, self.loops, strict=True))
-
-    @cached_property
-    def _reversed(self) -> tuple[BoundaryCurve, ...]:
-        return tuple(curve.reversed() for curve in self.curves)
+    def _has_splines(self) -> bool:
+        """Whether one of the curves is a cubic spline without corners: its points show no smoother one."""
+        return any(curve.degree == min(DEGREES) and not curve.corners.any() for curve in self.curves)
 
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
@@ -230,14 +222,8 @@ class RimsSolver:
         device = self.options.device
         return tuple(
             tuple(
-                Rim(number=k, ways=(CurveTensors.of(curve, device), CurveTensors.of(back, device)))
-                for k, (curve, back) in enumerate(
-                    zip(
-                        curves,
-                        self._reversed if curves is self._way[-1] else [c.reversed() for c in curves],
-                        strict=True,
-                    )
-                )
+                Rim(number=k, ways=(CurveTensors.of(curve, device), CurveTensors.of(curve.reversed(), device)))
+                for k, curve in enumerate(curves)
             )
             for curves in self._way
         )
@@ -245,7 +231,7 @@ class RimsSolver:
     def _problem(self, placed: Placement, step: int = 0) -> RimsProblem:
         rims = self._rims[step]
         ways = [rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True)]
-        negligible = _NEGLIGIBLE_POWER if self.is_rough else ROUND_OFF
+        negligible = _NEGLIGIBLE_POWER if self._has_splines else ROUND_OFF
         return RimsProblem(
             curves=CurveTensors.batch(ways),
             negligible=negligible,
@@ -317,7 +303,7 @@ class RimsSolver:
         """The surface over the loops' own curves, and with more and more nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
         stable = self._problem(placed).index(surface) == 0
-        if self.is_rough:
+        if self._has_splines:
             n = _even(_PER_EDGE * max(map(len, self.loops)))
             with self.clock.stage("slides"):
                 for step in range(1, len(self._way)):
@@ -330,7 +316,7 @@ class RimsSolver:
                 return
             with self.clock.stage("slides"):
                 if stable and n * len(self.loops) > _DENSE_IN_ALL:
-                    surface = self._settled(problem, surface, n, near=not self.is_rough)
+                    surface = self._settled(problem, surface, n, near=not self._has_splines)
                     continue
                 finer: HarmonicSurface | None = problem.refined(surface, n)
                 if stable and finer is not None and finer.gradient > _POOR:
@@ -344,10 +330,10 @@ class RimsSolver:
         return problem.settled(
             surface,
             n,
-            tolerance=ROUGH_GRADIENT * self.options.tolerance if self.is_rough else ROUNDING,
+            tolerance=ROUGH_GRADIENT * self.options.tolerance if self._has_splines else ROUNDING,
             max_steps=min(MOST_STEPS, self.steps.left),
             near=near,
-            negligible=negligible_energy(edges, self.allowed) if self.is_rough else 0.0,
+            negligible=negligible_energy(edges, self.allowed) if self._has_splines else 0.0,
         )
 
     def _circles(self, placed: Placement) -> list[FourierBoundary]:
@@ -360,7 +346,7 @@ class RimsSolver:
         return Found(
             surface=surface,
             curves=tuple(
-                (self._reversed if back else self.curves)[rim.number]
+                self.curves[rim.number].reversed() if back else self.curves[rim.number]
                 for rim, back in zip(placed.rims, placed.back, strict=True)
             ),
             matchings=tuple(_matching(slide) for slide in lift.slides),
@@ -394,8 +380,8 @@ def _grown(curve: BoundaryCurve) -> list[BoundaryCurve]:
 
 
 def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:
-    """The pairs of `RimMatch` for curve parameters at equal steps."""
-    return np.column_stack([np.arange(len(slide)) / len(slide), slide.cpu().numpy()])
+    """The pairs of `RimMatch` for curve parameters at equal steps, the first one in [0, 1)."""
+    return np.column_stack([np.arange(len(slide)) / len(slide), (slide - slide[0].floor()).cpu().numpy()])
 
 
 def _even(nodes: float) -> int:

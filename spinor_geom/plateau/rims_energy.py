@@ -56,16 +56,6 @@ class HarmonicSurface:
         return float(steps.max()) * self.slides.shape[1] > CROWDED
 
     @property
-    def log_modulus(self) -> float:
-        """Log m, with m the modulus of the annulus between the first two circles."""
-        return math.log(self.domain.modulus)
-
-    @property
-    def slope(self) -> float:
-        """dE/d log m over E."""
-        return float(self.slopes[0])
-
-    @property
     def size(self) -> float:
         """The larger of the gradient and the steepest slope."""
         return max(self.gradient, float(self.slopes.abs().max()))

@@ -43,7 +43,7 @@ class _Rest(TypedDict, total=False):
     tolerance: float
     max_iterations: int
     unstable: Literal["leave", "keep"]
-    between: Literal["smooth", "free"]
+    between: Literal["auto", "smooth", "free"]
     device: str | torch.device
     on_iteration: Callable[[Iteration], None] | None
 
@@ -79,7 +79,7 @@ def solve_plateau(
     tolerance: float = 1e-3,
     max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
-    between: Literal["smooth", "free"] = "smooth",
+    between: Literal["auto", "smooth", "free"] = "auto",
     all_solutions: bool = False,
     device: str | torch.device = "cpu",
     on_iteration: Callable[[Iteration], None] | None = None,
@@ -121,7 +121,9 @@ def solve_plateau(
             "free", for rims of meshes, of which only the points are in the mesh: where they show no smooth curve, Γ is
             the boundary of the surface through the points that is nearest to a discrete minimal disk, or between
             several loops to the surface between averages of them. It is found in hundredths of a second for tens of
-            points, between several loops in seconds, and is not left where it is unstable.
+            points, between several loops in seconds, and is not left where it is unstable. "auto" is "smooth" for one
+            loop and "free" between several, where the curve through noise of some per cent of an edge takes minutes;
+            with a model that is chosen by name it is "smooth".
         all_solutions: look for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too; see `find_disks`. It takes several times as long, and more may exist than are found.
         device: where the linear algebra runs; the surface is returned there.

@@ -106,11 +106,10 @@ class OnCircles:
 
     def model(self, spinors: Complex[Tensor, "2 m k"]) -> PowerSeries | LaurentSeries:
         """One p and q on Ω."""
-        return PowerSeries(_without_round_off(spinors[:, 0].T)) if self.domain.rims == 1 else self.laurent(spinors)
-
-    def laurent(self, spinors: Complex[Tensor, "2 m k"]) -> LaurentSeries:
-        """One p and q on an Ω with holes."""
-        outward, inward = (_without_round_off(part) for part in (spinors[:, 0].T, spinors[:, 1:, 1:].permute(2, 1, 0)))
+        outward = _without_round_off(spinors[:, 0].T)
+        if self.domain.rims == 1:
+            return PowerSeries(outward)
+        inward = _without_round_off(spinors[:, 1:, 1:].permute(2, 1, 0))
         return LaurentSeries(outward, inward.transpose(0, 1), self.domain, antiperiodic=self.antiperiodic)
 
 

@@ -216,6 +216,21 @@ def test_plane_annulus_is_laid_out_as_it_is(hole):
     assert np.ptp(flat.log_scale) < 1e-9
 
 
+@pytest.mark.parametrize("curvature", [0.0, 0.3])
+def test_two_holes_are_laid_out_where_they_are(curvature):
+    outer = ellipse(2.0, 1.0, 0.0, 40)
+    holes = [ellipse(0.3, 0.3, 0.8 + 0.1j, 40)[::-1], ellipse(0.25, 0.4, -0.9 - 0.2j, 40)[::-1]]
+    rims = [outer, *holes]
+    plane = triangulate_polygon(outer, graded_size(np.concatenate(rims), rims=(40, 40, 40)), holes=holes)
+    # a cylinder unrolls as it is
+    x, z = plane.points.real, plane.points
+    bent = (x, 0 * x) if not curvature else (np.sin(curvature * x) / curvature, np.cos(curvature * x) / curvature)
+    vertices = np.column_stack([bent[0], z.imag, bent[1]])
+    flat = flatten(vertices, plane.faces, 120, holes=(40, 40))
+    # of a cylinder the triangles are chords
+    assert same_shape(flat.boundary, np.concatenate(rims)) < (3e-3 if curvature else 1e-9)
+
+
 def test_strip_around_a_tube_becomes_a_ring():
     turn = np.arange(48) / 48
     top, bottom = ring(1.0, 0.3, stretch=3.0).point(turn), ring(1.0, -0.3, stretch=3.0).point(turn)[::-1]

@@ -11,7 +11,7 @@ from spinor_geom import deadline, gallery
 from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SingularMatrixError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
-from spinor_geom.plateau import Cauchy, solve_plateau
+from spinor_geom.plateau import Cauchy, Laurent, solve_plateau
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plan import (
@@ -57,7 +57,7 @@ def finger() -> BoundaryLoop:
     return BoundaryLoop.from_points(np.concatenate([ring[:100], out, out[::-1] * [1, -1, 1], ring[101:]]), corners=())
 
 
-def task_of(loop, *, model="auto", between="smooth", tolerance=1e-3, on_iteration=None) -> Task:
+def task_of(loop, *, model="auto", between="auto", tolerance=1e-3, on_iteration=None) -> Task:
     loops = [loop] if isinstance(loop, (BoundaryLoop, ClosedCurve)) else loop
     return Task.of(loops, Options(model=model, tolerance=tolerance, between=between), on_iteration)
 
@@ -87,7 +87,9 @@ PLANS = {
     "several, by a network": (coaxial(0.5), {"model": "cauchy"}, (ByNetwork(),)),
     "several, in series": (coaxial(0.5), {"model": "series"}, (OnCircles(),)),
     "several, crowded": ((gallery.ellipse(8.0), ring(0.5, 0.3)), {}, (ByNetwork(), OnCircles())),
-    "several, rough, free": (rough_pair(), {"between": "free"}, (ThroughPoints(), OnCircles(), ByNetwork())),
+    "several, rough": (rough_pair(), {}, (ThroughPoints(), OnCircles(), ByNetwork())),
+    "several, rough, smooth": (rough_pair(), {"between": "smooth"}, (OnCircles(), ByNetwork())),
+    "several, rough, by modulus": (rough_pair(), {"model": Laurent()}, (OnCircles(), ByNetwork())),
     "three": (facing(TETRAHEDRON[:3]), {"between": "free"}, (OnCircles(),)),
     "several, plane": ((ring(1.0, 0.0), ring(0.5, 0.0)), {}, (InPlane(), OnCircles(), ByNetwork())),
     "several, apart": (

@@ -271,7 +271,7 @@ def noisy(loops, *, noise=0.15, seed=0):
 # three faces of a cube come so near to each other that places on ∂Ω crowd by 1 : 35
 @pytest.mark.parametrize(("directions", "count"), [(TETRAHEDRON[:3], 60), (CUBE[:3], 60), (TETRAHEDRON, 100)])
 def test_noisy_rims_are_met_in_their_points(directions, count):
-    solution = solve_plateau(noisy(facing(directions, count=count)), between="free")
+    solution = solve_plateau(noisy(facing(directions, count=count)))
     assert solution.route == "vertices"
     assert solution.converged
     assert solution.boundary_residual.rms_per_edge < 1e-3
@@ -288,3 +288,18 @@ def test_noisy_rims_are_met_in_their_points(directions, count):
     loops = [rim.loop for rim in solution.rims]
     np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
     assert _euler(patch.faces) == 2 - len(directions)
+
+
+def test_a_slide_may_begin_a_turn_away():
+    loops = [evenly_sampled(loop.points, 60) for loop in knoid(3, 0.5, 1024)]
+    solution = solve_plateau(noisy(loops, noise=0.3, seed=1))
+    assert solution.route == "vertices"
+    assert solution.converged
+
+
+def test_curves_through_slightly_noisy_points_are_met_in_few_steps():
+    solution = solve_plateau(noisy(facing(CUBE[:3], count=60), noise=0.02, seed=1))
+    assert solution.route == "circles"
+    assert solution.converged
+    # Newton's method from these splines themselves takes 200
+    assert len(solution.history) < 80
