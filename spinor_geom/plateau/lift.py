@@ -10,7 +10,7 @@ is kept by the least change of the same powers. A disk is the case of one rim: n
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TypeVar
@@ -344,10 +344,11 @@ class _SampledBoundary:
 
 def _each_solved(matrices: Float[Tensor, "b n n"], right: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
     """The solutions of systems; on a CPU each is the same to the last bit whatever others there are."""
+    solve: Callable[..., Tensor] = torch.linalg.solve
     if matrices.is_cuda:
-        return torch.linalg.solve(matrices, right)
+        return solve(matrices, right)
     # a copy of each begins where memory is aligned: LAPACK rounds otherwise elsewhere
-    return torch.stack([torch.linalg.solve(one.clone(), b) for one, b in zip(matrices, right, strict=True)])
+    return torch.stack([solve(one.clone(), b) for one, b in zip(matrices, right, strict=True)])
 
 
 def _on(curves: CurveTensors, slides: Float[Tensor, "b m k"]) -> _OnCurves:
