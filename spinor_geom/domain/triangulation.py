@@ -177,7 +177,6 @@ def triangulate_regions(
         if len(middle) == 0:
             break
         mesh.insert(middle, of)
-        mesh.move(mesh.points, np.unique(of))
     smooth(mesh)
     polish(mesh, MIN_ANGLE)
     result = mesh.points * scale[mesh.region] + centre[mesh.region]
