@@ -36,7 +36,7 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.rims_through_points import surface_through
-from spinor_geom.plateau.roughness import ROUGH_GRADIENT, negligible_energy
+from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.steps import Steps
 
@@ -202,19 +202,21 @@ class RimsSolver:
 
     @cached_property
     def _way(self) -> tuple[tuple[BoundaryCurve, ...], ...]:
-        """Curves that lead to those of the loops: these alone, or to splines from smooth ones on.
+        """Curves that lead to those of the loops: these alone, or to noisy ones from smooth ones on.
 
         Newton's method finds its way through many sharp bends only if they grow on it.
         """
-        if not self._has_splines:
+        if not self._is_noisy:
             return (self.curves,)
         ways = [_grown(curve) for curve in self.curves]
         return tuple(zip(*ways, strict=True))
 
     @cached_property
-    def _has_splines(self) -> bool:
-        """Whether one of the curves is a cubic spline without corners: its points show no smoother one."""
-        return any(curve.degree == min(DEGREES) and not curve.corners.any() for curve in self.curves)
+    def _is_noisy(self) -> bool:
+        """Whether one of the loops is rough, or its curve a cubic spline without corners: no smoother one is shown."""
+        return any(map(is_rough, self.loops, self.curves)) or any(
+            curve.degree == min(DEGREES) and not curve.corners.any() for curve in self.curves
+        )
 
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
@@ -231,7 +233,7 @@ class RimsSolver:
     def _problem(self, placed: Placement, step: int = 0) -> RimsProblem:
         rims = self._rims[step]
         ways = [rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True)]
-        negligible = _NEGLIGIBLE_POWER if self._has_splines else ROUND_OFF
+        negligible = _NEGLIGIBLE_POWER if self._is_noisy else ROUND_OFF
         return RimsProblem(
             curves=CurveTensors.batch(ways),
             negligible=negligible,
@@ -303,7 +305,7 @@ class RimsSolver:
         """The surface over the loops' own curves, and with more and more nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
         stable = self._problem(placed).index(surface) == 0
-        if self._has_splines:
+        if self._is_noisy:
             n = _even(_PER_EDGE * max(map(len, self.loops)))
             with self.clock.stage("slides"):
                 for step in range(1, len(self._way)):
@@ -316,7 +318,7 @@ class RimsSolver:
                 return
             with self.clock.stage("slides"):
                 if stable and n * len(self.loops) > _DENSE_IN_ALL:
-                    surface = self._settled(problem, surface, n, near=not self._has_splines)
+                    surface = self._settled(problem, surface, n, near=not self._is_noisy)
                     continue
                 finer: HarmonicSurface | None = problem.refined(surface, n)
                 if stable and finer is not None and finer.gradient > _POOR:
@@ -330,10 +332,10 @@ class RimsSolver:
         return problem.settled(
             surface,
             n,
-            tolerance=ROUGH_GRADIENT * self.options.tolerance if self._has_splines else ROUNDING,
+            tolerance=ROUGH_GRADIENT * self.options.tolerance if self._is_noisy else ROUNDING,
             max_steps=min(MOST_STEPS, self.steps.left),
             near=near,
-            negligible=negligible_energy(edges, self.allowed) if self._has_splines else 0.0,
+            negligible=negligible_energy(edges, self.allowed) if self._is_noisy else 0.0,
         )
 
     def _circles(self, placed: Placement) -> list[FourierBoundary]:

@@ -132,6 +132,15 @@ def test_island_is_recognised_and_joined() -> None:
     assert "loose piece lies in the hole" in ignored.loops[hole].notes[-1]
 
 
+def test_island_in_a_hole_of_a_mesh_cut_along_triangles_is_joined_through_its_points() -> None:
+    _, report = fill_hole("data/spot_cut.obj", [3, 4], islands="join", return_report=True)
+    solution = report.loops[3].solution
+    assert report.loops[3].joined_to == 4
+    assert solution is not None
+    assert solution.route == "vertices"
+    assert report.complete
+
+
 def test_pieces_elsewhere_are_no_islands() -> None:
     for other in (ring(0.2, 0.4, height=2.0), (ring(0.2, 0.4)[0] + [3.0, 0, 0], ring(0.2, 0.4)[1])):
         mesh = TriangleMesh(*together(ring(1.0, 1.5), other))
