@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from time import perf_counter
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -11,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
-from spinor_geom.fill.one_loop import Answer, FillOptions, Found, exact_patches, fill_loop, refuse_what_is_no_hole
+from spinor_geom.fill.one_loop import Answer, FillOptions, Solved, exact_patches, fill_loop, refuse_what_is_no_hole
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch
 from spinor_geom.fill.surroundings import Surroundings
@@ -93,7 +94,7 @@ def fill_between(
     """The patch between several of a mesh's loops, with the outcomes of all, or the reason why there is none."""
     first, *others = places
 
-    def found() -> Found:
+    def found() -> Solved:
         try:
             for place in places:
                 refuse_what_is_no_hole(loops[place], surroundings.taken)
@@ -110,7 +111,9 @@ def fill_between(
         return TwistedRimsError(loops=places) if is_twisted else solution
 
     def answer() -> Answer:
-        return exact_patches([(loops[first], found())], options)[0]
+        begin = perf_counter()
+        one = found()
+        return exact_patches([(loops[first], one, perf_counter() - begin)], options)[0]
 
     here, patch = fill_loop(
         surroundings, first, loops[first], answer, options, others={place: loops[place] for place in others}

@@ -9,7 +9,7 @@ from time import perf_counter
 
 from spinor_geom.fill.bridge import Joins, fill_between
 from spinor_geom.fill.loops import free_rim
-from spinor_geom.fill.one_loop import Answer, FillOptions, Found, exact_patches, fill_loop
+from spinor_geom.fill.one_loop import Answer, FillOptions, Solved, exact_patches, fill_loop
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch
 from spinor_geom.fill.surroundings import Surroundings
@@ -93,12 +93,14 @@ def minimal_patches(
         time_limit=options.time_limit,
         device=device,
     )
-    waiting: list[tuple[BoundaryLoop, Found]] = []
-    start = perf_counter()
+    waiting: list[tuple[BoundaryLoop, Solved, float]] = []
+    start = last = perf_counter()
     for loop, one in zip(loops, found, strict=True):
-        waiting.append((loop, one))
-        if perf_counter() - start > _WAITING:
+        now = perf_counter()
+        waiting.append((loop, one, now - last))
+        last = now
+        if now - start > _WAITING:
             yield from exact_patches(waiting, options)
             waiting.clear()
-            start = perf_counter()
+            start = last = perf_counter()
     yield from exact_patches(waiting, options)

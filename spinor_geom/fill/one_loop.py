@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
+from time import perf_counter
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -45,7 +46,7 @@ MAX_RESIDUAL_PER_EDGE = 0.1
 MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
 _WHOLE_SLIT = 1 - 1e-9
 
-Found: TypeAlias = PlateauSolution | SpinorGeomError
+Solved: TypeAlias = PlateauSolution | SpinorGeomError
 
 
 class Answer(NamedTuple):
@@ -57,7 +58,7 @@ class Answer(NamedTuple):
         seconds: that both took, of what was done together with other loops its share.
     """
 
-    found: Found
+    found: Solved
     made: MadePatch | SpinorGeomError
     seconds: Mapping[str, float]
 
@@ -253,21 +254,26 @@ def _patch_over(
     return MadePatch(patch=patch, rims=rims, solution=None, reason=reason)
 
 
-def exact_patches(found: Sequence[tuple[BoundaryLoop, Found]], options: FillOptions) -> list[Answer]:
-    """What `fill_loop` takes, for loops and their surfaces or the reasons why they have none: all meshed together."""
-    clock = Clock()
-    usable = [_usable(loop, one) for loop, one in found]
+def exact_patches(found: Sequence[tuple[BoundaryLoop, Solved, float]], options: FillOptions) -> list[Answer]:
+    """What `fill_loop` takes, for loops and their surfaces or the reasons why they have none: all meshed together.
+
+    Args:
+        found: the loops with what was found, and the seconds until it was there.
+        options: of the call.
+    """
+    begin = perf_counter()
+    usable = [_usable(loop, one) for loop, one, _ in found]
     meshed = iter(mesh_patches([one for one in usable if isinstance(one, PlateauSolution)], options.target_edge_length))
     made = [_made(one, next(meshed)) if isinstance(one, PlateauSolution) else one for one in usable]
-    clock.lap("mesh")
-    share = clock.laps()["mesh"] / max(1, len(found))
+    share = (perf_counter() - begin) / max(1, len(found))
     return [
-        Answer(one, patch, {"solve": _seconds_of(one), "mesh": share})
-        for (_, one), patch in zip(found, made, strict=True)
+        # a solution knows its own share of what was solved with others
+        Answer(one, patch, {"solve": _solve_seconds(one, seconds), "mesh": share})
+        for (_, one, seconds), patch in zip(found, made, strict=True)
     ]
 
 
-def _usable(loop: BoundaryLoop, found: Found) -> Found:
+def _usable(loop: BoundaryLoop, found: Solved) -> Solved:
     """A surface that can be meshed, or why it is not."""
     if isinstance(found, SpinorGeomError):
         return found
@@ -280,8 +286,8 @@ def _usable(loop: BoundaryLoop, found: Found) -> Found:
     return found
 
 
-def _seconds_of(found: Found) -> float:
-    return sum(found.timings.values()) if isinstance(found, PlateauSolution) else 0.0
+def _solve_seconds(found: Solved, waited: float) -> float:
+    return sum(found.timings.values()) if isinstance(found, PlateauSolution) else waited
 
 
 def _made(solution: PlateauSolution, patch: Patch | SpinorGeomError) -> MadePatch | SpinorGeomError:

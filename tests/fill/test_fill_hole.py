@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -176,6 +177,7 @@ def test_a_loop_that_the_solver_fails_on_is_closed_discretely_and_says_why(monke
     def fails_on_the_first(loops: Iterable[BoundaryLoop], **options: object) -> Iterator[object]:
         for loop in loops:
             if 0 in loop.vertex_ids:
+                time.sleep(0.05)
                 yield FirstFillError("no disk was found over this loop")
             else:
                 yield solve_plateau(loop)
@@ -186,6 +188,10 @@ def test_a_loop_that_the_solver_fails_on_is_closed_discretely_and_says_why(monke
     assert (failed.kind, failed.solution, failed.converged) == ("discrete", None, False)
     assert failed.reason == "a discrete minimal surface, because: no disk was found over this loop"
     assert done.kind == "minimal"
+    # what was lost on it is told, and not as another loop's
+    assert failed.timings["solve"] >= 0.05
+    assert done.solution is not None
+    assert done.timings["solve"] == sum(done.solution.timings.values())
     assert report.watertight
     assert report.closed
     assert not report.complete
