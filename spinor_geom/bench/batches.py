@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from spinor_geom.batching.engine import batch
 from spinor_geom.bench.ragged import CUT, ragged_hole
-from spinor_geom.gallery import noisy_loop
+from spinor_geom.gallery import evenly_sampled, harmonics, noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
 POINTS, NOISE = 100, 0.05
@@ -24,14 +24,14 @@ FILES, FEW_INPUTS = 3000, 300  # of each batch, and refused ones for the memory 
 
 
 def smooth_loop(seed: int, points: int = POINTS) -> BoundaryLoop:
-    """A random curve of three harmonics around an ellipse of up to 2:1."""
+    """Points by arc length of a random curve of three harmonics around an ellipse of up to 2:1."""
     random = np.random.default_rng(seed)
-    t = 2 * np.pi * np.arange(points) / points
-    curve = np.stack([random.uniform(1, 2) * np.cos(t), np.sin(t), np.zeros(points)], axis=1)
+    coefficients = np.zeros((4, 3), dtype=np.complex128)
+    coefficients[1] = random.uniform(1, 2), -1j, 0
     for k in (2, 3):
         cosine, sine = random.uniform(-0.15, 0.15, size=(2, 3)) / k
-        curve += np.cos(k * t)[:, None] * cosine + np.sin(k * t)[:, None] * sine
-    return BoundaryLoop.from_points(curve)
+        coefficients[k] = cosine - 1j * sine
+    return evenly_sampled(harmonics(coefficients), points)
 
 
 def smooth(seed: int, noise: float = 0.0) -> str:

@@ -5,6 +5,7 @@ It stands above the solvers, so that no solver can look at an answer.
 
 from spinor_geom.gallery.chart import Chart as Chart
 from spinor_geom.gallery.curves import ellipse as ellipse
+from spinor_geom.gallery.curves import harmonics as harmonics
 from spinor_geom.gallery.curves import l_shape as l_shape
 from spinor_geom.gallery.curves import plane_polygon as plane_polygon
 from spinor_geom.gallery.curves import polygon as polygon

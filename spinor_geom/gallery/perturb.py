@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from spinor_geom.gallery.known import KnownCurve, KnownSurface
+from spinor_geom.gallery.known import KnownSurface
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import ClosedCurve
 
 _DENSE = 1 << 14
 
 
-def evenly_sampled(curve: KnownCurve | KnownSurface, n: int) -> BoundaryLoop:
+def evenly_sampled(curve: ClosedCurve | KnownSurface, n: int) -> BoundaryLoop:
     """A loop of n points of a curve or a rim without corners, equally far apart along it; its corners are none."""
     return _at_shares(curve, np.arange(n) / n)
 
 
-def unevenly_sampled(curve: KnownCurve | KnownSurface, n: int, *, seed: int, spread: float = 0.8) -> BoundaryLoop:
+def unevenly_sampled(curve: ClosedCurve | KnownSurface, n: int, *, seed: int, spread: float = 0.8) -> BoundaryLoop:
     """A loop of n points of a curve or a rim without corners whose edges differ in length at random, without corners.
 
     Args:
@@ -38,12 +39,12 @@ def noisy_loop(loop: BoundaryLoop, share: float, *, seed: int) -> BoundaryLoop:
     return BoundaryLoop.from_points(loop.points + moves)
 
 
-def _at_shares(curve: KnownCurve | KnownSurface, shares: np.ndarray) -> BoundaryLoop:
+def _at_shares(curve: ClosedCurve | KnownSurface, shares: np.ndarray) -> BoundaryLoop:
     t = np.arange(_DENSE + 1) / _DENSE
     length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(_point(curve, t), axis=0), axis=1)))
     parameters = CubicSpline(length / length[-1], t)(shares)
     return BoundaryLoop.from_points(_point(curve, parameters), corners=())
 
 
-def _point(curve: KnownCurve | KnownSurface, t: np.ndarray) -> np.ndarray:
-    return curve.point(t) if isinstance(curve, KnownCurve) else curve.position(curve.surface.domain.boundary.point(t))
+def _point(curve: ClosedCurve | KnownSurface, t: np.ndarray) -> np.ndarray:
+    return curve.position(curve.surface.domain.boundary.point(t)) if isinstance(curve, KnownSurface) else curve.point(t)
