@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,14 +17,10 @@ from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.interpolation import (
     DEGREES,
-    MIN_POINTS_FOR_HIGH_DEGREE,
-    analytic,
-    by_arcs,
     gauss_nodes,
     piecewise_cubic,
     places_in_piece,
-    predicting_degree,
-    smooth_spline,
+    smooth_curves,
     through,
 )
 
@@ -103,17 +100,22 @@ class BoundaryCurve:
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
         require_distinct_neighbours(loop.points)
-        if not loop.corners.any() and len(loop) >= MIN_POINTS_FOR_HIGH_DEGREE:
-            breaks = by_arcs(loop.points)
-            degree, error = predicting_degree(loop.points, breaks)
-            found = analytic(loop.points, breaks, error)
-            if found is not None:
-                return cls(breaks=found[0], coefficients=found[1], corners=loop.corners)
-            if degree > DEGREES[0]:
-                spline = smooth_spline(loop.points, breaks, degree)
-                return cls(breaks=breaks, coefficients=spline, corners=loop.corners)
-        breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
-        return cls(breaks=breaks, coefficients=coefficients, corners=loop.corners)
+        (curve,) = cls.from_loops([loop])
+        return curve
+
+    @classmethod
+    def from_loops(cls, loops: Sequence[BoundaryLoop]) -> list[BoundaryCurve]:
+        """`from_loop` of several, made together where they have as many points; neighbours are known to be apart."""
+        found: dict[int, tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d_plus_1 m 3"]]] = {}
+        alike: dict[int, list[int]] = defaultdict(list)
+        for i, loop in enumerate(loops):
+            if loop.corners.any():
+                found[i] = piecewise_cubic(loop.points, loop.corners)
+            else:
+                alike[len(loop)].append(i)
+        for group in alike.values():
+            found.update(zip(group, smooth_curves(np.stack([loops[i].points for i in group])), strict=True))
+        return [cls(breaks=found[i][0], coefficients=found[i][1], corners=loop.corners) for i, loop in enumerate(loops)]
 
     @classmethod
     def from_formula(cls, curve: ClosedCurve) -> BoundaryCurve:

@@ -8,7 +8,7 @@ from math import factorial
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, make_interp_spline
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_banded
 from scipy.linalg.lapack import dpotri
 
 # Degrees tried on loops without corners; higher ones gain nothing that float64 can hold.
@@ -38,6 +38,30 @@ MOST_UNEVEN = 40.0
 ANALYTIC_DEGREE = 11
 
 
+def smooth_curves(
+    points: Float[np.ndarray, "b m 3"],
+) -> list[tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d1 m 3"]]]:
+    """Breaks and polynomials of the curves without corners that predict points left out best: see `BoundaryCurve`.
+
+    Args:
+        points: of several loops, which do not know of each other; neighbours are apart.
+    """
+    breaks, cubics = periodic_cubics(points)
+    found = list(zip(breaks, cubics, strict=True))
+    if points.shape[1] < MIN_POINTS_FOR_HIGH_DEGREE:
+        return found
+    arcs = _arc_shares(breaks, cubics)
+    degrees, errors = predicting_degree(points, arcs)
+    even = _left_out_at_equal_steps(points)
+    for i, (degree, error) in enumerate(zip(degrees.tolist(), errors.tolist(), strict=True)):
+        curve = analytic(points[i], arcs[i], error, float(even[i]))
+        if curve is not None:
+            found[i] = curve
+        elif degree > DEGREES[0]:
+            found[i] = arcs[i], smooth_spline(points[i], arcs[i], degree)
+    return found
+
+
 def piecewise_cubic(
     points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "4 m k"]]:
@@ -46,15 +70,58 @@ def piecewise_cubic(
     Returns:
         Breaks from 0 to 1, and coefficients of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
     """
-    closed = np.vstack([points, points[:1]])
-    chord = np.linalg.norm(np.diff(closed, axis=0), axis=1)
-    breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
-    breaks[-1] = 1.0
-    if corners.any():
-        coefficients = _sides(breaks, closed, np.flatnonzero(corners))
-    else:
-        coefficients = CubicSpline(breaks, closed, bc_type="periodic").c
-    return breaks, np.ascontiguousarray(coefficients)
+    if not corners.any():
+        return periodic_cubics(points)
+    breaks = _by_chords(points)
+    return breaks, _sides(breaks, np.vstack([points, points[:1]]), np.flatnonzero(corners))
+
+
+def periodic_cubics(
+    points: Float[np.ndarray, "*b m k"],
+) -> tuple[Float[np.ndarray, "*b m_plus_1"], Float[np.ndarray, "*b 4 m k"]]:
+    """The same of several closed curves of as many points each, without corners."""
+    breaks = _by_chords(points)
+    width = np.diff(breaks)[..., None]
+    secant = (np.roll(points, -1, axis=-2) - points) / width
+    slope = _periodic_slopes(width[..., 0], secant)
+    excess = (slope + np.roll(slope, -1, axis=-2) - 2 * secant) / width
+    return breaks, np.stack([excess / width, (secant - slope) / width - excess, slope, points], axis=-3)
+
+
+def _by_chords(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m_plus_1"]:
+    return _shares(np.linalg.norm(np.roll(points, -1, axis=-2) - points, axis=-1))
+
+
+def _shares(lengths: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*b m_plus_1"]:
+    """Shares of the sum of lengths up to each."""
+    shares = np.zeros((*lengths.shape[:-1], lengths.shape[-1] + 1))
+    shares[..., 1:] = np.cumsum(lengths, axis=-1) / lengths.sum(axis=-1, keepdims=True)
+    shares[..., -1] = 1.0
+    return shares
+
+
+def _periodic_slopes(
+    width: Float[np.ndarray, "*b m"], secant: Float[np.ndarray, "*b m k"]
+) -> Float[np.ndarray, "*b m k"]:
+    """Slopes at the knots of periodic cubic splines, of which widths and slopes of the secants of the pieces are known.
+
+    All curves are one tridiagonal system, whose corners a change of rank one of each curve's part stands for.
+    """
+    before = np.roll(width, 1, axis=-1)
+    right = 3 * (width[..., None] * np.roll(secant, 1, axis=-2) + before[..., None] * secant)
+    lower, diagonal, upper = width.copy(), 2 * (before + width), before.copy()
+    corner, last = lower[..., 0] / -diagonal[..., 0], before[..., -1].copy()
+    unit = np.zeros_like(width)
+    unit[..., 0], unit[..., -1] = -diagonal[..., 0], last
+    diagonal[..., 0] *= 2
+    diagonal[..., -1] -= last * corner
+    lower[..., 0] = upper[..., -1] = 0
+    bands = np.stack([np.roll(upper.ravel(), 1), diagonal.ravel(), np.roll(lower.ravel(), -1)])
+    both = np.concatenate([right, unit[..., None]], axis=-1)
+    solved = solve_banded((1, 1), bands, both.reshape(-1, both.shape[-1])).reshape(both.shape)
+    ends = solved[..., 0, :] + corner[..., None] * solved[..., -1, :]
+    share = ends[..., :-1] / (1 + ends[..., -1:])
+    return np.asarray(solved[..., :-1] - solved[..., -1:] * share[..., None, :])
 
 
 def smooth_spline(
@@ -67,53 +134,54 @@ def smooth_spline(
     return np.stack([*powers, points])
 
 
-def predicting_degree(points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"]) -> tuple[int, float]:
-    """The degree of the local polynomials that predict every second point best from the others.
+def predicting_degree(
+    points: Float[np.ndarray, "*b m 3"], breaks: Float[np.ndarray, "*b m_plus_1"]
+) -> tuple[Int[np.ndarray, "*b"], Float[np.ndarray, "*b"]]:
+    """The degrees of the local polynomials that predict every second point of each curve best from its others.
 
     Also the RMS error that a curve without a degree must stay below to be better: theirs, less a gain for each degree.
     """
+    m = points.shape[-2]
     # an odd number of points leaves two neighbours next to each other; nothing is lost by that
-    kept, left_out = np.arange(0, len(points) - 1, 2), np.arange(1, len(points), 2)
+    kept, left_out = np.arange(0, m - 1, 2), np.arange(1, m, 2)
     errors = []
     for degree in DEGREES:
         # as many kept points to either side: the one before point 2i + 1 is the i-th
         near = np.arange(len(left_out))[:, None] + np.arange(degree + 1) - degree // 2
-        nodes = breaks[kept][near % len(kept)] + near // len(kept) - breaks[left_out, None]
-        predicted = np.einsum("nj,njk->nk", _lagrange_at_0(nodes), points[kept][near % len(kept)])
-        errors.append(np.sqrt(np.mean((predicted - points[left_out]) ** 2)))
-    best = 0
+        places = kept[near % len(kept)]
+        nodes = breaks[..., places] + near // len(kept) - breaks[..., left_out, None]
+        predicted = (_lagrange_at_0(nodes)[..., None] * points[..., places, :]).sum(axis=-2)
+        errors.append(np.sqrt(np.mean((predicted - points[..., left_out, :]) ** 2, axis=(-2, -1))))
+    best, least = np.zeros(points.shape[:-2], dtype=np.int64), errors[0]
     for higher in range(1, len(DEGREES)):
-        if GAIN_PER_DEGREE * errors[higher] < errors[best]:
-            best = higher
-    return DEGREES[best], float(errors[best]) / GAIN_PER_DEGREE**best
+        better = GAIN_PER_DEGREE * errors[higher] < least
+        best, least = np.where(better, higher, best), np.where(better, errors[higher], least)
+    return np.array(DEGREES)[best], least / GAIN_PER_DEGREE**best
 
 
-def _lagrange_at_0(nodes: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+def _lagrange_at_0(nodes: Float[np.ndarray, "*n k"]) -> Float[np.ndarray, "*n k"]:
     """Values at 0 of the polynomials that are 1 at one of k nodes and 0 at the others."""
-    own = np.eye(nodes.shape[1], dtype=bool)
-    differences = np.where(own, 1.0, nodes[:, None, :] - nodes[:, :, None])
-    return np.asarray(np.where(own, 1.0, nodes[:, None, :] / differences).prod(axis=2))
+    own = np.eye(nodes.shape[-1], dtype=bool)
+    differences = np.where(own, 1.0, nodes[..., None, :] - nodes[..., :, None])
+    return np.asarray(np.where(own, 1.0, nodes[..., None, :] / differences).prod(axis=-1))
 
 
 def by_arcs(points: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " m_plus_1"]:
     """The parameters of points as shares of the arc length of the periodic cubic spline through them."""
-    return _arc_shares(*piecewise_cubic(points, np.zeros(len(points), dtype=bool)))
+    return _arc_shares(*periodic_cubics(points))
 
 
 def _arc_shares(
-    breaks: Float[np.ndarray, " m_plus_1"], coefficients: Float[np.ndarray, "d_plus_1 m k"]
-) -> Float[np.ndarray, " m_plus_1"]:
-    """Shares of the length of a curve of polynomial pieces up to their ends."""
+    breaks: Float[np.ndarray, "*b m_plus_1"], coefficients: Float[np.ndarray, "*b d_plus_1 m k"]
+) -> Float[np.ndarray, "*b m_plus_1"]:
+    """Shares of the length of curves of polynomial pieces up to their ends."""
     nodes, weights = gauss_nodes(ARC_NODES)
-    width = np.diff(breaks)
-    h = (width[:, None] * (nodes + 1) / 2)[:, :, None]
+    width, degree = np.diff(breaks), coefficients.shape[-3] - 1
+    h = (width[..., None] * (nodes + 1) / 2)[..., None]
     derivative = np.zeros(())
-    for power, coefficient in zip(range(len(coefficients) - 1, 0, -1), coefficients, strict=False):
-        derivative = derivative * h + power * coefficient[:, None]
-    arcs = width / 2 * (np.linalg.norm(derivative, axis=2) @ weights)
-    shares = np.append(0.0, np.cumsum(arcs) / arcs.sum())
-    shares[-1] = 1.0
-    return shares
+    for place in range(degree):
+        derivative = derivative * h + (degree - place) * coefficients[..., place, :, None, :]
+    return _shares(width * (np.linalg.norm(derivative, axis=-1) * weights).sum(axis=-1))
 
 
 @cache
@@ -164,7 +232,7 @@ def trigonometric_coefficients(points: Float[np.ndarray, "m 3"]) -> Float[np.nda
 
 
 def analytic(
-    points: Float[np.ndarray, "m 3"], arcs: Float[np.ndarray, " m_plus_1"], error: float
+    points: Float[np.ndarray, "m 3"], arcs: Float[np.ndarray, " m_plus_1"], error: float, even: float
 ) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d1 m 3"]] | None:
     """The analytic curve through points, as breaks and polynomials; None where splines predict points left out better.
 
@@ -176,6 +244,7 @@ def analytic(
         points: of a closed curve.
         arcs: their shares of its length, about.
         error: RMS, that points left out must be nearer than, see `predicting_degree`.
+        even: theirs, by equal steps of the parameter.
 
     Source: Dubrule, "Cross validation of kriging in a unique neighborhood" (1983), for the points left out.
     """
@@ -184,7 +253,6 @@ def analytic(
     if edges.max() > MOST_UNEVEN * edges.min():
         return None
     allowed = max(min(1, m / SURE_POINTS) * error, ROUNDING * np.ptp(points, axis=0).max())
-    even = _left_out_at_equal_steps(points)
     if m <= MOST_DENSE:
         weights, left_out = _poisson(points, arcs)
         if left_out < min(allowed, even / AS_GOOD):
@@ -194,22 +262,26 @@ def analytic(
     return (np.arange(m + 1) / m, trigonometric_coefficients(points)) if even < allowed else None
 
 
-def _left_out_at_equal_steps(points: Float[np.ndarray, "m 3"]) -> float:
+def _left_out_at_equal_steps(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b"]:
     """RMS error of each point as the others predict it by the Poisson kernel at equal steps, or by least squares."""
-    m = len(points)
+    m = points.shape[-2]
     k = np.arange(1, m)
     # eigenvalues of the circulant matrix, but for a factor
     kernel = 1 / (SPECTRAL_FALL ** (2 * k / m) + SPECTRAL_FALL ** (2 * (m - k) / m))
     # least squares by the lower two thirds of the harmonics leave the upper ones
     upper = (np.minimum(k, m - k) > m / 3).astype(float)
-    spectrum = np.abs(np.fft.fft(points, axis=0)[1:] / m)
-    return min(float(np.sqrt(((spectrum * w[:, None]) ** 2).sum() / 3) / w.mean()) for w in (kernel, upper))
+    spectrum = np.abs(np.fft.fft(points, axis=-2)[..., 1:, :] / m)
+    squares = (spectrum**2).sum(axis=-1)
+    errors = [np.sqrt((squares * w**2).sum(axis=-1) / 3) / w.mean() for w in (kernel, upper)]
+    return np.asarray(np.minimum(*errors))
 
 
-def _kernel(t: Float[np.ndarray, "*pts"], m: int) -> Float[np.ndarray, "*pts"]:
-    """Poisson's kernel Σ_k q^|k| exp 2πikt, where q^(m/2) is the fall."""
+def _kernel(t: Float[np.ndarray, "*pts"], places: Float[np.ndarray, " j"], m: int) -> Float[np.ndarray, "*pts j"]:
+    """Poisson's kernel Σ_k q^|k| exp 2πik(t − s) for places s, where q^(m/2) is the fall."""
     q = SPECTRAL_FALL ** (2 / m)
-    return np.asarray((1 - q * q) / (1 - 2 * q * np.cos(2 * np.pi * t) + q * q))
+    here, there = np.exp(2j * np.pi * t)[..., None], np.exp(2j * np.pi * places)
+    # the cosine of a difference: many fewer cosines
+    return np.asarray((1 - q * q) / (1 + q * q - 2 * q * (here.real * there.real + here.imag * there.imag)))
 
 
 def _poisson(
@@ -217,7 +289,7 @@ def _poisson(
 ) -> tuple[Float[np.ndarray, "m 3"], float]:
     """Weights of the kernels at given parameters that sum up to points, and the RMS error of each point left out."""
     m, t = len(points), breaks[:-1]
-    matrix = _kernel(t[:, None] - t, m)
+    matrix = _kernel(t, t, m)
     matrix[np.diag_indices(m)] *= 1 + RIDGE
     factor = cho_factor(matrix)
     weights = cho_solve(factor, points - points.mean(axis=0))
@@ -231,6 +303,6 @@ def _poisson_coefficients(
     """Polynomials of the sum of weighted kernels, a piece from each point to the next."""
     width = np.diff(breaks)
     t = breaks[:-1] + width * places_in_piece()[:, None]
-    values = points.mean(axis=0) + _kernel(t[:, :, None] - breaks[:-1], len(points)) @ weights
+    values = points.mean(axis=0) + _kernel(t, breaks[:-1], len(points)) @ weights
     values[0] = points
     return through(values, width)

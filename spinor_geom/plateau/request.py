@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.errors import LoopsMeetError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.errors import LoopsMeetError, SpinorGeomError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, require_simple
 from spinor_geom.plateau.clock import Clock
@@ -23,6 +23,8 @@ from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, Rim
 from spinor_geom.plateau.steps import Iteration, Steps
 
 AnyRequest = TypeVar("AnyRequest", bound="Request")
+# Loops at unit size, their centre and their scale: see `Request`.
+Frame: TypeAlias = tuple[tuple[BoundaryLoop, ...], Float[np.ndarray, "3"], float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,15 +89,7 @@ class Request:
             options: of the call.
             on_iteration: is called after each step.
         """
-        lengths = np.array([loop.perimeter for loop in loops])
-        # relative to the first centre: loops far from the origin lose no digits
-        first = loops[0].centroid
-        centre = first + lengths @ np.stack([loop.centroid - first for loop in loops]) / lengths.sum()
-        scale = _extent(np.concatenate([loop.points for loop in loops]))
-        units = tuple(
-            BoundaryLoop(points=(loop.points - centre) / scale, vertex_ids=loop.vertex_ids, corners=loop.corners)
-            for loop in loops
-        )
+        units, centre, scale = _at_unit_size(loops)
         return cls(
             loops=tuple(loops),
             units=units,
@@ -110,6 +104,30 @@ class Request:
             options=options,
             steps=Steps(limit=options.max_iterations, on_iteration=on_iteration),
         )
+
+    @classmethod
+    def each(
+        cls: type[AnyRequest], loops: Sequence[BoundaryLoop], options: Options
+    ) -> list[AnyRequest | SpinorGeomError]:
+        """The request of a disk over each of several loops, or why it cannot be made: see `of`."""
+        options.require_rims(1)
+        frames = [_frame_or_error(loop) for loop in loops]
+        units = [frame[0][0] for frame in frames if not isinstance(frame, SpinorGeomError)]
+        curves = iter(BoundaryCurve.from_loops(units))
+        return [
+            frame
+            if isinstance(frame, SpinorGeomError)
+            else cls(
+                loops=(loop,),
+                units=frame[0],
+                curves=(next(curves),),
+                centre=frame[1],
+                scale=frame[2],
+                options=options,
+                steps=Steps(limit=options.max_iterations),
+            )
+            for loop, frame in zip(loops, frames, strict=True)
+        ]
 
     @property
     def is_disk(self) -> bool:
@@ -178,6 +196,31 @@ class Request:
                 rim_disks=rim_disks,
             ),
         )
+
+
+def _frame_or_error(loop: BoundaryLoop) -> Frame | SpinorGeomError:
+    """A loop alone at unit size, or why no surface over it can be asked for."""
+    try:
+        _require_apart([loop])
+        frame = _at_unit_size([loop])
+        require_distinct_neighbours(frame[0][0].points)
+    except SpinorGeomError as error:
+        return error
+    return frame
+
+
+def _at_unit_size(loops: Sequence[BoundaryLoop]) -> Frame:
+    """Loops with their common centre at 0 and their common diagonal 1, with both."""
+    lengths = np.array([loop.perimeter for loop in loops])
+    # relative to the first centre: loops far from the origin lose no digits
+    first = loops[0].centroid
+    centre = first + lengths @ np.stack([loop.centroid - first for loop in loops]) / lengths.sum()
+    scale = _extent(np.concatenate([loop.points for loop in loops]))
+    units = tuple(
+        BoundaryLoop(points=(loop.points - centre) / scale, vertex_ids=loop.vertex_ids, corners=loop.corners)
+        for loop in loops
+    )
+    return units, centre, scale
 
 
 def _mean_edge(loops: Sequence[BoundaryLoop]) -> float:

@@ -243,16 +243,15 @@ def _side_by_side(
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     while chunk := list(itertools.islice(loops, BATCH_NODES // FEWEST_NODES)):
         with one_thread():
-            answers = [_planned(loop, options) for loop in chunk]
+            answers = [_planned(task) for task in Task.each(chunk, options)]
             _fit_together(answers, seconds)
         for answer in answers:
             yield answer if isinstance(answer, SpinorGeomError) else _solved(*answer, seconds)
 
 
-def _planned(loop: BoundaryLoop, options: Options) -> Planned | SpinorGeomError:
+def _planned(task: Task | SpinorGeomError) -> Planned | SpinorGeomError:
     try:
-        task = Task.of([loop], options)
-        return task, plan(task)
+        return task if isinstance(task, SpinorGeomError) else (task, plan(task))
     except SpinorGeomError as error:
         return error
 
