@@ -290,25 +290,19 @@ def slid(slide: Float[Tensor, "b n"], direction: Float[Tensor, "b n"], length: f
     return start + (slide + length * direction - start).mean(-1, keepdim=True)
 
 
-def resampled(slide: Float[Tensor, " m"], n: int) -> Float[Tensor, " n"]:
-    """The same slide at n equal steps."""
-    m = len(slide)
+def resampled(slides: Float[Tensor, "*b m"], n: int) -> Float[Tensor, "*b n"]:
+    """The same slides at n equal steps."""
+    m = slides.shape[-1]
     if m == n:
-        return slide
-    even = torch.arange(n, dtype=slide.dtype, device=slide.device) / n
-    fine = band_limited((slide - torch.arange(m, dtype=slide.dtype, device=slide.device) / m)[:, None], n)[:, 0] + even
-    if (torch.diff(fine, append=fine[:1] + 1) > 0).all():
-        return fine
-    # a rough slide overshoots
-    around = slide.cpu().numpy()
-    monotone = PchipInterpolator(np.arange(-2, m + 3) / m, np.concatenate([around[-2:] - 1, around, around[:3] + 1]))
-    return torch.as_tensor(monotone(even.cpu().numpy()), device=slide.device)
-
-
-def band_limited(x: Float[Tensor, "*batch m k"], n: int) -> Float[Tensor, "*batch n k"]:
-    """Trigonometric interpolation of samples at m equal steps on n equal steps."""
-    m = x.shape[-2]
-    # along rows, as in DirichletForm
-    spectrum = torch.fft.rfft(x.mT.contiguous())[..., : min(m, n) // 2]
-    values: Tensor = torch.fft.irfft(spectrum * (n / m), n=n).mT.contiguous()
-    return values
+        return slides
+    even, steps = (torch.arange(k, dtype=slides.dtype, device=slides.device) / k for k in (n, m))
+    spectrum = torch.fft.rfft(slides - steps)[..., : min(m, n) // 2]
+    fine: Tensor = torch.fft.irfft(spectrum * (n / m), n=n) + even
+    # rough slides overshoot
+    rough = (torch.diff(fine, append=fine[..., :1] + 1) <= 0).any(-1)
+    if rough.any():
+        some = slides[rough].cpu().numpy()
+        around = np.concatenate([some[:, -2:] - 1, some, some[:, :3] + 1], axis=-1)
+        monotone = PchipInterpolator(np.arange(-2, m + 3) / m, around, axis=-1)(even.cpu().numpy())
+        fine[rough] = torch.as_tensor(monotone, device=slides.device)
+    return fine

@@ -124,7 +124,7 @@ class RimsProblem:
 
     def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
         """The harmonic surface of the same slides at n nodes on each rim."""
-        return self.at(torch.stack([resampled(slide, n) for slide in surface.slides]), surface.domain)
+        return self.at(resampled(surface.slides, n), surface.domain)
 
     def settled(
         self, surface: HarmonicSurface, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0

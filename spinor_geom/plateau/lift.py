@@ -219,13 +219,13 @@ class _SampledBoundary:
         nodes: Float[Tensor, "b m n"],
         curves: CurveTensors,
     ) -> _SampledBoundary:
-        slides = torch.stack([resampled(row, _EACH * len(row)) for row in nodes.flatten(0, 1)])
-        start = _on(curves, slides.reshape(*nodes.shape[:2], -1))
+        slides = resampled(nodes, _EACH * nodes.shape[-1])
+        start = _on(curves, slides)
         step = torch.diff(start.slides, append=start.slides[..., :1] + 1)
         weights = (step + step.roll(1, -1)) * start.tangent.square().sum(1).sqrt()
         weights = weights / weights.sum((1, 2), keepdim=True)
         return cls(
-            traces=traces, form=form, curves=curves, dz=traces.weights(slides.shape[1]), start=start, weights=weights
+            traces=traces, form=form, curves=curves, dz=traces.weights(slides.shape[-1]), start=start, weights=weights
         )
 
     def at(self, which: Int[Tensor, " j"]) -> _SampledBoundary:

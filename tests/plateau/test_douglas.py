@@ -14,7 +14,6 @@ from spinor_geom import gallery
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.douglas import (
     Slides,
-    band_limited,
     minimise_dirichlet_energies,
     minimise_dirichlet_energy,
     resampled,
@@ -262,27 +261,14 @@ def test_long_ellipse_crowds_on_the_disk_and_says_so(n):
 
 
 @pytest.mark.parametrize(("m", "n"), [(64, 96), (64, 256), (96, 100)])
-def test_band_limited_samples_come_back(m, n):
-    random = np.random.default_rng(0)
-    angles = 2 * np.pi * np.arange(30)
-    c, s = random.normal(size=(2, 30, 3))
-    coarse, fine = (
-        torch.tensor(np.cos(angles * t[:, None]) @ c + np.sin(angles * t[:, None]) @ s)
-        for t in (even(m).numpy(), even(n).numpy())
-    )
-    torch.testing.assert_close(band_limited(coarse, n), fine, rtol=0, atol=1e-12)
-    torch.testing.assert_close(band_limited(fine, m), coarse, rtol=0, atol=1e-12)
-    batch = torch.stack([coarse, 2 * coarse])
-    torch.testing.assert_close(band_limited(batch, n), torch.stack([fine, 2 * fine]), rtol=0, atol=1e-11)
-
-
-def test_smooth_slide_is_resampled_exactly_and_comes_back():
-    def slide(n):
+def test_smooth_slides_are_resampled_exactly_and_come_back(m, n):
+    def slides(n):
         t = even(n)
-        return t + 0.4 + 0.1 * torch.sin(2 * np.pi * t) + 0.02 * torch.cos(6 * np.pi * t)
+        smooth = t + 0.4 + 0.1 * torch.sin(2 * np.pi * t) + 0.02 * torch.cos(6 * np.pi * t)
+        return torch.stack([smooth, t + 0.01 * torch.sin(20 * np.pi * t)])
 
-    torch.testing.assert_close(resampled(slide(64), 200), slide(200), rtol=0, atol=1e-14)
-    torch.testing.assert_close(resampled(resampled(slide(64), 200), 64), slide(64), rtol=0, atol=1e-14)
+    torch.testing.assert_close(resampled(slides(m), n), slides(n), rtol=0, atol=1e-14)
+    torch.testing.assert_close(resampled(slides(n), m), slides(m), rtol=0, atol=1e-14)
 
 
 @settings(max_examples=30)
@@ -293,5 +279,7 @@ def test_rough_slide_increases_when_it_is_resampled(seed, n):
     again = resampled(slide, n)
     assert len(again) == n
     assert (increments(again) > 0).all()
+    # beside others, smooth or rough, it is the same
+    assert torch.equal(resampled(torch.stack([slide, even(120), slide]), n)[2], again)
     # the old nodes lie between the new ones' neighbours
     assert float((resampled(slide, 240)[::2] - slide).abs().max()) < 1e-14
