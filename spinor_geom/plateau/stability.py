@@ -20,6 +20,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Vertices of a mesh beyond which none is refined: finer ones take seconds.
 _MOST_VERTICES = 5000
+# Inner vertices up to which dense eigenvalues are found sooner; of more, relative error of the sparse ones.
+_MOST_DENSE, _EIGENVALUE_ERROR = 200, 1e-8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +173,7 @@ class _Mesh:
     surface: SpinorSurface
     points: Complex[np.ndarray, " n"]
     faces: Int[np.ndarray, "f 3"]
+    spinors: Complex[np.ndarray, "n 2"]  # p and q there
     parameter: Float[np.ndarray, " n"]  # of boundary vertices on ∂Ω; NaN inside
 
     @classmethod
@@ -178,12 +181,12 @@ class _Mesh:
         mesh = surface.domain.triangulation
         parameter = np.full(len(mesh.points), np.nan)
         parameter[: mesh.boundary_size] = surface.domain.arcs[:, 0]
-        return cls(surface, mesh.points, mesh.faces, parameter)
+        return cls(surface, mesh.points, mesh.faces, surface.spinors(mesh.points), parameter)
 
     @cached_property
     def curvature(self) -> Float[np.ndarray, " f"]:
         """∫|K| dA of each face."""
-        return gauss_image_areas(self.surface.spinors(self.points), self.faces)
+        return gauss_image_areas(self.spinors, self.faces)
 
     @property
     def inner(self) -> Int[np.ndarray, " k"]:
@@ -211,7 +214,8 @@ class _Mesh:
         a, b, c = curved[faces].T
         kept = np.unique(faces[np.imag(np.conj(b - a) * (c - a)) <= 0])
         curved[kept] = straight[kept]
-        return _Mesh(self.surface, curved, faces, np.concatenate([self.parameter, parameter]))
+        spinors = np.concatenate([self.spinors, self.surface.spinors(curved[n:])])
+        return _Mesh(self.surface, curved, faces, spinors, np.concatenate([self.parameter, parameter]))
 
     def smallest_eigenvalues(self, count: int) -> Float[np.ndarray, " k"]:
         """The smallest μ."""
@@ -238,10 +242,12 @@ def _smallest_eigenpairs(
     s, m = (csc_array(whole[inner][:, inner]) for whole in (stiffness, mass))
     count = min(count, len(inner))
     # as M u = (1/μ) S u: S is always definite, M need not be
-    if len(inner) <= 2 * count:
+    if len(inner) <= max(_MOST_DENSE, 2 * count):
         inverse, functions = eigh(m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1])
     else:
         solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
-        inverse, functions = spl.eigsh(m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)))
+        inverse, functions = spl.eigsh(
+            m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=_EIGENVALUE_ERROR
+        )
     order = np.argsort(inverse)[::-1]
     return 1 / np.maximum(inverse[order], np.finfo(np.float64).tiny), functions[:, order]
