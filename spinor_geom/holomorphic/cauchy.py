@@ -169,13 +169,12 @@ class CauchyNetwork(torch.nn.Module):
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-            real, imag = _inverse_differences(some, self.poles)
-            a, b, c, d = (real @ by_real + imag @ by_imag).unbind(-1)
+            # a row for each pole: BLAS is slow on narrow columns
+            real, imag = _inverse_differences(self.poles, some)
+            a, b, c, d = by_real @ real + by_imag @ imag
             return torch.stack([torch.complex(a, b), torch.complex(c, d)], dim=-1)
 
-        by_real = torch.view_as_real(units.resolve_conj()).flatten(1)
-        by_imag = torch.view_as_real(1j * units).flatten(1)
-
+        by_real, by_imag = (torch.view_as_real(-unit * units).flatten(1).mT for unit in (1, 1j))
         weights = barycentric_weights(self.leja)
         whole = in_blocks(lambda some: interpolated(some, self.leja, weights, polynomial), z, len(self.leja))
         return whole + in_blocks(part, z, len(self.poles))
@@ -241,16 +240,17 @@ def raw_features(
     """The polynomials Q_0 … Q_d and the units d_k/(z − ζ_k), before they are mixed."""
 
     def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n r"]:
-        real, imag = _inverse_differences(some, poles)
-        return torch.cat([arnoldi_polynomials(some, hessenberg), torch.complex(real * scales, imag * scales)], dim=1)
+        units = torch.complex(*_inverse_differences(some, poles, scales))
+        return torch.cat([arnoldi_polynomials(some, hessenberg), units], dim=1)
 
     return in_blocks(part, z, len(hessenberg) + len(poles))
 
 
 def _inverse_differences(
-    z: Complex[Tensor, " n"], poles: Complex[Tensor, " k"]
+    z: Complex[Tensor, " n"], other: Complex[Tensor, " k"], factors: Float[Tensor, " k"] | float = 1.0
 ) -> tuple[Float[Tensor, "n k"], Float[Tensor, "n k"]]:
-    """Real and imaginary parts of 1/(z − ζ_k): complex division takes several times as long."""
-    x, y = torch.view_as_real(z[:, None] - poles).unbind(-1)
-    inverse = (x * x + y * y).reciprocal()
-    return x * inverse, -y * inverse
+    """Real and imaginary parts of factors by z − ζ_k: complex division takes several times as long."""
+    other = other.to(z.dtype)
+    x, y = z.real[:, None] - other.real, other.imag - z.imag[:, None]
+    inverse = factors / torch.addcmul(x * x, y, y)
+    return x * inverse, y * inverse

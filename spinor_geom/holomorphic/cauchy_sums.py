@@ -17,7 +17,7 @@ _SOURCES_PER_LEAF = 8
 _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
 # as many pairs of a source and a target take less time one by one, so many of them at once that they stay in the cache
-_FEW_PAIRS, _AT_ONCE = 1 << 22, 1 << 16
+_FEW_PAIRS, _AT_ONCE = 1 << 23, 1 << 15
 # pairs of clusters, or sources, at once: their series stay in the cache
 _PAIRS = 1 << 10
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
@@ -38,8 +38,20 @@ def cauchy_sums(
         return fast_sums(sources, strengths, targets)
     step = max(1, _AT_ONCE // max(1, len(sources)))
     parts = np.split(targets, np.arange(step, len(targets), step))
+    # real numbers, and a row for each source: complex division takes twice as long, and BLAS is slow on narrow columns
+    by_x, by_y = (np.concatenate([g.real, g.imag], axis=1).T.copy() for g in (strengths, -1j * strengths))
+    totals = []
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        return np.concatenate([(1 / (sources - some[:, None])) @ strengths for some in parts])
+        for some in parts:
+            x, y = sources.real[:, None] - some.real, sources.imag[:, None] - some.imag
+            inverse = x * x
+            inverse += y * y
+            np.divide(1, inverse, out=inverse)
+            x *= inverse
+            y *= inverse
+            totals.append(by_x @ x + by_y @ y)
+    real, imag = np.split(np.concatenate(totals, axis=1), 2)
+    return np.asarray((real + 1j * imag).T)
 
 
 def fast_sums(
