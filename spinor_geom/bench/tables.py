@@ -68,7 +68,7 @@ def tables(records: Sequence[Record]) -> list[Table]:
     of = {suite: [r for r in records if r["suite"] == suite] for suite in dict.fromkeys(r["suite"] for r in records)}
     cut_outs = [r for r in of.get("cut-outs", []) if r["status"] != "missing"]
     single = (record_table(suite, of.get(suite, [])) for suite in FIELDS)
-    compared = (odd_table(of.get("odd", [])), filler_table(cut_outs), kind_table(cut_outs))
+    compared = (odd_table(of.get("odd", [])), filler_table(cut_outs))
     return [table for table in (claim_table(claims(records)), *compared, *single, trouble_table(records)) if table.rows]
 
 
@@ -153,16 +153,28 @@ def _in_short(record: Record) -> str:
 
 
 def filler_table(records: Sequence[Record]) -> Table:
-    """A line a filler: how many cut-outs it closes, how near it is, how smooth, how quick."""
+    """A line a filler: how many cut-outs it closes, how near it is, how smooth, how quick; then by kind of hole.
+
+    A scan is a kind of its own, and the least distance of each kind is in bold.
+    """
     whole = [r for r in records if is_whole(r)]
     by_case = ([r for r in whole if r["case"] == case] for case in _names(whole, "case"))
     nearest = [min(here, key=lambda r: r["distance"]) for here in by_case]
     smooth = {r["case"]: r["distance"] for r in whole if r["method"] == SMOOTH}
+    kinds: dict[str, dict[str, list[float]]] = {}
+    for r in whole:
+        kind = r["case"].rpartition("-")[0] if r["kind"] == "scan" else r["kind"]
+        kinds.setdefault(kind, {}).setdefault(r["method"], []).append(r["distance"])
     rows = []
     for method in _names(records, "method"):
         here, mine = [r for r in records if r["method"] == method], [r for r in whole if r["method"] == method]
         bends = [r["bend"] / r["removed_bend"] for r in mine if r["bend"] is not None and r["removed_bend"]]
         scans = [r for r in mine if r["kind"] == "scan"]
+        medians = []
+        for by_method in kinds.values():
+            text, values = _median(by_method.get(method, []), ".3g"), by_method.get(method)
+            best = values and median(values) == min(map(median, by_method.values()))
+            medians.append(f"**{text}**" if best else text)
         rows.append(
             (
                 method_name(here[0]),
@@ -172,39 +184,20 @@ def filler_table(records: Sequence[Record]) -> Table:
                 _share([r["method"] == method for r in nearest]),
                 _share([r["method"] == method for r in nearest if r["kind"] == "scan"]),
                 _share([smooth[r["case"]] < r["distance"] for r in scans if r["case"] in smooth and method != SMOOTH]),
-                _median([r["distance"] for r in scans], ".3g"),
                 _median(bends, ".2f"),
                 _median([r["seconds"] for r in mine], ".3f"),
+                _median([r["distance"] for r in scans], ".3g"),
+                *medians,
             )
         )
     columns = ("filler", "closed", "crossing", "mesh kept", "nearest", "nearest on scans", f"{SMOOTH} nearer on scans")
     return Table(
         title="Cut-outs: who puts back what was removed",
-        columns=(*columns, "median distance on scans", "median bend", "median seconds"),
+        columns=(*columns, "bend", "seconds", "distance on scans", *kinds),
         rows=rows,
-        note="Of patches that close their hole. Distances are per diameter of the hole, the bend across the rim per "
-        "the removed piece's.",
-    )
-
-
-def kind_table(records: Sequence[Record]) -> Table:
-    """Median distances, a column a kind of hole, a scan a kind of its own; the least of each in bold."""
-    distances: dict[str, dict[str, list[float]]] = {}
-    for r in (r for r in records if is_whole(r)):
-        kind = r["case"].rpartition("-")[0] if r["kind"] == "scan" else r["kind"]
-        distances.setdefault(kind, {}).setdefault(r["method"], []).append(r["distance"])
-    least = {kind: min(map(median, by_method.values())) for kind, by_method in distances.items()}
-    rows = []
-    for method in _names(records, "method") if distances else ():
-        here = {kind: by_method.get(method, []) for kind, by_method in distances.items()}
-        texts = {kind: _median(values, ".3g") for kind, values in here.items()}
-        best = {kind for kind, values in here.items() if values and median(values) == least[kind]}
-        rows.append((method, *(f"**{text}**" if kind in best else text for kind, text in texts.items())))
-    return Table(
-        title="Cut-outs: median distance by kind",
-        columns=("filler", *distances),
-        rows=rows,
-        note="Per diameter of the hole: of new vertices from a known surface, of the triangles from a scan, both ways.",
+        note="Of patches that close their hole, figures are medians: the bend across the rim per the removed piece's; "
+        "distances per diameter of the hole, on scans and by kind: of new vertices from a known surface, of the "
+        "triangles from a scan, both ways.",
     )
 
 
