@@ -20,8 +20,7 @@ from spinor_geom.bench.claims import LEAST_POINTS, claims
 from spinor_geom.bench.figures import Figure
 from spinor_geom.bench.machine import Record, is_older
 from spinor_geom.bench.measure import DISTANCE
-from spinor_geom.bench.page import LOCAL, table_of
-from spinor_geom.bench.pieces import pieces_of, scale_of
+from spinor_geom.bench.page import LOCAL, pieces_of, scale_of, table_of
 from spinor_geom.bench.runner import read_records
 from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS
 from spinor_geom.bench.tables import OLDER, Table, filler_table

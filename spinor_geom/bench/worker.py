@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.bench.cases import known_case
+from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.claims import LEAST_POINTS
 from spinor_geom.bench.cut_outs import named_cut_out
 from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
-from spinor_geom.bench.limit import points_limit
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measure import cut_out_figures, cut_out_views, disk_figures, hole_figures
 from spinor_geom.bench.methods import LOOP_METHODS

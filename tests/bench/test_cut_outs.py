@@ -12,7 +12,7 @@ from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, is_disk, named_c
 from spinor_geom.bench.fillers import Filled
 from spinor_geom.bench.holes import odd_holes
 from spinor_geom.bench.measure import DISTANCE, cut_out_figures, hole_figures, rim_bend
-from spinor_geom.bench.pieces import pieces_of, scale_of
+from spinor_geom.bench.page import pieces_of, scale_of
 from spinor_geom.bench.runner import measure
 from spinor_geom.bench.suites import Settings, chosen_tasks
 from spinor_geom.bench.tables import tables

@@ -6,10 +6,9 @@ import os
 import numpy as np
 import pytest
 
-from spinor_geom.bench.cases import KNOWN, known_case
+from spinor_geom.bench.cases import KNOWN, known_case, points_limit
 from spinor_geom.bench.fillers import FILLERS, OURS, Filled
 from spinor_geom.bench.holes import hole_over, odd_holes
-from spinor_geom.bench.limit import points_limit
 from spinor_geom.bench.measure import disk_figures, hole_figures
 from spinor_geom.bench.methods import Spanned
 from spinor_geom.bench.ragged import CUT, NOISY, ragged_hole
