@@ -35,9 +35,7 @@ class Case:
     """A known minimal disk and its boundary.
 
     Attributes:
-        name: on the command line and in tables.
         kind: "smooth" loops have no corners; "plane" ones lie in a plane.
-        known: the answer.
         sampling: where the points of smooth loops lie: "formula" as the formula's parameter runs, "even" equally far
             apart along the curve, "uneven" with edges of random lengths.
     """

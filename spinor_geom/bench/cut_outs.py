@@ -45,7 +45,6 @@ class CutOut:
     """A mesh with a hole, and what was in it.
 
     Attributes:
-        name: on the command line and in tables.
         kind: of the hole: "long" windows are many times longer than wide, a "ring" has an island in it, and "tube" is a
             band between two rims.
         hole: the rest of the mesh.

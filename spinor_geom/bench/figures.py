@@ -12,16 +12,7 @@ Kind = Literal["accuracy", "time"]
 
 @dataclass(frozen=True)
 class Figure:
-    """A promise and what became of it.
-
-    Attributes:
-        suite: of the records that it was judged by.
-        case: on which.
-        text: the promise.
-        measured: what was measured.
-        met: whether it is kept.
-        kind: "accuracy" holds on any machine; "time" is told and never checked.
-    """
+    """A promise and what became of it; "accuracy" holds on any machine, "time" is told and never checked."""
 
     suite: str
     case: str
@@ -33,14 +24,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Limit:
-    """What a field of a record has to be.
-
-    Attributes:
-        field: its name.
-        name: of the field, for readers.
-        value: the most that it may be, or what it has to be equal to.
-        kind: as of a `Figure`.
-    """
+    """The most that a field of a record may be, or what it has to be equal to; the name is for readers."""
 
     field: str
     name: str

@@ -35,9 +35,6 @@ class Hole:
     """A mesh with one or more rims to be closed; its other boundaries, which are longer, are to be left open.
 
     Attributes:
-        name: for tables.
-        vertices: of the mesh.
-        faces: of the mesh.
         rim: ids of the vertices of the rims.
         expected: what a tool should do, in a few words; empty where it is to close the rims.
         facing: whether its two rims face each other, so that a tool that can join rims is to join them.

@@ -11,9 +11,8 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.bench.cases import Case
 from spinor_geom.bench.cut_outs import CutOut
-from spinor_geom.bench.fillers import Filled
+from spinor_geom.bench.fillers import Answer, Filled, Mesh
 from spinor_geom.bench.holes import Hole
-from spinor_geom.bench.methods import Spanned
 from spinor_geom.comparison import exact_curvature
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
@@ -25,6 +24,7 @@ from spinor_geom.mesh.intersections import intersections_between, self_intersect
 from spinor_geom.mesh.operators import face_areas, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.solution import PlateauSolution
 
 # of the exact |H|: second derivatives cost some milliseconds a point
 _CURVATURE_POINTS = 100
@@ -41,40 +41,30 @@ DISTANCE = "distance / diameter"
 Figures = dict[str, Any]
 
 
-def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
+def disk_figures(answer: Answer, patch: Mesh, loop: BoundaryLoop, case: Case) -> Figures:
     """The figures of a disk over a known loop."""
-    vertices, faces, diameter = spanned.vertices, spanned.faces, case.diameter
+    vertices, faces, diameter, n = patch.vertices, patch.faces, case.diameter, len(loop)
     figures = patch_figures(vertices, faces, diameter, case.chart)
     edges = {tuple(edge) for edge in boundary_edges(faces).tolist()}
-    n = len(loop)
     figures |= {
-        "area": spanned.area,
-        "area_error": abs(spanned.area / case.area - 1),
+        "area": answer.area,
+        "area_error": abs(answer.area / case.area - 1),
         "mesh_area_error": abs(figures["mesh_area"] / case.area - 1),
         "rim_kept": bool((vertices[:n] == loop.points).all()),
         "open_edges": len(edges ^ {(k, (k + 1) % n) for k in range(n)}),
-        "converged": spanned.converged,
-        "told": spanned.told,
+        "converged": answer.converged,
     }
-    if spanned.solution is not None:
-        solution = spanned.solution
-        figures["solve_seconds"] = sum(solution.solve_timings.values())
-        figures["residual_per_edge"] = solution.boundary_residual.rms_per_edge
-        mesh = solution.domain.triangulation
-        curvature = exact_curvature(solution, mesh.points[mesh.boundary_size :], _CURVATURE_POINTS) * diameter
+    if isinstance(answer, PlateauSolution):
+        figures["told"] = f"route {answer.route}; {answer.reason}"
+        figures["residual_per_edge"] = answer.boundary_residual.rms_per_edge
+        mesh = answer.domain.triangulation
+        curvature = exact_curvature(answer, mesh.points[mesh.boundary_size :], _CURVATURE_POINTS)
         if len(curvature):
-            figures |= {
-                "exact_curvature_median": float(np.median(curvature)),
-                "exact_curvature_max": float(curvature.max()),
-            }
+            figures["exact_curvature_median"] = float(np.median(curvature)) * diameter
         # at vertices inside, which are the surface's own points; those on the rim are given
-        fine = mesh_patch(solution, (4 * solution.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
-        distance = case.chart.distances(fine.vertices[fine.boundary_size :]) / diameter
-        if len(distance):
-            figures |= {
-                "surface_distance_max": float(distance.max()),
-                "surface_distance_mean": float(distance.mean()),
-            }
+        fine = mesh_patch(answer, (4 * answer.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
+        distance = case.chart.distances(fine.vertices[fine.boundary_size :])
+        figures["surface_distance_max"] = float(distance.max() / diameter) if len(distance) else None
     return figures
 
 

@@ -27,13 +27,7 @@ def key(task: Task) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A run that has ended.
-
-    Attributes:
-        folder: of the run.
-        description: settings, machine, versions.
-        records: of all tasks, in their order, each with its task's fields.
-    """
+    """A run that has ended: settings, machine and versions, and the records of all tasks in their order."""
 
     folder: Path
     description: Mapping[str, Any]
@@ -63,10 +57,9 @@ def measure(
     description = _description(settings, place)
     done = {record["key"]: record for record in read_records(place)}
     todo = [task for task in tasks if key(task) not in done]
-    count = len(tasks) - len(todo)
+    counted = itertools.count(len(tasks) - len(todo) + 1)
 
     def keep(task: Task, answer: Record) -> None:
-        nonlocal count
         record: Record = finite({"key": key(task), **task, **answer, **stamp()})
         # a line is whole or, where the process dies in it, dropped when it is read
         with open(place / RECORDS, "a", encoding="utf-8") as file:
@@ -74,9 +67,8 @@ def measure(
             file.flush()
             os.fsync(file.fileno())
         done[record["key"]] = record
-        count += 1
         if on_record is not None:
-            on_record(record, count, len(tasks))
+            on_record(record, next(counted), len(tasks))
 
     # a process for each method has only that one's libraries; one for all saves the imports
     for _, group in itertools.groupby(todo, key=lambda task: None if settings.quick else task["method"]):
@@ -87,17 +79,10 @@ def measure(
 def run_isolated(
     tasks: Iterable[Task], *, module: str, time_limit: float, on_record: Callable[[Task, Record], None]
 ) -> None:
-    """Runs tasks one after the other in a process that is replaced when it crashes or hangs.
+    """Runs tasks one after the other in a process that is replaced when one crashes or takes too many seconds.
 
-    A crash or a hang is one task's, and so is the memory. The process runs the module as a program, which tells one
-    answer to each task. What it writes besides is kept beside the answer, as "said".
-
-    Args:
-        tasks: JSON-ready.
-        module: of the process.
-        time_limit: of each task, in seconds.
-        on_record: called with each task and its answer. A task that crashed has the status "crashed", one
-            that took too long "timed out".
+    The process runs the module as a program, which tells one answer to each task; what it writes besides is kept beside
+    the answer, as "said".
     """
     process = Process(module)
     try:
@@ -128,21 +113,18 @@ def read_records(folder: Path) -> list[Record]:
 
 def _description(settings: Settings, folder: Path) -> dict[str, Any]:
     told = {**asdict(settings), "data": None if settings.data is None else str(settings.data)}
-    here, path = {"settings": told, "machine": machine()}, folder / DESCRIPTION
+    here, path = machine(), folder / DESCRIPTION
     if path.exists():
         before = json.loads(path.read_text(encoding="utf-8"))["machine"]
-        differ = [name for name, value in _compared(here["machine"]).items() if value != _compared(before)[name]]
+        # of ours every record has its commit
+        own = {"versions": {**here["versions"], "spinor-geom": before["versions"]["spinor-geom"]}}
+        differ = [name for name in ("versions", "cores", "processor") if {**here, **own}[name] != before[name]]
         if differ:
             raise OptionError(
                 f"{folder} holds a run on another machine or of other versions ({', '.join(differ)} differ); "
                 "name another folder"
             )
-        here["machine"] = before
-    write_json(path, here)
-    return here
-
-
-def _compared(machine: Mapping[str, Any]) -> dict[str, Any]:
-    # of ours every record has its commit
-    peers = {name: version for name, version in machine["versions"].items() if name != "spinor-geom"}
-    return {"versions": peers, "cores": machine["cores"], "processor": machine["processor"]}
+        here = before
+    description = {"settings": told, "machine": here}
+    write_json(path, description)
+    return description

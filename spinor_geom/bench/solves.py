@@ -48,8 +48,6 @@ class Solve:
     """Something to be solved.
 
     Attributes:
-        suite: of the case.
-        name: of the case.
         subject: makes it.
         limits: what is promised.
         options: of `solve_plateau`.

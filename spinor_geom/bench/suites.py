@@ -13,10 +13,9 @@ from spinor_geom.bench.batches import BATCHES
 from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
-from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTHEST
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, SMOOTHEST
 from spinor_geom.bench.holes import mesh_files, odd_holes
 from spinor_geom.bench.machine import Task
-from spinor_geom.bench.methods import LOOP_METHODS
 from spinor_geom.bench.ragged import CUT, NOISY
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
 from spinor_geom.bench.solves import solves

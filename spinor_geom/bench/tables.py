@@ -9,9 +9,8 @@ from statistics import median
 
 from spinor_geom.bench.claims import claims, is_whole
 from spinor_geom.bench.figures import Figure
-from spinor_geom.bench.fillers import FILLERS, SMOOTH
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
 from spinor_geom.bench.machine import Record, is_older
-from spinor_geom.bench.methods import LOOP_METHODS
 from spinor_geom.render.page import cell, markdown
 
 OLDER = "†"  # a row of ours whose code has changed since
@@ -20,15 +19,7 @@ _SAID = 160
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table of text.
-
-    Attributes:
-        title: its heading.
-        columns: names of the columns.
-        rows: cells, as many in a row as there are columns.
-        note: a sentence below the heading.
-        marked: rows that miss what is promised.
-    """
+    """A table of text with a note below its heading; `marked` rows miss what is promised."""
 
     title: str
     columns: Sequence[str]

@@ -16,11 +16,10 @@ import numpy as np
 from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.claims import LEAST_POINTS
 from spinor_geom.bench.cut_outs import named_cut_out
-from spinor_geom.bench.fillers import FILLERS
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measure import cut_out_figures, cut_out_views, disk_figures, hole_figures
-from spinor_geom.bench.methods import LOOP_METHODS
 from spinor_geom.bench.ragged import ragged_hole
 from spinor_geom.bench.solves import SUITES, solve_figures, solves
 from spinor_geom.errors import SpinorGeomError
@@ -72,8 +71,8 @@ def _solve(task: Task) -> Record:
 def _span(task: Task) -> Record:
     case = known_case(task["case"])
     loop, method = case.loop(task["n"]), LOOP_METHODS[task["method"]]
-    timed, spanned, _ = _timed(lambda: (lambda: method.span(loop), None), task["repeat"])
-    figures = disk_figures(spanned, loop, case)
+    timed, (answer, patch), _ = _timed(lambda: (lambda: method.span(loop), None), task["repeat"])
+    figures = disk_figures(answer, patch, loop, case)
     if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
         figures["limit_error"] = points_limit(case, task["n"])
     return {**timed, **figures}
@@ -112,8 +111,7 @@ def _fill(task: Task) -> Record:
 def _timed(prepare: Callable[[], tuple[Callable[[], Any], Any]], repeat: int) -> tuple[Record, Any, Any]:
     """The median seconds of the calls after one that is not counted, unless that takes so long that it is alone.
 
-    Returns:
-        What was measured, the last call's answer, and what was prepared beside it.
+    Besides, the last call's answer and what was prepared with it.
     """
     seconds: list[float] = []
     while len(seconds) < repeat + 1 and (len(seconds) < 1 or sum(seconds) < _ENOUGH_SECONDS):
