@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from spinor_geom.batching.engine import batch
-from spinor_geom.bench.ragged import CUT, ragged_hole
+from spinor_geom.bench.cut_outs import CUT, ragged_hole
 from spinor_geom.gallery import noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 

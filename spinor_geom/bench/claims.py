@@ -7,11 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import median
 
 from spinor_geom.bench.cases import known_kind
-from spinor_geom.bench.cut_outs import HEIGHTS
+from spinor_geom.bench.cut_outs import CUT, HEIGHTS, NOISY
 from spinor_geom.bench.figures import Figure, Limit, at_most, share
 from spinor_geom.bench.fillers import OUR_FILLERS, OURS, SMOOTH
 from spinor_geom.bench.machine import Record
-from spinor_geom.bench.ragged import CUT, NOISY
 from spinor_geom.bench.solves import SUITES as SOLVED
 from spinor_geom.bench.solves import solves
 

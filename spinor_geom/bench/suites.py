@@ -12,11 +12,10 @@ from typing import Any
 from spinor_geom.bench.batches import BATCHES
 from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
-from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
+from spinor_geom.bench.cut_outs import CAPS, CUT, NOISY, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, SMOOTHEST
 from spinor_geom.bench.holes import mesh_files, odd_holes
 from spinor_geom.bench.machine import Task
-from spinor_geom.bench.ragged import CUT, NOISY
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
 from spinor_geom.bench.solves import solves
 from spinor_geom.errors import OptionError

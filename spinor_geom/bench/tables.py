@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -33,46 +33,34 @@ class Table:
         return "\n".join([f"### {self.title}", "", *note, markdown(self.columns, self.rows)])
 
 
-_FILLED = ("closed", "triangles", "crossings", "mesh_crossings", "old_faces_kept", "residual_per_edge")
-_SOLVED = ("seconds", "rms_per_edge", "max_per_diagonal", "area_error", "converged", "verdict", "untrue", "told")
-_DISK = (
-    *("n", "seconds", "memory_mib", "area_error", "limit_error", "surface_distance_max", "exact_curvature_median"),
-    *("triangles", "mesh_area_error", "distance_max", "curvature_rms", "rim_kept", "open_edges", "crossings"),
-    *("min_angle", "converged"),
+FIELDS = (
+    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "equal", "memory_mib", "closed", "area_error"),
+    *("limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max", "residual_per_edge"),
+    *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),
+    *("rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "converged"),
+    *("verdict", "untrue", "told"),
 )
-FIELDS: Mapping[str, tuple[str, ...]] = {
-    "disks": _DISK,
-    "fills": (
-        *("n", "seconds", *_FILLED, "area_error", "area_excess", "distance_max", "curvature_rms"),
-        *("min_angle", "memory_mib"),
-    ),
-    "meshes": ("seconds", *_FILLED, "nonmanifold_edges", "told"),
-    "ragged": ("seconds", *_FILLED),
-    **dict.fromkeys(("curves", "rims", "speed", "paper"), _SOLVED),
-    "batch": ("files", "seconds", "rate", "files_failed", "driver_mib", "equal"),
-}
-"""What is shown of every single record of a suite; all of it stands in the CSV."""
+"""What is shown of every single record, where its suite has it; all of it stands in the CSV."""
 
 
 def tables(records: Sequence[Record]) -> list[Table]:
     """All tables of a run that have rows."""
     of = {suite: [r for r in records if r["suite"] == suite] for suite in dict.fromkeys(r["suite"] for r in records)}
     cut_outs = [r for r in of.get("cut-outs", []) if r["status"] != "missing"]
-    single = (record_table(suite, of.get(suite, [])) for suite in FIELDS)
+    single = (record_table(suite, here) for suite, here in of.items() if suite not in ("odd", "cut-outs"))
     compared = (odd_table(of.get("odd", [])), filler_table(cut_outs))
     return [table for table in (claim_table(claims(records)), *compared, *single, trouble_table(records)) if table.rows]
 
 
 def record_table(suite: str, records: Iterable[Record]) -> Table:
     """A line a record that is done."""
-    rows = []
+    shown = []
     for record in (r for r in records if r["status"] == "done"):
         told = short(record.get("told") or record.get("said") or "")
-        shown = {**record, "closed": closed(record) if "open_rim_edges" in record else None, "told": told}
-        fields = (cell(shown.get(name)) for name in FIELDS[suite])
-        rows.append((Path(record["case"]).name, method_name(record), *fields))
-    columns = ("case", "method", *(name.replace("_", " ") for name in FIELDS[suite]))
-    return Table(title=f"Suite {suite}", columns=columns, rows=rows)
+        shown.append({**record, "closed": closed(record) if "open_rim_edges" in record else None, "told": told})
+    names = [name for name in FIELDS if any(record.get(name) is not None for record in shown)]
+    rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in names)) for r in shown]
+    return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in names)), rows=rows)
 
 
 def short(text: str) -> str:

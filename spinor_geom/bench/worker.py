@@ -15,12 +15,11 @@ import numpy as np
 
 from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.claims import LEAST_POINTS
-from spinor_geom.bench.cut_outs import named_cut_out
+from spinor_geom.bench.cut_outs import named_cut_out, ragged_hole
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measure import cut_out_figures, cut_out_views, disk_figures, hole_figures
-from spinor_geom.bench.ragged import ragged_hole
 from spinor_geom.bench.solves import SUITES, solve_figures, solves
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import atomic_path
