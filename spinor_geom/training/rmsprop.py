@@ -33,9 +33,8 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
-from spinor_geom.training.boundary import as_boundary_curve, diagonal_of, move_to
+from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.homeomorphism import CircleHomeomorphism
-from spinor_geom.training.rays import FORMS, RayBoundary
 from spinor_geom.training.result import Status, Trained, TrainingStep, taken_by
 
 # of files with the state of a training
