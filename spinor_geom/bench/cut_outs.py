@@ -143,10 +143,7 @@ SURFACES: Mapping[str, tuple[Callable[[], _Mesh], Distances]] = {
     },
     "plane": (_plane, lambda points: np.abs(points[:, 2])),
     "cylinder": (_cylinder, lambda points: np.abs(_axis_distance(points) - TUBE)),
-    "torus": (
-        _torus,
-        lambda points: np.abs(np.hypot(_axis_distance(points) - TORUS, points[:, 2]) - TORUS_TUBE),
-    ),
+    "torus": (_torus, lambda points: np.abs(np.hypot(_axis_distance(points) - TORUS, points[:, 2]) - TORUS_TUBE)),
 }
 """Meshes of known surfaces, and the distance of points from each."""
 

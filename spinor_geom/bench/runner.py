@@ -35,10 +35,7 @@ class Run:
 
 
 def measure(
-    settings: Settings,
-    folder: str | os.PathLike[str],
-    *,
-    on_record: Callable[[Record, int, int], None] | None = None,
+    settings: Settings, folder: str | os.PathLike[str], *, on_record: Callable[[Record, int, int], None] | None = None
 ) -> Run:
     """Measures all that a run is to measure; what an earlier, killed run left in the folder is not measured again.
 

@@ -30,12 +30,7 @@ _DEGREE, _SEED = 5, 0
 
 
 def lasting(*, orders: Sequence[int], random: int) -> Outcome:
-    """Finds the branch points of prescribed and of random pairs, in both forms.
-
-    Args:
-        orders: of common zeros of p and q, and of zeros of f.
-        random: number of pairs of polynomials with random coefficients, of each form.
-    """
+    """Finds the branch points of pairs with zeros of prescribed orders and of so many random ones, in both forms."""
     rows = [prescribed_row(form, order) for form in FORMS for order in orders]
     as_said = all(row["removable"] == (row["order of φ"] % 2 == 0) for row in rows)
     generator = np.random.default_rng(_SEED)

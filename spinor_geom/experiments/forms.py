@@ -40,13 +40,7 @@ def twisted_circle(*, rmsprop: RMSprop, network: LevenbergMarquardt) -> Outcome:
 
 
 def tennis_seam(*, parameters: Sequence[float], rmsprop: RMSprop, network: LevenbergMarquardt) -> Outcome:
-    """Runs every method on every seam, and tells which of its minimal disks each finds.
-
-    Args:
-        parameters: a of each seam.
-        rmsprop: the paper's training.
-        network: ours.
-    """
+    """Runs every method on the seam of each a, and tells which of its minimal disks each finds."""
     rows: list[dict[str, Any]] = []
     pictures: dict[str, Figure] = {}
     verdicts, failed = [], True

@@ -28,13 +28,7 @@ _DISTANCE = "largest distance from Γ / diagonal"
 
 
 def tangents(*, weights: Sequence[float], epochs: Sequence[int], rmsprop: RMSprop) -> Outcome:
-    """Trains with each weight of the tangents' term, from the same start.
-
-    Args:
-        weights: λ of each training.
-        epochs: after which the surface is looked at.
-        rmsprop: the paper's training.
-    """
+    """Trains with each weight λ of the tangents' term from the same start, and looks at it after some epochs."""
     curve = twisted_circle()
     rows: list[dict[str, Any]] = []
     drawn, lines = {}, {}
@@ -72,12 +66,8 @@ def _at_epochs(curve: KnownCurve, options: RMSprop, epochs: Sequence[int]) -> li
 def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[float], depth: int) -> Outcome:
     """Measures distance from Γ against wall-clock time: every method on every curve.
 
-    Args:
-        curves: names of `CURVES`.
-        rmsprop: the paper's training.
-        tolerances: largest distances, in diagonals, that the network by Levenberg-Marquardt and the Cauchy network are
-            asked for; each is a run of its own.
-        depth: hidden layers of the network by Levenberg-Marquardt.
+    The tolerances are largest distances, in diagonals, that the network by Levenberg-Marquardt (of so many hidden
+    layers) and the Cauchy network are asked for; each is a run of its own.
     """
     rows: list[dict[str, Any]] = []
     pictures, ratios = {}, []

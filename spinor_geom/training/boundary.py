@@ -46,12 +46,9 @@ def diagonal_of(curve: BoundaryCurve) -> float:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryNodes:
-    """Nodes on ∂Ω.
+    """Nodes on ∂Ω, their parameters t increasing, with dz/dt.
 
     Attributes:
-        t: their parameters, increasing.
-        z: the nodes.
-        dz: dz/dt.
         weights: of the mean over t; their sum is 1.
         integral: (n, n), values at the nodes to ∫ f dt, up to a constant.
     """
@@ -92,13 +89,7 @@ class BoundaryNodes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placed:
-    """The boundary of a surface next to Γ.
-
-    Attributes:
-        position: (n, 3), r at the nodes.
-        slide: (n,), parameter of the point of Γ near each node.
-        error: (n, 3), r − Γ(slide).
-    """
+    """The boundary of a surface next to Γ: r at the nodes, parameters of the points of Γ near them, and r − Γ."""
 
     position: Float[Tensor, "n 3"]
     slide: Float[Tensor, " n"]
@@ -115,12 +106,7 @@ def placed(
 ) -> Placed:
     """The boundary of the surface of p and q, its constant such that it is as near to Γ as it can be.
 
-    Args:
-        nodes: on ∂Ω.
-        spinors: p and q at the nodes.
-        slide: where on Γ to look for the nearest points.
-        curve: Γ.
-        held: keep the slide as it is.
+    The nearest points are looked for from the slide on, which is kept as it is where it is `held`.
     """
     position = nodes.positions(spinors)
     position = position - nodes.weights @ (position - curve.point_and_derivative(slide)[0])
@@ -142,12 +128,7 @@ FORMS = {"spinor": phi, "weierstrass-enneper": weierstrass_phi}
 
 
 class RayBoundary(torch.nn.Module):
-    """The boundary r(e^{2πis}) of a surface over the unit disk.
-
-    Attributes:
-        network: p and q, or f and g.
-        constant: c = r(0).
-    """
+    """The boundary r(e^{2πis}) of a surface over the unit disk with r(0) = c, of p and q or of f and g."""
 
     nodes: Tensor
     weights: Tensor

@@ -85,14 +85,7 @@ class LevenbergMarquardt:
                 f"{self.nodes}, {self.distillation_steps}, {self.polishing_steps} and {self.tolerance}"
             )
 
-    def disk(
-        self,
-        curve: BoundaryCurve,
-        *,
-        start: PlateauSolution | None,
-        device: torch.device,
-        steps: Steps,
-    ) -> Found:
+    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
         """A minimal disk over a curve at unit size; see `plateau.trained_route.Trainer`."""
         unit = None
         if start is not None:
@@ -258,12 +251,7 @@ class _Training:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Distillation:
-    """The distance of p and q from given ones.
-
-    Attributes:
-        linear: the network.
-        values: p and q as they should be.
-    """
+    """The distance of the network's p and q from given ones."""
 
     linear: Linearisation
     values: Complex[Tensor, "n 2"]
@@ -294,16 +282,10 @@ class Distillation:
 class Polish:
     """The distance of a surface's boundary from Γ, the slide along Γ eliminated.
 
-    The distance of a node counts only in the two directions normal to Γ, and the node's point of Γ is the nearest one.
-    The real parts of complex rows make a real dual system of two equations a node.
-
-    Attributes:
-        linear: the network.
-        nodes: on ∂Ω.
-        curve: Γ.
-        slide: parameter of the point of Γ near each node, where the nearest are looked for.
-        held: whether the slide is kept, and the distance from its points counts in all directions: the way from random
-            parameters, whose surface is far from Γ everywhere.
+    The distance of a node counts only in the two directions normal to Γ, and the node's point of Γ is the nearest one,
+    looked for from the slide on. Where the slide is `held` the distance from its points counts in all directions: the
+    way from random parameters, whose surface is far from Γ everywhere. The real parts of complex rows make a real dual
+    system of two equations a node.
     """
 
     linear: Linearisation
@@ -374,9 +356,6 @@ def descend(
         tolerance: distance at which it stops.
         max_steps: most steps.
         on_step: called with the distance after each step.
-
-    Returns:
-        The distance where it was left.
     """
     reference, since = rms(fit), 0
     shares = torch.full_like(fit.losses, damping)

@@ -107,14 +107,7 @@ class RMSprop:
         if self.representation not in FORMS:
             raise OptionError(f"unknown representation {self.representation!r}; choose one of: {', '.join(FORMS)}")
 
-    def disk(
-        self,
-        curve: BoundaryCurve,
-        *,
-        start: PlateauSolution | None,
-        device: torch.device,
-        steps: Steps,
-    ) -> Found:
+    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
         """A minimal disk over a curve at unit size, from random parameters; see `plateau.trained_route.Trainer`."""
         assert start is None
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
@@ -346,12 +339,7 @@ def boundary_loss(
 ) -> Float[Tensor, ""]:
     """L_distance + λ L_tangent of two closed curves, as the mean over samples of ∫ |x − y|² + λ(1 − v·w/(|v||w|)) dt.
 
-    Args:
-        of: points x of the one curve, in units of space, and its velocities v there.
-        onto: those of the other.
-        tangent_weight: λ.
-
-    Source: Sun & Chern (2026), losses of the boundary.
+    Each curve is its points and its velocities there. Source: Sun & Chern (2026), losses of the boundary.
     """
     (x, v), (y, w) = of, onto
     distance = (x - y).square().sum(-1).mean()

@@ -29,8 +29,7 @@ from spinor_geom.experiments import (
     quadrature,
     trainings,
 )
-from spinor_geom.experiments.experiment import Outcome, experiment
-from spinor_geom.experiments.report import Done, report, reproduce
+from spinor_geom.experiments.experiment import Done, Outcome, experiment, report, reproduce
 from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
 from spinor_geom.holomorphic import PowerSeries
 from spinor_geom.surface import SpinorSurface
