@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
@@ -254,36 +254,31 @@ NOISY: Mapping[str, tuple[float, int]] = {
 
 
 def ragged_hole(name: str) -> Hole:
-    """The rim of a name."""
-    return _collar(*NOISY[name]) if name in NOISY else _cut_rims()[CUT.index(name)]
-
-
-def _collar(noise: float, points: int) -> Hole:
-    """A strip outside a noisy ellipse."""
-    random = np.random.default_rng(points)
+    """The rim of a name: inside a strip that goes down from a noisy ellipse, or cut."""
+    if name not in NOISY:
+        return replace(_cut_holes()[CUT.index(name)], name=name)
+    noise, points = NOISY[name]
     t = 2 * np.pi * np.arange(points) / points
     rim = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)])
     edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1).mean()
-    inner = rim + noise * edge * random.standard_normal(rim.shape)
-    outer = np.column_stack([2.6 * np.cos(t), 1.6 * np.sin(t), np.full(points, -0.8)])
-    return collar(f"noise-{noise:.0%}-{points}", inner, outer)
+    inner = rim + noise * edge * np.random.default_rng(points).standard_normal(rim.shape)
+    return collar(name, inner, np.column_stack([2.6 * np.cos(t), 1.6 * np.sin(t), np.full(points, -0.8)]))
 
 
 @lru_cache(maxsize=1)
-def _cut_rims() -> tuple[Hole, ...]:
-    return tuple(replace(hole, name=name) for name, hole in zip(CUT, _cut_holes(), strict=False))
-
-
-def _cut_holes() -> Iterator[Hole]:
+def _cut_holes() -> list[Hole]:
     """Caps and windows of icospheres, UV spheres, tori, cylinders and noisy ellipsoids, each with a single rim."""
-    random = np.random.default_rng(0)
+    random, found = np.random.default_rng(0), list[Hole]()
     for make, least, most in itertools.cycle(_MESHES):
         mesh = make(random)
         centre = _side(random) if make is _can else mesh.vertices[int(random.integers(len(mesh.vertices)))]
         removed = np.linalg.norm(mesh.triangles_center - centre, axis=1) <= random.uniform(least, most)
         hole = cut("", "curved", (np.array(mesh.vertices), np.array(mesh.faces)), removed).hole
         if len(hole.loops) == 1 and SHORTEST <= len(hole.loops[0]) <= LONGEST:
-            yield hole
+            found.append(hole)
+        if len(found) == len(CUT):
+            break
+    return found
 
 
 def _uv_sphere(random: np.random.Generator) -> trimesh.Trimesh:

@@ -123,7 +123,7 @@ def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n
 @cache
 def odd_holes() -> Mapping[str, Hole]:
     """Rims that are no ordinary holes, and those of other projects' tests, rebuilt from what they say."""
-    return {hole.name: hole for hole in (*_odd(), *_peer_tests())}
+    return {hole.name: hole for hole in _odd()}
 
 
 def _odd() -> Iterator[Hole]:
@@ -148,10 +148,7 @@ def _odd() -> Iterator[Hole]:
     yield Hole(name="slit", vertices=points, faces=faces, rim=rim, expected="merge its sides: there is nothing to fill")
     for height in (0.5, 0.6, 0.7):
         yield facing_rims(height)
-
-
-def _peer_tests() -> Iterator[Hole]:
-    """Holes that the test suites of PMP, MeshLib, trimesh and CGAL fill."""
+    # holes that the test suites of PMP, MeshLib, trimesh and CGAL fill
     t, i = 2 * np.pi * np.arange(8) / 8, np.arange(8)
     cone = np.concatenate([np.stack([np.cos(t), np.sin(t), 0 * t], axis=1), [[0, 0, 1.5]]])
     # PMP: a cone of radius 1 and height 1.5 without its base
@@ -160,11 +157,11 @@ def _peer_tests() -> Iterator[Hole]:
     ring = trimesh.creation.torus(2.0, 1.0, major_sections=10, minor_sections=10)
     yield all_rims("torus-window", ring.vertices, ring.faces[1:], "one triangle")
     # MeshLib: a prism less three triangles: rims of three and four edges with two common vertices
-    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
     ends, sides = [[0, 2, 1], [3, 4, 5]], [[0, 1, 3], [2, 5, 4], [2, 3, 5]]
-    yield all_rims("prism", points, ends + sides, "two patches of one and two triangles")
+    yield all_rims("prism", corners, ends + sides, "two patches of one and two triangles")
     # MeshLib: two triangles at distance 1, to be joined by a prism's sides
-    yield replace(all_rims("facing-triangles", points, ends, "the three sides of a prism, or refused"), facing=True)
+    yield replace(all_rims("facing-triangles", corners, ends, "the three sides of a prism, or refused"), facing=True)
     # trimesh: a cube less its first and last triangle
     box = trimesh.creation.box()
     yield all_rims("holey-cube", box.vertices, box.faces[1:-1], "one triangle in each of two sides")

@@ -181,12 +181,9 @@ def _curves() -> Iterator[Solve]:
     # what is promised of random ones is promised of all together
     for seed in range(RANDOM):
         noise = RANDOM_NOISE if seed % 2 else 0.0
-        subject, options = partial(_random_loop, seed, noise), {"tolerance": 1e-3 if noise else 1e-6}
+        subject = partial(_noisy, gallery.random_curve(seed), RANDOM_POINTS, noise, seed)
+        options = {"tolerance": 1e-3 if noise else 1e-6}
         yield Solve("curves", f"random curve {seed}", subject, (), options, also="truth")
-
-
-def _random_loop(seed: int, noise: float) -> BoundaryLoop:
-    return _noisy(gallery.random_curve(seed), RANDOM_POINTS, noise, seed)
 
 
 def _noisy(curve: KnownCurve, n: int, noise: float, seed: int) -> BoundaryLoop:

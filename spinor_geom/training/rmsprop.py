@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import torch
@@ -47,6 +47,8 @@ _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192
 _DIAGONAL = 2 * math.sqrt(2)
 # points by which a checkpoint knows its curve, and the largest distance, in diagonals, between those of the same one
 _COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
+# points of a closed curve, and velocities there
+Moving: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]
 # options that a checkpoint goes on from whatever they were
 _FREE = ("epochs", "checkpoint", "checkpoint_every")
 
@@ -156,6 +158,7 @@ class _Training:
 
     def __init__(self, curve: BoundaryCurve, options: RMSprop, device: torch.device) -> None:
         self.options, self.device = options, device
+        self.path = None if options.checkpoint is None else Path(options.checkpoint)
         self.random = torch.Generator().manual_seed(options.seed)
         network = ComplexMLP(
             depth=options.depth,
@@ -177,11 +180,6 @@ class _Training:
             for name, module in self.modules.items()
         }
         self.history: list[TrainingStep] = []
-
-    @property
-    def path(self) -> Path | None:
-        """The file of the state."""
-        return None if self.options.checkpoint is None else Path(self.options.checkpoint)
 
     # --- Algorithm 1 --------------------------------------------------------------------------------------------------
 
@@ -217,25 +215,20 @@ class _Training:
         # both updates draw points of their own, as the algorithm says
         drawn = torch.rand(2, options.points, dtype=torch.float64, generator=self.random).to(self.device)
         losses = []
-        for surface_points, circle_points in zip(*(torch.split(row, options.batch) for row in drawn), strict=True):
-            losses.append(self._update("surface", self._surface_loss(surface_points)))
-            self._update("homeomorphism", self._homeomorphism_loss(circle_points))
+        for t, s in zip(*(torch.split(row, options.batch) for row in drawn), strict=True):
+            with torch.no_grad():
+                onto = self.curve.point_and_derivative(self.homeomorphism.inverse(t))
+            losses.append(self._update("surface", self.boundary.point_and_velocity(t), onto))
+            of = self.boundary.moved_with(self.homeomorphism(s))
+            self._update("homeomorphism", of, self.curve.point_and_derivative(s))
         return float(torch.stack(losses).mean())
 
-    def _update(self, name: str, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
+    def _update(self, name: str, of: Moving, onto: Moving) -> Float[Tensor, ""]:
+        loss = boundary_loss(of, onto, tangent_weight=self.options.tangent_weight)
         self.optimizers[name].zero_grad()
         loss.backward()  # type: ignore[no-untyped-call] # torch leaves it untyped
         self.optimizers[name].step()
         return loss.detach()
-
-    def _surface_loss(self, t: Float[Tensor, " n"]) -> Float[Tensor, ""]:
-        with torch.no_grad():
-            onto = self.curve.point_and_derivative(self.homeomorphism.inverse(t))
-        return boundary_loss(self.boundary.point_and_velocity(t), onto, tangent_weight=self.options.tangent_weight)
-
-    def _homeomorphism_loss(self, t: Float[Tensor, " n"]) -> Float[Tensor, ""]:
-        of, onto = self.boundary.moved_with(self.homeomorphism(t)), self.curve.point_and_derivative(t)
-        return boundary_loss(of, onto, tangent_weight=self.options.tangent_weight)
 
     def _diverged(self, loss: float) -> bool:
         finite = all(bool(parameter.isfinite().all()) for parameter in self.modules.parameters())
@@ -331,12 +324,7 @@ class _Training:
         )
 
 
-def boundary_loss(
-    of: tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]],
-    onto: tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]],
-    *,
-    tangent_weight: float,
-) -> Float[Tensor, ""]:
+def boundary_loss(of: Moving, onto: Moving, *, tangent_weight: float) -> Float[Tensor, ""]:
     """L_distance + λ L_tangent of two closed curves, as the mean over samples of ∫ |x − y|² + λ(1 − v·w/(|v||w|)) dt.
 
     Each curve is its points and its velocities there. Source: Sun & Chern (2026), losses of the boundary.
