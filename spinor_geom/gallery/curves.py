@@ -42,13 +42,7 @@ _SCHERK_AREAS = {1.0: 1.08724596383763888, 2.0: 5.69751221158705744, 2.5: 11.495
 
 
 def twisted_circle(radius: float = 1.0, k: int = 3, amplitude: float = 0.2) -> KnownCurve:
-    """The sinusoidally perturbed circle (R cos t, R sin t, α sin kt).
-
-    Args:
-        radius: R.
-        k: number of waves.
-        amplitude: α.
-    """
+    """The sinusoidally perturbed circle (R cos t, R sin t, α sin kt) of radius R, k waves and amplitude α."""
     known = (radius, k, amplitude) == (1.0, 3, 0.2)
     return _fourier(
         (1, (radius, -1j * radius, 0)),
@@ -63,9 +57,6 @@ def tennis_seam(a: float = 0.8) -> KnownCurve:
     """The seam of a tennis ball on the unit sphere: (a cos t + b cos 3t, a sin t − b sin 3t, 2√(ab) sin 2t), b = 1 − a.
 
     Between a = 0.78 and 0.76 the symmetric disk stops being stable; below, two mirror images of lower area are.
-
-    Args:
-        a: in (0, 1).
 
     Raises:
         OptionError: a is not in (0, 1).
@@ -84,12 +75,7 @@ def tennis_seam(a: float = 0.8) -> KnownCurve:
 
 
 def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
-    """The ellipse (a cos t, sin t) with z = height·sin 2t: planar for height 0, else a saddle.
-
-    Args:
-        a: ratio of the axes.
-        height: amplitude of z.
-    """
+    """The ellipse (a cos t, sin t) with z = height·sin 2t: planar for height 0, else a saddle."""
     t = 2 * np.pi * np.arange(_OUTLINE) / _OUTLINE
     region = plane_chart(a * np.cos(t) + 1j * np.sin(t))
     return _fourier(
@@ -105,12 +91,9 @@ def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
 def random_curve(seed: int) -> KnownCurve:
     """A random closed curve, strongly folded: Σ a_k cos 2πkt + b_k sin 2πkt with 3 to 6 harmonics, drawn out along x.
 
-    The components of a_k and b_k are normal with standard deviation 1/k, so that all harmonics turn the tangent alike.
-    Then x of the first harmonic is multiplied by an elongation uniform in [1, 10]: the loop is drawn out, its folds
-    stay as deep in every direction.
-
-    Args:
-        seed: of numpy's default generator.
+    The components of a_k and b_k are normal (numpy's default generator) with standard deviation 1/k, so that all
+    harmonics turn the tangent alike. Then x of the first harmonic is multiplied by an elongation uniform in [1, 10]:
+    the loop is drawn out, its folds stay as deep in every direction.
     """
     random = np.random.default_rng(seed)
     harmonics = int(random.integers(3, 7))
@@ -124,12 +107,7 @@ def random_curve(seed: int) -> KnownCurve:
 
 
 def plane_polygon(corners: ArrayLike, *, name: str) -> KnownCurve:
-    """A simple polygon in the plane z = 0, counter-clockwise; its disk is the region inside.
-
-    Args:
-        corners: (k, 2), in order.
-        name: see `KnownCurve`.
-    """
+    """A simple polygon in the plane z = 0 of (k, 2) corners, counter-clockwise; its disk is the region inside."""
     plane = np.asarray(corners, dtype=np.float64)
     outline = plane[:, 0] + 1j * plane[:, 1]
     area = 0.5 * float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
@@ -148,11 +126,7 @@ def plane_chart(outline: Complex[np.ndarray, " m"]) -> Chart:
 
 
 def l_shape(rise: float = 0.0) -> KnownCurve:
-    """The outline of three unit squares that make an L, with straight sides on the saddle z = rise·xy.
-
-    Args:
-        rise: 0 leaves it plane.
-    """
+    """The outline of three unit squares that make an L, with straight sides on the saddle z = rise·xy."""
     plane = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
     if rise == 0:
         return plane_polygon(plane, name="L-shape")
@@ -166,10 +140,6 @@ def l_shape(rise: float = 0.0) -> KnownCurve:
 def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
     """The rim of a crown: the corners of a regular polygon in the unit circle, alternately at z = ±height.
 
-    Args:
-        sides: an even number of them.
-        height: half the height of the crown's teeth.
-
     Raises:
         OptionError: the number of sides is odd or below 4.
     """
@@ -181,10 +151,7 @@ def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
 
 
 def scherk(side: float = 2.0) -> KnownCurve:
-    """Boundary of Scherk's graph z = log(cos y/cos x) over the square of a given side about 0.
-
-    Args:
-        side: below π, where the graph becomes infinite.
+    """Boundary of Scherk's graph z = log(cos y/cos x) over the square of a given side about 0; it is infinite at π.
 
     Raises:
         OptionError: side is not in (0, π).
@@ -217,12 +184,7 @@ def scherk(side: float = 2.0) -> KnownCurve:
 
 
 def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its vertices") -> KnownCurve:
-    """The closed polygon through given vertices, with a corner at each, parametrised by arc length.
-
-    Args:
-        vertices: (k, 3), without repetition of the first.
-        name: see `KnownCurve`.
-        source: see `KnownCurve`.
+    """The closed polygon through (k, 3) vertices, the first not repeated, corners all of them, by arc length.
 
     Raises:
         OptionError: fewer than three vertices, or not (k, 3).
@@ -234,15 +196,9 @@ def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its ve
 
 
 def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, name: str, source: str) -> KnownCurve:
-    """The image of a closed polygon under a map, differentiated automatically.
+    """The image of a closed polygon under a map by functions of torch, differentiated automatically.
 
     A side's share of [0, 1) is its share of the length in space; along it the polygon is run at one speed.
-
-    Args:
-        corners: of the polygon, without repetition of the first.
-        image: the map, by functions of torch.
-        name: see `KnownCurve`.
-        source: see `KnownCurve`.
     """
     sides = len(corners)
     middles = (np.arange(sides * _LENGTH_POINTS) + 0.5) / (sides * _LENGTH_POINTS)

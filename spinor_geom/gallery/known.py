@@ -195,11 +195,7 @@ def evenly_sampled(curve: KnownCurve | KnownSurface, n: int) -> BoundaryLoop:
 def unevenly_sampled(curve: KnownCurve | KnownSurface, n: int, *, seed: int, spread: float = 0.8) -> BoundaryLoop:
     """A loop of n points of a curve or a rim without corners whose edges differ in length at random, without corners.
 
-    Args:
-        curve: without corners.
-        n: number of points.
-        seed: of numpy's default generator.
-        spread: edges are in proportion to numbers uniform in [1 − spread, 1 + spread], below 1.
+    They are in proportion to numbers uniform in [1 − spread, 1 + spread] (numpy's default generator), spread below 1.
     """
     edges = np.random.default_rng(seed).uniform(1 - spread, 1 + spread, n)
     return _at_shares(curve, (np.cumsum(edges) - edges) / edges.sum())

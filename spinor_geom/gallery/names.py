@@ -39,11 +39,8 @@ SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
 def named_surface(name: str) -> SpinorSurface:
     """A surface of the gallery: in its formula where p and q have one, else as the solution over its boundary.
 
-    Args:
-        name: a key of `SURFACES`.
-
     Raises:
-        OptionError: there is no such name.
+        OptionError: `SURFACES` has no such name.
     """
     if name not in SURFACES:
         raise OptionError(f"there is no surface {name!r} in the gallery; it has {', '.join(SURFACES)}")

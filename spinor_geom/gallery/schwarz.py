@@ -88,12 +88,8 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
     """The minimal disk over a skew polygon whose corner normals are known from its edges alone.
 
     Along a straight edge the normals lie on a great circle, so the Gauss image is the spherical polygon of the corners'
-    normals. Size, place and α are those that bring the corners to the vertices.
-
-    Args:
-        corners: of the polygon, in order.
-        up: unit normal at the surface's centre, where s = 0.
-        degree: of the Gauss map at the centre: 2 where the surface is flat there, like a monkey saddle.
+    normals. Size, place and α are those that bring the corners to the vertices. `up` is the unit normal at the centre,
+    where s = 0 and the Gauss map has the degree: 2 where the surface is flat there, like a monkey saddle.
     """
     to_axis, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [up])
     normals = np.cross(np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners)
@@ -157,10 +153,7 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     (z² − 1, −i(z² + 1), 2z)(1 − 2 cosh 2τ z⁴ + z⁸)^{−1/2} over the unit disk, cut from its rim to the four roots. Half
     the side is L = K(k)/(2√cosh τ) with k² = (cosh τ − 1)/(2 cosh τ), half the height c = e^{−τ}K(κ) with κ = e^{−2τ};
     the area is K(k)K(k′)/cosh τ + 2e^{−2τ}K(κ)K(κ′), since the fluxes through the edges are elliptic integrals too. The
-    curve is scaled to L = 1.
-
-    Args:
-        stretch: c/L, height by side.
+    curve is scaled to L = 1; its stretch is c/L, height by side.
 
     Raises:
         OptionError: the stretch is not in (0.05, 20).
@@ -210,12 +203,10 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     """A twelfth of the cell of Schwarz's H surface: a straight side and three sides along planes of mirror symmetry.
 
     It is g = s² with φ = (s⁴ − 1, −i(s⁴ + 1), 2s²)((1 − s⁶/a³)(1 − a³s⁶))^{−1/2} over the sector 0 < arg s < π/6 of the
-    unit disk, with corners at 0, √a, 1 and e^{iπ/6}. On a straight side the flux ∫ Im φ ds is across it, on a side in a
-    mirror's plane it is along the plane's normal, so the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W =
-    ∫φ ds: elliptic integrals, the first two in w = g + 1/g, of (w³ − 3w − a³ − a⁻³)^{−1/2}, the third in v² = g³.
-
-    Args:
-        a: in (0, 1), the size of the triangles against the height between them.
+    unit disk, with corners at 0, √a, 1 and e^{iπ/6}: a is the size of the triangles against the height between them. On
+    a straight side the flux ∫ Im φ ds is across it, on a side in a mirror's plane it is along the plane's normal, so
+    the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫φ ds: elliptic integrals, the first two in
+    w = g + 1/g, of (w³ − 3w − a³ − a⁻³)^{−1/2}, the third in v² = g³.
 
     Raises:
         OptionError: a is not in (0, 1).
