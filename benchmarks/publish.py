@@ -21,8 +21,7 @@ from spinor_geom.bench.figures import Figure
 from spinor_geom.bench.machine import Record, is_older
 from spinor_geom.bench.measure import DISTANCE
 from spinor_geom.bench.page import LOCAL, pieces_of, scale_of, table_of
-from spinor_geom.bench.runner import read_records
-from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS
+from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, read_records
 from spinor_geom.bench.tables import OLDER, Table, filler_table
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.portrait import plain_portrait

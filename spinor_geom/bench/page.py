@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.machine import Record, told
 from spinor_geom.bench.measure import DISTANCE
-from spinor_geom.bench.runner import Run
-from spinor_geom.bench.suites import VIEWS
+from spinor_geom.bench.runner import VIEWS, Run
 from spinor_geom.bench.tables import Table, option_table, tables
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render import page

@@ -13,8 +13,7 @@ from spinor_geom.bench.fillers import Filled
 from spinor_geom.bench.holes import odd_holes
 from spinor_geom.bench.measure import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.page import pieces_of, scale_of
-from spinor_geom.bench.runner import measure
-from spinor_geom.bench.suites import Settings, chosen_tasks
+from spinor_geom.bench.runner import Settings, chosen_tasks, measure
 from spinor_geom.bench.tables import tables
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.loops import find_boundary_loops
