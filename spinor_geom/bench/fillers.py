@@ -142,7 +142,6 @@ def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
                 "requested": len(asked),
                 "unexplained": sum(not outcome.filled and not outcome.reason for outcome in asked),
                 "within_1e-2": sum(residual <= 1e-2 for residual in residuals),
-                "within_1e-3": sum(residual <= 1e-3 for residual in residuals),
                 "residual_per_edge": max(residuals, default=None),
             },
         )

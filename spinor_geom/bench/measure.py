@@ -182,7 +182,6 @@ def patch_figures(
     curvature = discrete_mean_curvature(vertices, faces)
     figures: Figures = {
         "triangles": len(faces),
-        "vertices": len(vertices),
         "mesh_area": float(face_areas(vertices, faces).sum()),
         "curvature_max": curvature.max * diameter,
         "curvature_rms": curvature.rms * diameter,

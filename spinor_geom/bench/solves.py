@@ -78,7 +78,7 @@ def solve_figures(case: Solve, answer: PlateauSolution | NoConnectedSurface) -> 
         figures["area_error"] = min(abs(answer.area / disk.area - 1) for disk in case.disks)
     if isinstance(answer, NoConnectedSurface):
         return figures | {"told": answer.reason}
-    figures |= {"converged": answer.converged, "steps": len(answer.history), "told": answer.reason}
+    figures |= {"converged": answer.converged, "told": answer.reason}
     if len(answer.rims) > 1:
         return figures | {"rms_per_edge": answer.boundary_residual.rms_per_edge}
     rms = rms_distance(answer)
@@ -87,7 +87,6 @@ def solve_figures(case: Solve, answer: PlateauSolution | NoConnectedSurface) -> 
         "rms_per_diameter": rms / float(pdist(answer.loop.points).max()),
         "max_per_diagonal": boundary_distance(answer.surface, answer.curve) / answer.loop.diagonal,
         "verdict": f"{answer.stability.verdict}, index {answer.stability.index}",
-        "stages": {name: round(seconds, 4) for name, seconds in answer.solve_timings.items()},
     }
     if case.also == "null error":
         figures["null_error"] = null_error(answer)

@@ -57,7 +57,8 @@ def record_table(suite: str, records: Iterable[Record]) -> Table:
     shown = []
     for record in (r for r in records if r["status"] == "done"):
         told = short(record.get("told") or record.get("said") or "")
-        shown.append({**record, "closed": closed(record) if "open_rim_edges" in record else None, "told": told})
+        whole = (left_open(record) or "yes") if "open_rim_edges" in record else None
+        shown.append({**record, "closed": whole, "told": told})
     names = [name for name in FIELDS if any(record.get(name) is not None for record in shown)]
     rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in names)) for r in shown]
     return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in names)), rows=rows)
@@ -74,17 +75,10 @@ def method_name(record: Record) -> str:
     return f"{record['method']} {OLDER}" if is_older(record) else str(record["method"])
 
 
-def closed(record: Record) -> str:
-    """Whether a hole is closed, and where it is not, whether the tool says so."""
-    problems = [
-        f"{record[name]} {text}"
-        for name, text in (("open_rim_edges", "edges left open"), ("new_open_edges", "new open edges"))
-        if record[name]
-    ]
-    if not problems:
-        return "yes"
-    silent = ", without a word" if record["succeeded"] is not False and not record["told"] else ""
-    return f"no, {', '.join(problems)}{silent}{', and reports success' if record['succeeded'] else ''}"
+def left_open(record: Record) -> str:
+    """How many edges a filler left open, marked where it says nothing about them or tells of success."""
+    left = record["open_rim_edges"] + record["new_open_edges"]
+    return f"{left} open{'' if record['succeeded'] is False else ' !'}" if left else ""
 
 
 def claim_table(found: Sequence[Figure]) -> Table:
@@ -117,15 +111,14 @@ def odd_table(records: Sequence[Record]) -> Table:
 def _in_short(record: Record) -> str:
     if record["status"] != "done":
         return str(record["status"])
-    left = record["open_rim_edges"] + record["new_open_edges"]
-    patches = record.get("patches") or 0
+    patches, left = record.get("patches") or 0, left_open(record)
     if not patches and record["succeeded"] is False:
         return "refused"
     crossings = (record.get("crossings") or 0) + (record.get("mesh_crossings") or 0)
     parts = [
         f"{patches} patches" if patches > 1 else "" if left else "closed" if patches else "doubled",
         f"{crossings} ×" if crossings else "",
-        f"{left} open" + ("" if record["succeeded"] is False else " !") if left else "",
+        left,
         *((f"{record['max_angle']:.0f}°", f"{record['seconds']:.2g} s") if patches else ()),
     ]
     return ", ".join(part for part in parts if part)

@@ -47,12 +47,9 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Experiment:
-    """One experiment of the paper.
+    """One experiment of the paper: what it shows, the paper's setting, and ours, where it differs.
 
     Attributes:
-        title: what it shows.
-        paper: the paper's setting.
-        here: ours, where it differs.
         measure: runs it, its settings by name.
         full: its settings, the paper's where it names them.
         quick: those that are changed so that it takes a minute or two; "a.b" is the option b of the setting a.
@@ -111,17 +108,7 @@ def experiment(name: str) -> Experiment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Done:
-    """An experiment that was run, as its folder tells it.
-
-    Attributes:
-        name: of the experiment, and of the folder with its data and pictures.
-        experiment: what was run.
-        rows: the figures; None in the place of what is not finite.
-        holds: whether what the paper says was seen.
-        verdict: the same in words.
-        pictures: their names.
-        seconds: wall time.
-    """
+    """An experiment that was run, as the folder of its name tells it; its pictures by their names."""
 
     name: str
     experiment: Experiment

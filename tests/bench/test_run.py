@@ -244,7 +244,8 @@ def test_rows_that_leave_edges_open_without_a_word_are_marked():
     table = tables.odd_table([odd, honest, crashed])
     assert table.marked == {0}
     assert [row[1] for row in table.rows] == ["12 open !", "refused", "crashed"]
-    assert tables.closed(odd) == "no, 12 edges left open, without a word"
+    assert tables.left_open(odd) == "12 open !"
+    assert tables.left_open(honest) == "12 open"
 
 
 def test_a_run_with_a_missing_tool_says_so():
