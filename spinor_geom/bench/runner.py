@@ -220,10 +220,7 @@ def measure(
 ) -> Run:
     """Measures all that a run is to measure; what an earlier, killed run left in the folder is not measured again.
 
-    Args:
-        settings: what to measure.
-        folder: of the run; made if it is not there.
-        on_record: called after each task, with the numbers of tasks done and of all.
+    `on_record` is called after each task, with the numbers of tasks done and of all.
 
     Raises:
         OptionError: a suite, a case, a method or the folder of mesh files does not exist, or the run's folder holds one

@@ -30,14 +30,7 @@ _STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { d
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """What was measured.
-
-    Attributes:
-        rows: the figures, as rows of one table; JSON-ready.
-        holds: whether what the paper says was seen here too.
-        verdict: the same in words, made from the figures.
-        pictures: by file name.
-    """
+    """What was measured: JSON-ready rows of a table, whether what the paper says was seen, pictures by file name."""
 
     rows: Sequence[Mapping[str, Any]]
     holds: bool
@@ -129,16 +122,10 @@ def reproduce(
     """Runs experiments one after the other; each leaves its files, and its part of the report, as soon as it is done.
 
     A run that was stopped goes on where it was: what it finished with the same settings is not measured again, and the
-    paper's trainings keep their states in the folder while they run.
+    paper's trainings keep their states in the folder while they run. `on_done` hears of each, of those too.
 
     In the folder lie `report.md`, the same as `report.html`, which holds its pictures, and, for each experiment, a
     folder with `data.json` and its pictures as PNG and PDF. Files are replaced whole or not at all.
-
-    Args:
-        names: of `experiments.NAMES`.
-        folder: where to write; made if it is not there.
-        quick: with the shorter settings; the report says what they shorten.
-        on_done: called after each experiment, also one that an earlier run finished.
 
     Raises:
         OptionError: there is no experiment of a name; none is run then.
@@ -187,13 +174,7 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
 
 
 def report(done: Sequence[Done], *, quick: bool, shown: Callable[[str], str] | None = None) -> str:
-    """The report of a run, in Markdown.
-
-    Args:
-        done: the experiments.
-        quick: whether they had the shorter settings.
-        shown: what stands for a picture, by its address from the run's folder; a link to it where none is given.
-    """
+    """The report of a run, in Markdown; `shown` makes what stands for a picture of its address, else a link."""
     held = sum(one.holds for one in done)
     start = [
         f"# {TITLE}",

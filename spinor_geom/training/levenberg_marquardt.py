@@ -346,16 +346,10 @@ def descend(
     max_steps: int,
     on_step: Callable[[float], None] | None = None,
 ) -> SomeFit:
-    """Lessens a distance by damped steps of a network's parameters, in place.
+    """Lessens a distance by damped steps of a network's parameters, in place, and returns it where it was left.
 
-    Args:
-        network: where it starts.
-        z: points, on ∂Ω.
-        fit: the distance at the start.
-        damping: at the start, as a share of the mean diagonal entry of J Jᴴ.
-        tolerance: distance at which it stops.
-        max_steps: most steps.
-        on_step: called with the distance after each step.
+    The damping is that at the start, as a share of the mean diagonal entry of J Jᴴ; `on_step` is called with the
+    distance after each step.
     """
     reference, since = rms(fit), 0
     shares = torch.full_like(fit.losses, damping)

@@ -273,11 +273,7 @@ class _Training:
             torch.save(state, temporary)
 
     def restore(self, path: Path) -> None:
-        """Takes the state that `save` wrote.
-
-        Raises:
-            StorageError: the file cannot be read, or is of a training with other options or on another curve.
-        """
+        """Takes the state that `save` wrote, unless it is of other options or another curve."""
         state = _read_state(path)
         own = self._own_options()
         different = sorted(name for name in own if own[name] != state["options"].get(name))
@@ -368,11 +364,7 @@ class CircleHomeomorphism(torch.nn.Module):
     """
 
     def __init__(self, *, generator: torch.Generator | None = None) -> None:
-        """Random parameters, on the CPU: uniform in ±1/√fan-in; b = 0.
-
-        Args:
-            generator: of the parameters.
-        """
+        """Random parameters, on the CPU: uniform in ±1/√fan-in; b = 0."""
         super().__init__()
         pairs = itertools.pairwise(_SIZES)
         # made without the random numbers of all torch
