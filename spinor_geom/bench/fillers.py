@@ -240,7 +240,9 @@ def _cgal(hole: Hole, *, function: str, outputs: int = 2, options: tuple[float, 
         return found
 
     points()
-    rims = _cgal_rims(polyhedron, set(hole.rim.tolist()))
+    borders = {(h.opposite().vertex().id(), h.vertex().id()): h for h in polyhedron.halfedges() if h.is_border()}
+    firsts = (hole.loops[place].vertex_ids[:2].tolist() for place in hole.places)
+    rims = [borders[a, b] if (a, b) in borders else borders[b, a] for a, b in firsts]
     call = getattr(CGAL_Polygon_mesh_processing, function)
 
     def fill() -> list[Any]:
@@ -256,22 +258,6 @@ def _cgal(hole: Hole, *, function: str, outputs: int = 2, options: tuple[float, 
         return _left(vertices, faces, told=told, succeeded=all(said) if said else None)
 
     return fill, finish
-
-
-def _cgal_rims(polyhedron: Any, rim: set[int]) -> list[Any]:
-    """A halfedge of every rim."""
-    polyhedron.normalize_border()
-    seen: set[tuple[int, int]] = set()
-    found = []
-    for halfedge in (one for one in polyhedron.halfedges() if one.is_border()):
-        around, walk = set(), halfedge
-        while (ends := (walk.opposite().vertex().id(), walk.vertex().id())) not in seen:
-            seen.add(ends)
-            around.add(ends[0])
-            walk = walk.next()
-        if around and around <= rim:
-            found.append(halfedge)
-    return found
 
 
 def _vtk(hole: Hole) -> Prepared:
