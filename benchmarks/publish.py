@@ -16,8 +16,7 @@ import numpy as np
 from PIL import Image
 
 from spinor_geom.bench.cases import known_kind
-from spinor_geom.bench.claims import LEAST_POINTS, claims
-from spinor_geom.bench.figures import Figure
+from spinor_geom.bench.claims import LEAST_POINTS, Figure, claims
 from spinor_geom.bench.machine import Record, is_older
 from spinor_geom.bench.measure import DISTANCE
 from spinor_geom.bench.page import LOCAL, pieces_of, scale_of, table_of
@@ -103,12 +102,12 @@ def read(suite: str) -> list[Record]:
     records: list[Record] = []
     with open(path, encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            found = {name: parsed(text) for name, text in row.items() if text != ""}
-            shared = {name: value for name, value in found.items() if " " not in name}
-            methods = dict.fromkeys(name.partition(" ")[0] for name in found if name not in shared)
-            for method in methods or (shared["method"],):
-                own = {name.partition(" ")[2]: value for name, value in found.items() if name.startswith(f"{method} ")}
-                records.append({**shared, "method": method, **own})
+            shared, own = dict[str, object](), dict[str, Record]()
+            for name, text in row.items():
+                method, of_one, field = name.partition(" ")
+                if text != "":
+                    (own.setdefault(method, {"method": method}) if of_one else shared)[field or name] = parsed(text)
+            records += [{**shared, **fields} for fields in own.values()] or [shared]
     return records
 
 
@@ -130,9 +129,9 @@ def page_tables(records: Sequence[Record]) -> list[Table]:
     return [
         Table(
             title="Suites",
-            columns=("suite", "rows", "commits", "dates", "loads", "older", "promises kept", "times kept"),
+            columns=("suite", "measured", "commits", "dates", "loads", "older", "promises kept", "times kept"),
             rows=tuple(suite_row(suite, records, found) for suite in SUITES),
-            note="Older: rows of ours whose code has changed since their commit; marked † below.",
+            note="Older: those of ours whose code has changed since their commit; marked † below.",
         ),
         Table(title="Promises missed", columns=("suite", "case", "promise", "measured"), rows=tuple(missed)),
         disk_table([r for r in records if r["suite"] == "disks"]),

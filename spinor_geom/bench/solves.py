@@ -12,7 +12,6 @@ from jaxtyping import Float
 from scipy.spatial.distance import pdist
 
 from spinor_geom import gallery
-from spinor_geom.bench.figures import Limit
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments.paper_surfaces import boundary_distance
 from spinor_geom.gallery.curves import harmonics
@@ -23,6 +22,7 @@ from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.training import LevenbergMarquardt
 
+Kind: TypeAlias = Literal["accuracy", "time"]
 Subject: TypeAlias = BoundaryLoop | ClosedCurve | tuple[BoundaryLoop | ClosedCurve, BoundaryLoop | ClosedCurve]
 SUITES = ("curves", "rims", "speed", "paper")
 
@@ -41,6 +41,16 @@ QUICK = (
     "Douglas-Newton, twisted circle R=1 k=3 α=0.2",
 )
 """Those of the short run."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The most that a field of a record may be, or what it has to be equal to; the name is for readers."""
+
+    field: str
+    name: str
+    value: float | str | bool
+    kind: Kind = "accuracy"
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from spinor_geom.bench.claims import claims, is_whole
-from spinor_geom.bench.figures import Figure
+from spinor_geom.bench.claims import Figure, claims, is_whole
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
 from spinor_geom.bench.machine import Record, is_older
 from spinor_geom.render.page import cell, markdown

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from spinor_geom.bench import page, runner, tables, worker
-from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims
-from spinor_geom.bench.figures import Limit
+from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, judged
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Run, Settings, case_name, chosen_tasks, measure
+from spinor_geom.bench.solves import Limit
 from spinor_geom.cli.main import main
 from spinor_geom.errors import OptionError
 from spinor_geom.version import program_version
@@ -222,9 +222,9 @@ def test_limits_are_kept_or_missed():
     limit = Limit("rms_per_edge", "RMS", 1e-6)
     record = {"suite": "curves", "case": "c", "status": "done"}
     for value, met in ((1e-7, True), (2e-6, False), (math.nan, False), (None, False)):
-        assert limit.of({**record, "rms_per_edge": value}).met is met
+        assert judged(limit, {**record, "rms_per_edge": value}).met is met
     # what is refused is missed, and says so
-    figure = limit.of({**record, "status": "refused", "rms_per_edge": 0.0})
+    figure = judged(limit, {**record, "status": "refused", "rms_per_edge": 0.0})
     assert (figure.met, figure.measured) == (False, "refused")
 
 
