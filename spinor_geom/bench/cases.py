@@ -16,7 +16,7 @@ from scipy.spatial.distance import pdist
 from spinor_geom import gallery
 from spinor_geom.errors import OptionError, SpinorGeomError
 from spinor_geom.gallery.chart import Chart
-from spinor_geom.gallery.curves import harmonics
+from spinor_geom.gallery.curves import trigonometric
 from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface, surface_chart
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve, CurveFunction
@@ -169,9 +169,7 @@ def points_limit(case: Case, n: int) -> float | None:
 
 def _interpolants(points: Float[np.ndarray, "n 3"], *, equal_steps: bool) -> Iterator[ClosedCurve]:
     if equal_steps:
-        series = 2 * np.fft.rfft(points, axis=0) / len(points)
-        series[[0] if len(points) % 2 else [0, -1]] /= 2
-        yield harmonics(series)
+        yield trigonometric(points)
     around = np.vstack([points, points[:1]])
     for degree in (7, 5):
         spline = make_interp_spline(by_arcs(points), around, k=degree, bc_type="periodic")

@@ -364,6 +364,13 @@ def harmonics(coefficients: Complex[np.ndarray, "k 3"]) -> ClosedCurve:
     return ClosedCurve(point=derivative(0), derivative=derivative(1), second_derivative=derivative(2))
 
 
+def trigonometric(points: Float[np.ndarray, "n 3"]) -> ClosedCurve:
+    """The trigonometric polynomial through points at equal steps of t."""
+    series = 2 * np.fft.rfft(points, axis=0) / len(points)
+    series[[0] if len(points) % 2 else [0, -1]] /= 2
+    return harmonics(series)
+
+
 def _fourier(*waves: tuple[int, ArrayLike], **known: Any) -> KnownCurve:
     """The curve Re Σ c_k e^{2πikt} of pairs k and c_k, with what is known of it."""
     coefficients = np.zeros((1 + max(k for k, _ in waves), 3), dtype=np.complex128)
