@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -223,7 +224,7 @@ def helicoid(
 
 
 def _catenoid_associate(
-    *, name: str, angle: float, scale: float, box: tuple[float, float, float, float], area: float, source: str
+    *, angle: float, scale: float, box: tuple[float, float, float, float], **known: Any
 ) -> KnownSurface:
     """The associate r = c·Re e^{iα}(cosh z, −i sinh z, z) of the catenoid over a rectangle x₀, x₁, y₀, y₁."""
 
@@ -236,9 +237,7 @@ def _catenoid_associate(
     centre, radius = complex(box[0] + box[1], box[2] + box[3]) / 2, abs(complex(box[1] - box[0], box[3] - box[2])) / 2
     terms = factor * np.stack([_exponential(0.5, centre, radius), _exponential(-0.5, centre, radius)], axis=1)
     model = PowerSeries(torch.from_numpy(terms), center=centre, radius=radius)
-    return KnownSurface(
-        name=name, surface=_surface(model, _rectangle(box), position), position=position, area=area, source=source
-    )
+    return KnownSurface(surface=_surface(model, _rectangle(box), position), position=position, **known)
 
 
 def _exponential(rate: float, centre: complex, radius: float) -> Complex[np.ndarray, " k"]:
