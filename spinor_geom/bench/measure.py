@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ _MOST_CROSSING_FACES = 300_000
 # vertices nearer than this share of the diagonal are the same: room for tools that keep single precision
 _SAME = 1e-6
 
-DISTANCE = "distance / diameter"
+DISTANCE, REMOVED = "distance / diameter", "removed"
 
 Figures = dict[str, Any]
 
@@ -74,13 +75,12 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     patch, known = filled.faces[of_patch], vertex_of >= 0
     step = np.abs(filled.vertices[known] - hole.vertices[vertex_of[known]]).max(initial=0.0)
     diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
-    rim_left = _open(filled.faces, vertex_of, hole.rim_edges)
+    rim_left, outer_left = (_open(filled.faces, vertex_of, edges) for edges in (hole.rim_edges, hole.outer_edges))
     half = HalfEdges.of(filled.faces)
-    new_open = int((half.counts == 1).sum()) - rim_left - _open(filled.faces, vertex_of, hole.outer_edges)
     figures: Figures = {
         "open_rim_edges": rim_left,
-        "new_open_edges": new_open,
-        "outer_kept_open": _open(filled.faces, vertex_of, hole.outer_edges) == len(hole.outer_edges),
+        "new_open_edges": int((half.counts == 1).sum()) - rim_left - outer_left,
+        "outer_kept_open": outer_left == len(hole.outer_edges),
         "nonmanifold_edges": int((half.counts > 2).sum()),
         "old_faces_kept": int(old.sum()) == len(hole.faces) and bool(step <= _SAME * diagonal),
         "rim_kept": set(map(bytes, hole.vertices[hole.rim])) <= set(map(bytes, filled.vertices)),  # bit for bit
@@ -92,10 +92,9 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     if not len(patch):
         return figures
     used, faces = np.unique(patch, return_inverse=True)
-    vertices = filled.vertices[used]
-    diameter = diagonal if case is None else case.diameter
-    chart = None if case is None else case.chart
-    figures |= patch_figures(vertices, faces.reshape(-1, 3), diameter, chart)
+    vertices, faces = filled.vertices[used], faces.reshape(-1, 3)
+    known_as = (diagonal, None) if case is None else (case.diameter, case.chart)
+    figures |= patch_figures(vertices, faces, *known_as)
     figures["area"] = figures["mesh_area"] if filled.area is None else filled.area
     if hole.area is not None:
         figures["area_error"] = abs(figures["area"] / hole.area - 1)
@@ -103,9 +102,8 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
         figures["area_excess"] = figures["mesh_area"] / hole.area - 1
     figures["patches"] = 1 + int(face_components(patch).max())
     if len(filled.faces) <= _MOST_CROSSING_FACES:
-        figures["mesh_crossings"] = len(
-            intersections_between(vertices, faces.reshape(-1, 3), filled.vertices, filled.faces[~of_patch])
-        )
+        crossing = intersections_between(vertices, faces, filled.vertices, filled.faces[~of_patch])
+        figures["mesh_crossings"] = len(crossing)
     return figures
 
 
@@ -137,23 +135,19 @@ def cut_out_figures(filled: Filled, cut_out: CutOut) -> Figures:
     return figures
 
 
-def cut_out_views(filled: Filled, cut_out: CutOut) -> dict[str, dict[str, np.ndarray]]:
-    """Arrays of what was removed, by the name "removed", and of the patches, by none.
-
-    Vertices, faces, and as values the vertices' distances from what was removed, per diameter of the hole.
-    """
-    made = {}
+def save_views(filled: Filled, cut_out: CutOut, folder: Path, method: str) -> None:
+    """Writes what was removed and the patches, with the vertices' distances from it per diameter of the hole."""
+    folder.mkdir(parents=True, exist_ok=True)
     patch = filled.faces[_parts(filled, cut_out.hole)[1]]
-    for name, vertices, faces in (("removed", cut_out.vertices, cut_out.faces), ("", filled.vertices, patch)):
+    for name, vertices, faces in ((REMOVED, cut_out.vertices, cut_out.faces), (method, filled.vertices, patch)):
         if len(faces):
             used, index = np.unique(faces, return_inverse=True)
-            distance = cut_out.distances(vertices[used]) / cut_out.diameter
-            made[name] = {
-                "vertices": vertices[used].astype(np.float32),
-                "faces": index.reshape(-1, 3).astype(np.int32),
-                "values": distance.astype(np.float32),
-            }
-    return made
+            np.savez_compressed(
+                folder / f"{name}.npz",
+                vertices=vertices[used].astype(np.float32),
+                faces=index.reshape(-1, 3).astype(np.int32),
+                values=(cut_out.distances(vertices[used]) / cut_out.diameter).astype(np.float32),
+            )
 
 
 def rim_bend(

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from spinor_geom.bench.fillers import FILLERS
 from spinor_geom.bench.machine import Record, told
-from spinor_geom.bench.measure import DISTANCE
+from spinor_geom.bench.measure import DISTANCE, REMOVED
 from spinor_geom.bench.runner import VIEWS, Run
 from spinor_geom.bench.tables import Table, option_table, tables
 from spinor_geom.files import atomic_path, write_text
@@ -26,7 +26,6 @@ from spinor_geom.render.viewer import STYLE, Scene, Views
 PAGE, TABLES, CSV, PLOTS = "report.html", "tables.md", "records.csv", "plots"
 # fields that say how it was measured here: nothing for others
 LOCAL = ("key", "package", "data", "view", "repeat", "said", "seconds_all")
-REMOVED = "removed"
 _RESOLUTION = 110
 _GAP = 1.15  # from piece to piece, per width
 # errors of zero have no place on a logarithmic axis

@@ -18,10 +18,9 @@ from spinor_geom.bench.cut_outs import named_cut_out, ragged_hole
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
 from spinor_geom.bench.machine import Record, Task
-from spinor_geom.bench.measure import cut_out_figures, cut_out_views, disk_figures, hole_figures
+from spinor_geom.bench.measure import cut_out_figures, disk_figures, hole_figures, save_views
 from spinor_geom.bench.solves import SUITES, solve_figures, solves
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.files import atomic_path
 from spinor_geom.isolate import serve
 from spinor_geom.mesh.boundary_loop import turning_angles
 from spinor_geom.plateau.solve import solve_plateau
@@ -91,12 +90,7 @@ def _fill(task: Task) -> Record:
     if cut_out is not None:
         figures = cut_out_figures(filled, cut_out)
         if task["view"]:
-            folder = Path(task["view"])
-            folder.mkdir(parents=True, exist_ok=True)
-            for piece, arrays in cut_out_views(filled, cut_out).items():
-                with atomic_path(folder / f"{piece or task['method']}.npz") as temporary:
-                    named: dict[str, Any] = arrays
-                    np.savez_compressed(temporary, **named)
+            save_views(filled, cut_out, Path(task["view"]), task["method"])
     else:
         figures = hole_figures(filled, hole, case)
     if task["suite"] == "ragged":
