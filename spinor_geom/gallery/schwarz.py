@@ -104,13 +104,16 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
     first, second = RootSurface(degree=degree, roots=roots.ravel()).complex_position(parameters[:2])
     # along a straight side the flux Im ∆ is perpendicular to the displacement Re ∆, so e^{2iα}∆·∆ is real
     real = -0.5 * float(np.angle(((second - first) ** 2).sum()))
+    from trimesh.registration import procrustes  # not scipy's align_vectors, which warns of flat candidates, or not
+
     fits = []
     for angle in real + np.pi / 2 * np.arange(4):
         surface = RootSurface(degree=degree, roots=roots.ravel(), angle=float(angle))
         found = surface.complex_position(parameters).real
-        fits.append((surface, *_similarity(found, corners)))
-    surface, similarity, shift, _ = min(fits, key=lambda fit: fit[-1])
-    return _chart(surface, great_circles(parameters, degree), similarity, shift)
+        similarity, moved, _ = procrustes(found, corners, reflection=False)
+        fits.append((float(np.linalg.norm(moved - corners)), surface, similarity))
+    _, surface, similarity = min(fits, key=lambda fit: fit[0])
+    return _chart(surface, great_circles(parameters, degree), similarity[:3, :3], similarity[:3, 3])
 
 
 def schwarz_d_quadrilateral() -> KnownCurve:
@@ -265,21 +268,6 @@ def _chart(
         tangents=lambda s: null_tangents(surface.null(s)) @ matrix.T,
         outline=outline if area > 0 else outline[::-1],
     )
-
-
-def _similarity(
-    points: Float[np.ndarray, "c 3"], targets: Float[np.ndarray, "c 3"]
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
-    """Scaled rotation and shift that bring points to targets, and the largest distance left per extent."""
-    centre, goal = points.mean(axis=0), targets.mean(axis=0)
-    moved, wanted = points - centre, targets - goal
-    # not scipy's align_vectors: for a candidate that is flat by symmetry it warns, or not, as the BLAS kernel rounds
-    left, _, right = np.linalg.svd(wanted.T @ moved)
-    left[:, 2] *= np.sign(np.linalg.det(left @ right))
-    matrix = np.linalg.norm(wanted) / np.linalg.norm(moved) * (left @ right)
-    shift = goal - matrix @ centre
-    error = np.linalg.norm(points @ matrix.T + shift - targets, axis=1).max()
-    return matrix, shift, float(error / np.linalg.norm(wanted))
 
 
 def _continuous_root(g: Complex[np.ndarray, " c"], degree: int) -> Complex[np.ndarray, " c"]:
