@@ -113,7 +113,7 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
         similarity, moved, _ = procrustes(found, corners, reflection=False)
         fits.append((float(np.linalg.norm(moved - corners)), surface, similarity))
     _, surface, similarity = min(fits, key=lambda fit: fit[0])
-    return _chart(surface, great_circles(parameters, degree), similarity[:3, :3], similarity[:3, 3])
+    return _chart(surface, great_circles(parameters, degree), similarity)
 
 
 def schwarz_d_quadrilateral() -> KnownCurve:
@@ -193,7 +193,7 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     outline = great_circles(np.array([0, root, 1, 1j, 1j * root]), 1)
     # a quarter turn that exchanges above and below
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    chart = _chart(surface, outline, np.eye(3) / side, np.zeros(3))
+    chart = _chart(surface, outline, np.diag([1 / side, 1 / side, 1 / side, 1]))
     source = "Schwarz (1872), tetragonal relatives of D; area by complete elliptic integrals"
     return replace(
         polygon(corners, name=f"Schwarz prism 1:{stretch:g}", source=source),
@@ -226,7 +226,7 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     edge, arc = math.sqrt(a), np.pi / 6
     return KnownPatch(
         name=f"Schwarz H a={a:g}",
-        chart=_chart(surface, great_circles(corners, 2), np.eye(3), np.zeros(3)),
+        chart=_chart(surface, great_circles(corners, 2), np.eye(4)),
         sides=(
             lambda t: edge * t + 0j,
             lambda t: edge + (1 - edge) * t + 0j,
@@ -255,12 +255,8 @@ def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np
     return np.concatenate(sides)
 
 
-def _chart(
-    surface: RootSurface,
-    outline: Complex[np.ndarray, " m"],
-    matrix: Float[np.ndarray, "3 3"],
-    shift: Float[np.ndarray, "3"],
-) -> Chart:
+def _chart(surface: RootSurface, outline: Complex[np.ndarray, " m"], similarity: Float[np.ndarray, "4 4"]) -> Chart:
+    matrix, shift = similarity[:3, :3], similarity[:3, 3]
     # counter-clockwise
     area = float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
     return Chart(
