@@ -50,16 +50,11 @@ class Hole:
     area: float | None = None
 
     @cached_property
-    def rim_edges(self) -> Int[np.ndarray, "e 2"]:
-        """The edges to be closed."""
+    def edges(self) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "o 2"]]:
+        """The boundary edges to be closed, and those to be left open."""
         edges = boundary_edges(self.faces)
-        return edges[np.isin(edges, self.rim).all(axis=1)]
-
-    @cached_property
-    def outer_edges(self) -> Int[np.ndarray, "e 2"]:
-        """The boundary edges to be left open."""
-        edges = boundary_edges(self.faces)
-        return edges[~np.isin(edges, self.rim).all(axis=1)]
+        ours = np.isin(edges, self.rim).all(axis=1)
+        return edges[ours], edges[~ours]
 
     @cached_property
     def loops(self) -> list[BoundaryLoop]:
@@ -85,7 +80,7 @@ class Hole:
     @cached_property
     def mean_edge(self) -> float:
         """Mean length of the edges to be closed."""
-        start, end = self.vertices[self.rim_edges].swapaxes(0, 1)
+        start, end = self.vertices[self.edges[0]].swapaxes(0, 1)
         return float(np.linalg.norm(end - start, axis=1).mean())
 
 

@@ -75,12 +75,12 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     patch, known = filled.faces[of_patch], vertex_of >= 0
     step = np.abs(filled.vertices[known] - hole.vertices[vertex_of[known]]).max(initial=0.0)
     diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
-    rim_left, outer_left = (_open(filled.faces, vertex_of, edges) for edges in (hole.rim_edges, hole.outer_edges))
+    rim_left, outer_left = (_open(filled.faces, vertex_of, edges) for edges in hole.edges)
     half = HalfEdges.of(filled.faces)
     figures: Figures = {
         "open_rim_edges": rim_left,
         "new_open_edges": int((half.counts == 1).sum()) - rim_left - outer_left,
-        "outer_kept_open": outer_left == len(hole.outer_edges),
+        "outer_kept_open": outer_left == len(hole.edges[1]),
         "nonmanifold_edges": int((half.counts > 2).sum()),
         "old_faces_kept": int(old.sum()) == len(hole.faces) and bool(step <= _SAME * diagonal),
         "rim_kept": set(map(bytes, hole.vertices[hole.rim])) <= set(map(bytes, filled.vertices)),  # bit for bit
