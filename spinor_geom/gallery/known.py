@@ -152,17 +152,10 @@ def surface_chart(surface: SpinorSurface, position: SurfaceFunction) -> Chart:
 def sample_parameters(
     n: int, corners: Sequence[float], *, grading: float = 1.0
 ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " c"]]:
-    """Parameters of n points on a closed curve that has corners.
+    """Parameters of n points on a closed curve with corners at increasing parameters, and the places of those.
 
-    Each side between two corners gets points in proportion to its share of [0, 1), and at least its first corner.
-
-    Args:
-        n: number of points.
-        corners: parameters of the corners, increasing, in [0, 1).
-        grading: g > 0; the fraction u of a side becomes u^g/(u^g + (1 − u)^g).
-
-    Returns:
-        The parameters, from the first corner on (from 0 without corners), and the indices of the corners among them.
+    Each side between two corners gets points in proportion to its share of [0, 1), and at least its first corner, with
+    which the parameters begin. With a grading g > 0 the fraction u of a side becomes u^g/(u^g + (1 − u)^g).
 
     Raises:
         OptionError: n is below 3 or below the number of corners, or the grading is not positive.
