@@ -58,7 +58,7 @@ def record_table(suite: str, records: Iterable[Record]) -> Table:
         told = short(record.get("told") or record.get("said") or "")
         whole = (left_open(record) or "yes") if "open_rim_edges" in record else None
         shown.append({**record, "closed": whole, "told": told})
-    names = [name for name in FIELDS if any(record.get(name) is not None for record in shown)]
+    names = [name for name in FIELDS if any(record.get(name) not in (None, "") for record in shown)]
     rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in names)) for r in shown]
     return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in names)), rows=rows)
 
