@@ -16,25 +16,22 @@ import numpy as np
 from PIL import Image
 
 from spinor_geom.bench.cases import known_kind
-from spinor_geom.bench.claims import LEAST_POINTS, claims
-from spinor_geom.bench.figures import Figure
+from spinor_geom.bench.claims import LEAST_POINTS, Figure, claims
 from spinor_geom.bench.machine import Record, is_older
 from spinor_geom.bench.measure import DISTANCE
-from spinor_geom.bench.page import table_of
-from spinor_geom.bench.pieces import pieces_of, scale_of
-from spinor_geom.bench.runner import read_records
-from spinor_geom.bench.suites import PICTURED, SUITES, VIEWS
-from spinor_geom.bench.tables import OLDER, Table, filler_table, kind_table, method_name
+from spinor_geom.bench.page import LOCAL, pieces_of, scale_of, table_of
+from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, read_records
+from spinor_geom.bench.tables import OLDER, Table, filler_table
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.portrait import plain_portrait
 
 HERE = Path(__file__).parent
 README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
 BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end -->"
-COLOURS, SIDE, EYE, POINTS = 128, 220, (0.0, -2.0, 1.3), (64, 128, 256)
+COLOURS, SIDE, EYE, POINTS = 128, 220, (0.0, -2.0, 1.3), (64, 256)
 SAME = ("suite", "case", "method", "n")  # of two records makes them one measurement
 ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims for which docs/benchmark.md says which filler to take
-LEFT_OUT = ("told", "expected")  # too long for a table
+LEFT_OUT = ("told", "expected", *LOCAL)  # too long for a table, or of this machine
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -47,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if folders := [run / VIEWS / case for case in PICTURED if (run / VIEWS / case).is_dir()]:
             draw(folders)
     before, rest = README.read_text(encoding="utf-8").split(BEGIN)
-    text = "\n\n".join(map(str, page_tables(read_all())))
+    text = "\n\n".join(map(str, page_tables([record for suite in SUITES for record in read(suite)])))
     write_text(README, f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
 
 
@@ -61,7 +58,7 @@ def publish(records: Sequence[Record]) -> None:
                 short = {name: float(f"{v:.4g}") if isinstance(v, float) else v for name, v in kept.items()}
                 short["case"] = record["case"].rpartition("/")[2]
                 whole[key(short)] = short
-        write_text(HERE / f"{suite}.csv", table_of(list(whole.values())))
+        write_text(HERE / f"{suite}.csv", table_of(side_by_side(list(whole.values()))))
 
 
 def is_read(record: Record) -> bool:
@@ -82,9 +79,19 @@ def key(record: Record) -> tuple[object, ...]:
     return tuple(record.get(name) for name in SAME)
 
 
-def read_all() -> list[Record]:
-    """All that was published."""
-    return [record for suite in SUITES for record in read(suite)]
+def side_by_side(records: Sequence[Record]) -> list[Record]:
+    """A row a case: the fields in which all methods agree, then "METHOD FIELD" for each of the others."""
+    rows: dict[tuple[object, ...], list[Record]] = {}
+    for record in records:
+        rows.setdefault((record["case"], record.get("n")), []).append(record)
+    names = dict.fromkeys(name for record in records for name in record)
+    shared = [name for name in names if all(len({str(r.get(name)) for r in row}) == 1 for row in rows.values())]
+    own = [name for name in names if name not in (*shared, "method")]
+    made = []
+    for row in rows.values():
+        alone = {f"{r['method']} {name}": r.get(name) for r in row for name in own}
+        made.append({name: row[0].get(name) for name in shared} | alone)
+    return made
 
 
 def read(suite: str) -> list[Record]:
@@ -92,8 +99,16 @@ def read(suite: str) -> list[Record]:
     path = HERE / f"{suite}.csv"
     if not path.exists():
         return []
+    records: list[Record] = []
     with open(path, encoding="utf-8", newline="") as file:
-        return [{name: parsed(text) for name, text in row.items() if text != ""} for row in csv.DictReader(file)]
+        for row in csv.DictReader(file):
+            shared, own = dict[str, object](), dict[str, Record]()
+            for name, text in row.items():
+                method, of_one, field = name.partition(" ")
+                if text != "":
+                    (own.setdefault(method, {"method": method}) if of_one else shared)[field or name] = parsed(text)
+            records += [{**shared, **fields} for fields in own.values()] or [shared]
+    return records
 
 
 def parsed(text: str) -> object:
@@ -110,20 +125,17 @@ def parsed(text: str) -> object:
 def page_tables(records: Sequence[Record]) -> list[Table]:
     """What stands on the page."""
     found = claims(records)
-    cut_outs = [r for r in records if r["suite"] == "cut-outs"]
     missed = [(f.suite, f.case, f.text, f.measured) for f in found if not f.met and f.kind == "accuracy"]
     return [
         Table(
             title="Suites",
-            columns=("suite", "rows", "commits", "dates", "loads", "older", "promises kept", "times kept"),
+            columns=("suite", "measured", "commits", "dates", "loads", "older", "promises kept", "times kept"),
             rows=tuple(suite_row(suite, records, found) for suite in SUITES),
-            note="Older: rows of ours whose code has changed since their commit; marked † below.",
+            note="Older: those of ours whose code has changed since their commit; marked † below.",
         ),
         Table(title="Promises missed", columns=("suite", "case", "promise", "measured"), rows=tuple(missed)),
         disk_table([r for r in records if r["suite"] == "disks"]),
-        fill_table([r for r in records if r["suite"] == "fills" and r["case"] == "enneper-0.8"]),
-        filler_table(cut_outs),
-        kind_table(cut_outs),
+        filler_table([r for r in records if r["suite"] == "cut-outs"]),
     ]
 
 
@@ -171,18 +183,6 @@ def disk_table(disks: Sequence[Record]) -> Table:
         note="Of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
         "Of meshes, at the formula's steps: ours / libigl-uniform's. Where nothing stands it is not measured yet.",
     )
-
-
-def fill_table(fills: Sequence[Record]) -> Table:
-    """Enneper's rim, a line a tool."""
-    rows = []
-    for method in dict.fromkeys(r["method"] for r in fills):
-        here = [r for r in fills if r["method"] == method]
-        cells = (" / ".join(number(r.get(name)) for r in here) for name in ("area_excess", "curvature_rms", "seconds"))
-        left = sum(r["open_rim_edges"] + r["new_open_edges"] for r in here)
-        rows.append((method_name(here[0]), ", ".join(str(r["n"]) for r in here), *cells, str(left)))
-    columns = ("tool", "points", "area excess", "curvature rms", "seconds", "open edges")
-    return Table(title="Enneper's rim filled", columns=columns, rows=tuple(rows))
 
 
 def number(value: object) -> str:

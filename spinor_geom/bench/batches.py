@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -15,7 +14,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from spinor_geom.batching.engine import batch
-from spinor_geom.bench.ragged import CUT, ragged_hole
+from spinor_geom.bench.cut_outs import CUT, ragged_hole
 from spinor_geom.gallery import evenly_sampled, harmonics, noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
@@ -97,17 +96,14 @@ def _cluster(work: Path, files: int) -> dict[str, Any]:
     start = perf_counter()
     with LocalCluster(n_workers=4, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
         batch(inputs, work / "cluster", scheduler=cluster.scheduler_address)
-    ours, theirs = _checksums(work / "embedded"), _checksums(work / "cluster")
+    ours, theirs = _left_in(work / "embedded"), _left_in(work / "cluster")
     return {"files": files, "seconds": perf_counter() - start, "equal": bool(ours) and ours == theirs}
 
 
-def _checksums(output: Path) -> dict[str, str]:
-    """Of all files of results but the records, which hold seconds."""
-    return {
-        str(path.relative_to(output)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in output.glob("files/**/*")
-        if path.is_file() and path.suffix != ".json"
-    }
+def _left_in(output: Path) -> dict[Path, bytes]:
+    """All files of results but the records, which hold seconds."""
+    found = (path for path in output.glob("files/**/*") if path.is_file() and path.suffix != ".json")
+    return {path.relative_to(output): path.read_bytes() for path in found}
 
 
 BATCHES: Mapping[str, Callable[[Path, float], dict[str, Any]]] = {

@@ -1,26 +1,33 @@
-"""What is measured on: loops whose minimal surface is known, the loops of mesh files, and odd rims."""
+"""Loops whose minimal surface is known, and what their points tell of it: the error no solver can be blamed for."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.distance import pdist
 
 from spinor_geom import gallery
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, SpinorGeomError
 from spinor_geom.gallery.chart import Chart
+from spinor_geom.gallery.curves import trigonometric
 from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface, surface_chart
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import ClosedCurve, CurveFunction
+from spinor_geom.mesh.interpolation import by_arcs
+from spinor_geom.plateau.solve import solve_plateau
 
 Kind = Literal["smooth", "corners", "plane"]
 Sampling = Literal["formula", "even", "uneven"]
 _DIAMETER_POINTS = 512
 _SEED = 0  # of uneven edges
+_ROUNDING = 1e-12  # nothing comes nearer that matters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,9 +35,7 @@ class Case:
     """A known minimal disk and its boundary.
 
     Attributes:
-        name: on the command line and in tables.
         kind: "smooth" loops have no corners; "plane" ones lie in a plane.
-        known: the answer.
         sampling: where the points of smooth loops lie: "formula" as the formula's parameter runs, "even" equally far
             apart along the curve, "uneven" with edges of random lengths.
     """
@@ -61,21 +66,15 @@ class Case:
         Curves of which only the area is known have a converged solution in the place of a formula: Douglas's problem on
         the curve's own formula, by power series to round-off.
         """
-        if isinstance(self.known, KnownCurve):
-            return self.known.chart or _solved(self.known)
-        return self.known.chart
+        if self.known.chart is not None:
+            return self.known.chart
+        surface = solve_plateau(self.known, model="series").surface
+        return surface_chart(surface, lambda z: np.asarray(surface.position(z)))
 
     @cached_property
     def diameter(self) -> float:
         """Largest distance of two points of the loop."""
         return float(pdist(self.loop(_DIAMETER_POINTS).points).max())
-
-
-def _solved(curve: KnownCurve) -> Chart:
-    from spinor_geom.plateau.solve import solve_plateau
-
-    surface = solve_plateau(curve, model="series").surface
-    return surface_chart(surface, lambda z: np.asarray(surface.position(z)))
 
 
 _STAR = np.exp(2j * np.pi * np.arange(10) / 10) * np.where(np.arange(10) % 2, 0.45, 1.0)
@@ -143,3 +142,41 @@ def known_case(name: str) -> Case:
         if sampling == other and kind == "smooth":
             return Case(name=name, kind=kind, known=make(), sampling=other)
     raise OptionError(f"there is no case {name!r}; smooth cases have the samplings @even and @uneven")
+
+
+def points_limit(case: Case, n: int) -> float | None:
+    """Least relative error of the area of minimal surfaces over usual interpolants of a smooth case's points.
+
+    The interpolants know nothing but the points: the trigonometric polynomial where the points are equal steps of a
+    parameter, and the periodic splines of degree 5 and 7 by arc length. Each is solved as a curve in formulas, by power
+    series to rounding; which of them comes nearest is known only to who knows the answer, and that one counts.
+
+    Returns:
+        None where no interpolant is solved.
+    """
+    points = case.loop(n).points
+    least: float | None = None
+    for curve in _interpolants(points, equal_steps=case.sampling != "uneven"):
+        try:
+            error = abs(solve_plateau(curve, model="series").area / case.area - 1)
+        except SpinorGeomError:  # it winds too much between the points
+            continue
+        least = error if least is None else min(least, error)
+        if least < _ROUNDING:
+            break
+    return least
+
+
+def _interpolants(points: Float[np.ndarray, "n 3"], *, equal_steps: bool) -> Iterator[ClosedCurve]:
+    if equal_steps:
+        yield trigonometric(points)
+    around = np.vstack([points, points[:1]])
+    for degree in (7, 5):
+        spline = make_interp_spline(by_arcs(points), around, k=degree, bc_type="periodic")
+        point, derivative, second_derivative = (_periodic(spline, order) for order in range(3))
+        yield ClosedCurve(point=point, derivative=derivative, second_derivative=second_derivative)
+
+
+def _periodic(spline: BSpline, order: int) -> CurveFunction:
+    derivative = spline.derivative(order) if order else spline
+    return lambda s: derivative(np.mod(s, 1.0))

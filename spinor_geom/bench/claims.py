@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from statistics import median
 
 from spinor_geom.bench.cases import known_kind
-from spinor_geom.bench.cut_outs import HEIGHTS
-from spinor_geom.bench.figures import Figure, Limit, at_most, share
+from spinor_geom.bench.cut_outs import CUT, HEIGHTS, NOISY
 from spinor_geom.bench.fillers import OUR_FILLERS, OURS, SMOOTH
 from spinor_geom.bench.machine import Record
-from spinor_geom.bench.ragged import CUT, NOISY
 from spinor_geom.bench.solves import SUITES as SOLVED
-from spinor_geom.bench.solves import solves
+from spinor_geom.bench.solves import Kind, Limit, solves
 
 # largest share of the reference's seconds for a whole fill, by points of the rim
 REFERENCE, REFERENCE_CASE, REFERENCE_SHARE = "meshlib-nicely", "enneper-0.8", {64: 4.0, 256: 1.0, 1000: 0.333}
@@ -28,6 +27,18 @@ RATES = {"smooth loops": 60.0, "loops with 5% noise": 10.0, "rims cut along tria
 CLOSER, OF_LIMIT, NEARER = 1e3, 10.0, 1e4
 SLOWER = 3.0  # seconds per those of discrete surfaces
 WITHIN, SHARP = 1e-3, 130.0  # residual per mean edge; degrees that nine points in ten of a milder rim turn by less than
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A promise and what became of it; "accuracy" holds on any machine, "time" is told and never checked."""
+
+    suite: str
+    case: str
+    text: str
+    measured: str
+    met: bool
+    kind: Kind = "accuracy"
 
 
 def claims(records: Sequence[Record]) -> list[Figure]:
@@ -48,7 +59,7 @@ def claims(records: Sequence[Record]) -> list[Figure]:
     for record in records:
         # what ours refuses is a promise missed
         if record["suite"] in SOLVED and record["case"] in solves() and record["method"] == "spinor":
-            found += [limit.of(record) for limit in solves()[record["case"]].limits]
+            found += [judged(limit, record) for limit in solves()[record["case"]].limits]
     found += _random([r for r in _of(records, "curves") if r["case"].startswith("random curve")])
     return [*found, *_batch(_of(done, "batch"))]
 
@@ -190,8 +201,10 @@ def _ragged(ours: list[Record]) -> Iterator[Figure]:
         yield from at_most("ragged", "cut", "seconds", seconds, 1.0, "time")
     for record in (r for r in ours if r["case"] in NOISY):
         noise, points = NOISY[record["case"]]
-        yield Limit("residual_per_edge", "RMS residual, in mean edges,", WITHIN if noise < 0.2 else 1e-2).of(record)
-        yield Limit("seconds", "seconds", NOISY_SECONDS[points], "time").of(record)
+        yield judged(
+            Limit("residual_per_edge", "RMS residual, in mean edges,", WITHIN if noise < 0.2 else 1e-2), record
+        )
+        yield judged(Limit("seconds", "seconds", NOISY_SECONDS[points], "time"), record)
 
 
 def _meshes(ours: list[Record]) -> Iterator[Figure]:
@@ -232,4 +245,33 @@ def _batch(done: list[Record]) -> Iterator[Figure]:
         growth = [many["driver_mib"] / few["driver_mib"]]
         yield from at_most("batch", many["case"], "times the driver's memory", growth, 1.1)
     for record in (r for r in done if r.get("equal") is not None):
-        yield Limit("equal", "equal to the last bit", True).of(record)
+        yield judged(Limit("equal", "equal to the last bit", True), record)
+
+
+def judged(limit: Limit, record: Record) -> Figure:
+    """What became of a limit; what was not measured, or is not a number, misses it."""
+    exact = isinstance(limit.value, str | bool)
+    text = limit.name if limit.value is True else f"{limit.name}: {limit.value}"
+    found = record.get(limit.field) if record["status"] == "done" else record["status"]
+    if exact or found is None or isinstance(found, str):
+        met, measured = found == limit.value, {True: "yes", False: "no", None: "not measured"}.get(found, str(found))
+    else:
+        met, measured = bool(found <= limit.value), f"{found:.3g}"
+    text = text if exact else f"{limit.name} at most {limit.value:g}"
+    return Figure(record["suite"], record["case"], text, measured, met, limit.kind)
+
+
+def at_most(
+    suite: str, case: str, text: str, values: Sequence[float], limit: float, kind: Kind = "accuracy"
+) -> Iterator[Figure]:
+    """A limit that all values have to keep; nothing where there is none."""
+    if values:
+        measured = f"{max(values):.3g}" + (f" at most, {median(values):.3g} in the median" if len(values) > 1 else "")
+        yield Figure(suite, case, f"{text} at most {limit:.3g}", measured, max(values) <= limit, kind)
+
+
+def share(suite: str, case: str, text: str, met: Sequence[bool], least: float = 1.0) -> Iterator[Figure]:
+    """What has to be so of a share of things, or of all; nothing where there is none."""
+    if met:
+        text += "" if least == 1 else f", at least {least:.0%}"
+        yield Figure(suite, case, text, f"{sum(met)} of {len(met)}", sum(met) >= least * len(met))

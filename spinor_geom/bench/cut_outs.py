@@ -1,9 +1,10 @@
-"""Pieces cut out of known surfaces and of scans: a filler should put back what was removed."""
+"""Pieces cut out of known surfaces and of scans, which a filler should put back; ragged rims, as people have them."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -16,7 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import pdist
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.bench.holes import Hole, lattice
+from spinor_geom.bench.holes import Hole, collar, lattice
 from spinor_geom.errors import OptionError
 from spinor_geom.measures.hausdorff import distances_to_mesh
 from spinor_geom.mesh.topology import boundary_edges, face_components
@@ -45,7 +46,6 @@ class CutOut:
     """A mesh with a hole, and what was in it.
 
     Attributes:
-        name: on the command line and in tables.
         kind: of the hole: "long" windows are many times longer than wide, a "ring" has an island in it, and "tube" is a
             band between two rims.
         hole: the rest of the mesh.
@@ -102,10 +102,10 @@ def _plane() -> _Mesh:
     return np.stack([x, y, 0 * x], axis=1) + [1, 1, 0] * _jitter((len(x), 3), 1.0), faces
 
 
-def _cylinder() -> _Mesh:
-    (x, y), faces = lattice(48, 32, wrap_x=True)
-    angle = 2 * np.pi * x / 48
-    return np.stack([TUBE * np.cos(angle), TUBE * np.sin(angle), y / 16 - 1], axis=1), faces
+def _cylinder(around: int = 48, up: int = 32) -> _Mesh:
+    (x, y), faces = lattice(around, up, wrap_x=True)
+    angle = 2 * np.pi * x / around
+    return np.stack([TUBE * np.cos(angle), TUBE * np.sin(angle), 2 * y / up - 1], axis=1), faces
 
 
 def _torus() -> _Mesh:
@@ -143,10 +143,7 @@ SURFACES: Mapping[str, tuple[Callable[[], _Mesh], Distances]] = {
     },
     "plane": (_plane, lambda points: np.abs(points[:, 2])),
     "cylinder": (_cylinder, lambda points: np.abs(_axis_distance(points) - TUBE)),
-    "torus": (
-        _torus,
-        lambda points: np.abs(np.hypot(_axis_distance(points) - TORUS, points[:, 2]) - TORUS_TUBE),
-    ),
+    "torus": (_torus, lambda points: np.abs(np.hypot(_axis_distance(points) - TORUS, points[:, 2]) - TORUS_TUBE)),
 }
 """Meshes of known surfaces, and the distance of points from each."""
 
@@ -241,3 +238,84 @@ def named_cut_out(name: str, folder: Path | None = None) -> CutOut:
     if folder is None or name not in scan_names(folder):
         raise OptionError(f"there is no cut-out {name!r} here; scans are read from the folder of mesh files")
     return scan_disk(name, folder)
+
+
+# --- ragged rims ------------------------------------------------------------------------------------------------------
+
+
+SHORTEST, LONGEST = 13, 120
+CUT = tuple(f"cut-{place:02}" for place in range(60))
+"""Names of the first 60 rims of so many points that are cut out of generated meshes."""
+
+NOISY: Mapping[str, tuple[float, int]] = {
+    f"noise-{noise:.0%}-{points}": (noise, points) for noise in (0.05, 0.15, 0.3) for points in (100, 250, 600, 1200)
+}
+"""Noise in mean edges and points of rims with noise."""
+
+
+def ragged_hole(name: str) -> Hole:
+    """The rim of a name: inside a strip that goes down from a noisy ellipse, or cut."""
+    if name not in NOISY:
+        return replace(_cut_holes()[CUT.index(name)], name=name)
+    noise, points = NOISY[name]
+    t = 2 * np.pi * np.arange(points) / points
+    rim = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)])
+    edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1).mean()
+    inner = rim + noise * edge * np.random.default_rng(points).standard_normal(rim.shape)
+    return collar(name, inner, np.column_stack([2.6 * np.cos(t), 1.6 * np.sin(t), np.full(points, -0.8)]))
+
+
+@lru_cache(maxsize=1)
+def _cut_holes() -> list[Hole]:
+    """Caps and windows of icospheres, UV spheres, tori, cylinders and noisy ellipsoids, each with a single rim."""
+    random, found = np.random.default_rng(0), list[Hole]()
+    for make, least, most in itertools.cycle(_MESHES):
+        mesh = make(random)
+        centre = _side(random) if make is _can else mesh.vertices[int(random.integers(len(mesh.vertices)))]
+        removed = np.linalg.norm(mesh.triangles_center - centre, axis=1) <= random.uniform(least, most)
+        hole = cut("", "curved", (np.array(mesh.vertices), np.array(mesh.faces)), removed).hole
+        if len(hole.loops) == 1 and SHORTEST <= len(hole.loops[0]) <= LONGEST:
+            found.append(hole)
+        if len(found) == len(CUT):
+            break
+    return found
+
+
+def _uv_sphere(random: np.random.Generator) -> trimesh.Trimesh:
+    """A unit sphere by latitude and longitude: slivers at its poles."""
+    count = int(random.integers(20, 45))
+    return trimesh.creation.uv_sphere(count=[count, count])
+
+
+def _can(_: np.random.Generator) -> trimesh.Trimesh:
+    """A closed cylinder, its side divided into a grid."""
+    vertices, side = _cylinder(40, 25)
+    ring, after = np.arange(40), (np.arange(40) + 1) % 40
+    bottom = np.column_stack([np.full(40, len(vertices)), after, ring])
+    top = np.column_stack([np.full(40, len(vertices) + 1), 1000 + ring, 1000 + after])
+    ends = [[0, 0, -1], [0, 0, 1]]
+    return trimesh.Trimesh(np.vstack([vertices, ends]), np.vstack([side, bottom, top]), process=False)
+
+
+def _side(random: np.random.Generator) -> Float[np.ndarray, "3"]:
+    """A point of the cylinder's side."""
+    turn = random.uniform(0, 2 * np.pi)
+    return np.array([TUBE * np.cos(turn), TUBE * np.sin(turn), random.uniform(-0.4, 0.4)])
+
+
+def _ellipsoid(random: np.random.Generator) -> trimesh.Trimesh:
+    """An ellipsoid whose vertices are off by 15 % of an edge in every coordinate."""
+    ball: trimesh.Trimesh = trimesh.creation.icosphere(int(random.integers(2, 5)))
+    ball.vertices = ball.vertices * [1.0, random.uniform(0.4, 0.9), random.uniform(0.4, 0.9)]
+    ball.vertices = ball.vertices + 0.15 * ball.edges_unique_length.mean() * random.standard_normal(ball.vertices.shape)
+    return ball
+
+
+# what is cut, and the radii of the balls that cut it
+_MESHES: tuple[tuple[Callable[[np.random.Generator], trimesh.Trimesh], float, float], ...] = (
+    (lambda random: trimesh.creation.icosphere(int(random.integers(2, 5))), 0.25, 0.9),
+    (_uv_sphere, 0.25, 0.6),
+    (lambda _: trimesh.creation.torus(1.0, 0.4, major_sections=48, minor_sections=24), 0.15, 0.45),
+    (_can, 0.15, 0.4),
+    (_ellipsoid, 0.2, 0.6),
+)

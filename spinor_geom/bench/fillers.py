@@ -1,4 +1,4 @@
-"""All hole fillers by name: ours, and those of other projects, each by its own package and options that serve it."""
+"""All methods by name, each by its own package and options that serve it: loops are spanned, holes are filled."""
 
 from __future__ import annotations
 
@@ -11,8 +11,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.bench.holes import Hole
+from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
 from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.meshing.embed import Patch, mesh_patch
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.solve import solve_plateau
 
 OURS, SMOOTH = "spinor-fill", "spinor-fill-c1"
 OUR_FILLERS = (OURS, SMOOTH)
@@ -28,13 +33,51 @@ _EVERY_SIZE = 1e6
 _CGAL_DENSITY = 2**0.5
 
 
+Answer: TypeAlias = PlateauSolution | DiscreteMinimalSurface
+Mesh: TypeAlias = Patch | DiscreteMinimalSurface
+
+
+@dataclass(frozen=True)
+class LoopMethod:
+    """A way to span a loop; `span` is the whole of it, mesh included. More than `most_points` take minutes."""
+
+    options: str
+    most_points: int
+    span: Callable[[BoundaryLoop], tuple[Answer, Mesh]]
+
+
+def _solved(loop: BoundaryLoop) -> tuple[Answer, Mesh]:
+    solution = solve_plateau(loop)
+    return solution, mesh_patch(solution)
+
+
+def _discrete(loop: BoundaryLoop, **options: Any) -> tuple[Answer, Mesh]:
+    return (found := discrete_minimal_surface(loop, **options)), found
+
+
+def _uniform(loop: BoundaryLoop, **options: Any) -> tuple[Answer, Mesh]:
+    return _discrete(loop, target_edge_length=loop.mean_edge_length, **options)
+
+
+LOOP_METHODS: Mapping[str, LoopMethod] = {
+    "spinor": LoopMethod("solve_plateau with its defaults, then mesh_patch with the loop's mean edge", 5000, _solved),
+    "libigl": LoopMethod(
+        "discrete_minimal_surface with its defaults: edges as the loop's at the rim, longer inside", 1024, _discrete
+    ),
+    "libigl-uniform": LoopMethod("the same with the loop's mean edge everywhere", 512, _uniform),
+    "pymeshlab": LoopMethod(
+        "discrete_minimal_surface(method='pymeshlab') with the loop's mean edge",
+        128,
+        partial(_uniform, method="pymeshlab"),
+    ),
+}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Filled:
-    """What a filler left.
+    """What a filler left: the whole mesh.
 
     Attributes:
-        vertices: of the whole mesh.
-        faces: of the whole mesh.
         told: what the call returned, in words; empty where it returns nothing.
         succeeded: whether the tool says that it filled; None where it says nothing, which users take for a yes.
         area: of the surface that the patches are meshes of, where there is one.
@@ -57,14 +100,7 @@ Prepared: TypeAlias = tuple[Callable[[], Any], Callable[[Any], Filled]]
 
 @dataclass(frozen=True)
 class Filler:
-    """A way to fill holes.
-
-    Attributes:
-        package: the module it is imported from.
-        distribution: the package that holds it, whose version is told.
-        options: which are not the defaults, for the documents.
-        prepare: hands the mesh over.
-    """
+    """A way to fill holes: its module, its package, options that are not the defaults, and what hands a mesh over."""
 
     package: str
     distribution: str
@@ -106,7 +142,6 @@ def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
                 "requested": len(asked),
                 "unexplained": sum(not outcome.filled and not outcome.reason for outcome in asked),
                 "within_1e-2": sum(residual <= 1e-2 for residual in residuals),
-                "within_1e-3": sum(residual <= 1e-3 for residual in residuals),
                 "residual_per_edge": max(residuals, default=None),
             },
         )
@@ -205,7 +240,9 @@ def _cgal(hole: Hole, *, function: str, outputs: int = 2, options: tuple[float, 
         return found
 
     points()
-    rims = _cgal_rims(polyhedron, set(hole.rim.tolist()))
+    borders = {(h.opposite().vertex().id(), h.vertex().id()): h for h in polyhedron.halfedges() if h.is_border()}
+    firsts = (hole.loops[place].vertex_ids[:2].tolist() for place in hole.places)
+    rims = [borders[a, b] if (a, b) in borders else borders[b, a] for a, b in firsts]
     call = getattr(CGAL_Polygon_mesh_processing, function)
 
     def fill() -> list[Any]:
@@ -221,22 +258,6 @@ def _cgal(hole: Hole, *, function: str, outputs: int = 2, options: tuple[float, 
         return _left(vertices, faces, told=told, succeeded=all(said) if said else None)
 
     return fill, finish
-
-
-def _cgal_rims(polyhedron: Any, rim: set[int]) -> list[Any]:
-    """A halfedge of every rim."""
-    polyhedron.normalize_border()
-    seen: set[tuple[int, int]] = set()
-    found = []
-    for halfedge in (one for one in polyhedron.halfedges() if one.is_border()):
-        around, walk = set(), halfedge
-        while (ends := (walk.opposite().vertex().id(), walk.vertex().id())) not in seen:
-            seen.add(ends)
-            around.add(ends[0])
-            walk = walk.next()
-        if around and around <= rim:
-            found.append(halfedge)
-    return found
 
 
 def _vtk(hole: Hole) -> Prepared:

@@ -35,9 +35,6 @@ class Hole:
     """A mesh with one or more rims to be closed; its other boundaries, which are longer, are to be left open.
 
     Attributes:
-        name: for tables.
-        vertices: of the mesh.
-        faces: of the mesh.
         rim: ids of the vertices of the rims.
         expected: what a tool should do, in a few words; empty where it is to close the rims.
         facing: whether its two rims face each other, so that a tool that can join rims is to join them.
@@ -53,16 +50,11 @@ class Hole:
     area: float | None = None
 
     @cached_property
-    def rim_edges(self) -> Int[np.ndarray, "e 2"]:
-        """The edges to be closed."""
+    def edges(self) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "o 2"]]:
+        """The boundary edges to be closed, and those to be left open."""
         edges = boundary_edges(self.faces)
-        return edges[np.isin(edges, self.rim).all(axis=1)]
-
-    @cached_property
-    def outer_edges(self) -> Int[np.ndarray, "e 2"]:
-        """The boundary edges to be left open."""
-        edges = boundary_edges(self.faces)
-        return edges[~np.isin(edges, self.rim).all(axis=1)]
+        ours = np.isin(edges, self.rim).all(axis=1)
+        return edges[ours], edges[~ours]
 
     @cached_property
     def loops(self) -> list[BoundaryLoop]:
@@ -88,7 +80,7 @@ class Hole:
     @cached_property
     def mean_edge(self) -> float:
         """Mean length of the edges to be closed."""
-        start, end = self.vertices[self.rim_edges].swapaxes(0, 1)
+        start, end = self.vertices[self.edges[0]].swapaxes(0, 1)
         return float(np.linalg.norm(end - start, axis=1).mean())
 
 
@@ -126,7 +118,7 @@ def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n
 @cache
 def odd_holes() -> Mapping[str, Hole]:
     """Rims that are no ordinary holes, and those of other projects' tests, rebuilt from what they say."""
-    return {hole.name: hole for hole in (*_odd(), *_peer_tests())}
+    return {hole.name: hole for hole in _odd()}
 
 
 def _odd() -> Iterator[Hole]:
@@ -151,10 +143,7 @@ def _odd() -> Iterator[Hole]:
     yield Hole(name="slit", vertices=points, faces=faces, rim=rim, expected="merge its sides: there is nothing to fill")
     for height in (0.5, 0.6, 0.7):
         yield facing_rims(height)
-
-
-def _peer_tests() -> Iterator[Hole]:
-    """Holes that the test suites of PMP, MeshLib, trimesh and CGAL fill."""
+    # holes that the test suites of PMP, MeshLib, trimesh and CGAL fill
     t, i = 2 * np.pi * np.arange(8) / 8, np.arange(8)
     cone = np.concatenate([np.stack([np.cos(t), np.sin(t), 0 * t], axis=1), [[0, 0, 1.5]]])
     # PMP: a cone of radius 1 and height 1.5 without its base
@@ -163,11 +152,11 @@ def _peer_tests() -> Iterator[Hole]:
     ring = trimesh.creation.torus(2.0, 1.0, major_sections=10, minor_sections=10)
     yield all_rims("torus-window", ring.vertices, ring.faces[1:], "one triangle")
     # MeshLib: a prism less three triangles: rims of three and four edges with two common vertices
-    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
     ends, sides = [[0, 2, 1], [3, 4, 5]], [[0, 1, 3], [2, 5, 4], [2, 3, 5]]
-    yield all_rims("prism", points, ends + sides, "two patches of one and two triangles")
+    yield all_rims("prism", corners, ends + sides, "two patches of one and two triangles")
     # MeshLib: two triangles at distance 1, to be joined by a prism's sides
-    yield replace(all_rims("facing-triangles", points, ends, "the three sides of a prism, or refused"), facing=True)
+    yield replace(all_rims("facing-triangles", corners, ends, "the three sides of a prism, or refused"), facing=True)
     # trimesh: a cube less its first and last triangle
     box = trimesh.creation.box()
     yield all_rims("holey-cube", box.vertices, box.faces[1:-1], "one triangle in each of two sides")

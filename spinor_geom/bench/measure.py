@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,8 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.bench.cases import Case
 from spinor_geom.bench.cut_outs import CutOut
-from spinor_geom.bench.fillers import Filled
+from spinor_geom.bench.fillers import Answer, Filled, Mesh
 from spinor_geom.bench.holes import Hole
-from spinor_geom.bench.methods import Spanned
 from spinor_geom.comparison import exact_curvature
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
@@ -25,6 +25,7 @@ from spinor_geom.mesh.intersections import intersections_between, self_intersect
 from spinor_geom.mesh.operators import face_areas, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.solution import PlateauSolution
 
 # of the exact |H|: second derivatives cost some milliseconds a point
 _CURVATURE_POINTS = 100
@@ -36,45 +37,35 @@ _MOST_CROSSING_FACES = 300_000
 # vertices nearer than this share of the diagonal are the same: room for tools that keep single precision
 _SAME = 1e-6
 
-DISTANCE = "distance / diameter"
+DISTANCE, REMOVED = "distance / diameter", "removed"
 
 Figures = dict[str, Any]
 
 
-def disk_figures(spanned: Spanned, loop: BoundaryLoop, case: Case) -> Figures:
+def disk_figures(answer: Answer, patch: Mesh, loop: BoundaryLoop, case: Case) -> Figures:
     """The figures of a disk over a known loop."""
-    vertices, faces, diameter = spanned.vertices, spanned.faces, case.diameter
+    vertices, faces, diameter, n = patch.vertices, patch.faces, case.diameter, len(loop)
     figures = patch_figures(vertices, faces, diameter, case.chart)
     edges = {tuple(edge) for edge in boundary_edges(faces).tolist()}
-    n = len(loop)
     figures |= {
-        "area": spanned.area,
-        "area_error": abs(spanned.area / case.area - 1),
+        "area": answer.area,
+        "area_error": abs(answer.area / case.area - 1),
         "mesh_area_error": abs(figures["mesh_area"] / case.area - 1),
         "rim_kept": bool((vertices[:n] == loop.points).all()),
         "open_edges": len(edges ^ {(k, (k + 1) % n) for k in range(n)}),
-        "converged": spanned.converged,
-        "told": spanned.told,
+        "converged": answer.converged,
     }
-    if spanned.solution is not None:
-        solution = spanned.solution
-        figures["solve_seconds"] = sum(solution.solve_timings.values())
-        figures["residual_per_edge"] = solution.boundary_residual.rms_per_edge
-        mesh = solution.domain.triangulation
-        curvature = exact_curvature(solution, mesh.points[mesh.boundary_size :], _CURVATURE_POINTS) * diameter
+    if isinstance(answer, PlateauSolution):
+        figures["told"] = f"route {answer.route}; {answer.reason}"
+        figures["residual_per_edge"] = answer.boundary_residual.rms_per_edge
+        mesh = answer.domain.triangulation
+        curvature = exact_curvature(answer, mesh.points[mesh.boundary_size :], _CURVATURE_POINTS)
         if len(curvature):
-            figures |= {
-                "exact_curvature_median": float(np.median(curvature)),
-                "exact_curvature_max": float(curvature.max()),
-            }
+            figures["exact_curvature_median"] = float(np.median(curvature)) * diameter
         # at vertices inside, which are the surface's own points; those on the rim are given
-        fine = mesh_patch(solution, (4 * solution.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
-        distance = case.chart.distances(fine.vertices[fine.boundary_size :]) / diameter
-        if len(distance):
-            figures |= {
-                "surface_distance_max": float(distance.max()),
-                "surface_distance_mean": float(distance.mean()),
-            }
+        fine = mesh_patch(answer, (4 * answer.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
+        distance = case.chart.distances(fine.vertices[fine.boundary_size :])
+        figures["surface_distance_max"] = float(distance.max() / diameter) if len(distance) else None
     return figures
 
 
@@ -84,16 +75,15 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     patch, known = filled.faces[of_patch], vertex_of >= 0
     step = np.abs(filled.vertices[known] - hole.vertices[vertex_of[known]]).max(initial=0.0)
     diagonal = float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
-    rim_left = _open(filled.faces, vertex_of, hole.rim_edges)
+    rim_left, outer_left = (_open(filled.faces, vertex_of, edges) for edges in hole.edges)
     half = HalfEdges.of(filled.faces)
-    new_open = int((half.counts == 1).sum()) - rim_left - _open(filled.faces, vertex_of, hole.outer_edges)
     figures: Figures = {
         "open_rim_edges": rim_left,
-        "new_open_edges": new_open,
-        "outer_kept_open": _open(filled.faces, vertex_of, hole.outer_edges) == len(hole.outer_edges),
+        "new_open_edges": int((half.counts == 1).sum()) - rim_left - outer_left,
+        "outer_kept_open": outer_left == len(hole.edges[1]),
         "nonmanifold_edges": int((half.counts > 2).sum()),
         "old_faces_kept": int(old.sum()) == len(hole.faces) and bool(step <= _SAME * diagonal),
-        "rim_kept": _contains_rows(filled.vertices, hole.vertices[hole.rim]),
+        "rim_kept": set(map(bytes, hole.vertices[hole.rim])) <= set(map(bytes, filled.vertices)),  # bit for bit
         "triangles": len(patch),
         "told": filled.told,
         "succeeded": filled.succeeded,
@@ -102,10 +92,9 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
     if not len(patch):
         return figures
     used, faces = np.unique(patch, return_inverse=True)
-    vertices = filled.vertices[used]
-    diameter = diagonal if case is None else case.diameter
-    chart = None if case is None else case.chart
-    figures |= patch_figures(vertices, faces.reshape(-1, 3), diameter, chart)
+    vertices, faces = filled.vertices[used], faces.reshape(-1, 3)
+    known_as = (diagonal, None) if case is None else (case.diameter, case.chart)
+    figures |= patch_figures(vertices, faces, *known_as)
     figures["area"] = figures["mesh_area"] if filled.area is None else filled.area
     if hole.area is not None:
         figures["area_error"] = abs(figures["area"] / hole.area - 1)
@@ -113,9 +102,8 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
         figures["area_excess"] = figures["mesh_area"] / hole.area - 1
     figures["patches"] = 1 + int(face_components(patch).max())
     if len(filled.faces) <= _MOST_CROSSING_FACES:
-        figures["mesh_crossings"] = len(
-            intersections_between(vertices, faces.reshape(-1, 3), filled.vertices, filled.faces[~of_patch])
-        )
+        crossing = intersections_between(vertices, faces, filled.vertices, filled.faces[~of_patch])
+        figures["mesh_crossings"] = len(crossing)
     return figures
 
 
@@ -147,23 +135,19 @@ def cut_out_figures(filled: Filled, cut_out: CutOut) -> Figures:
     return figures
 
 
-def cut_out_views(filled: Filled, cut_out: CutOut) -> dict[str, dict[str, np.ndarray]]:
-    """Arrays of what was removed, by the name "removed", and of the patches, by none.
-
-    Vertices, faces, and as values the vertices' distances from what was removed, per diameter of the hole.
-    """
-    made = {}
+def save_views(filled: Filled, cut_out: CutOut, folder: Path, method: str) -> None:
+    """Writes what was removed and the patches, with the vertices' distances from it per diameter of the hole."""
+    folder.mkdir(parents=True, exist_ok=True)
     patch = filled.faces[_parts(filled, cut_out.hole)[1]]
-    for name, vertices, faces in (("removed", cut_out.vertices, cut_out.faces), ("", filled.vertices, patch)):
+    for name, vertices, faces in ((REMOVED, cut_out.vertices, cut_out.faces), (method, filled.vertices, patch)):
         if len(faces):
             used, index = np.unique(faces, return_inverse=True)
-            distance = cut_out.distances(vertices[used]) / cut_out.diameter
-            made[name] = {
-                "vertices": vertices[used].astype(np.float32),
-                "faces": index.reshape(-1, 3).astype(np.int32),
-                "values": distance.astype(np.float32),
-            }
-    return made
+            np.savez_compressed(
+                folder / f"{name}.npz",
+                vertices=vertices[used].astype(np.float32),
+                faces=index.reshape(-1, 3).astype(np.int32),
+                values=(cut_out.distances(vertices[used]) / cut_out.diameter).astype(np.float32),
+            )
 
 
 def rim_bend(
@@ -192,7 +176,6 @@ def patch_figures(
     curvature = discrete_mean_curvature(vertices, faces)
     figures: Figures = {
         "triangles": len(faces),
-        "vertices": len(vertices),
         "mesh_area": float(face_areas(vertices, faces).sum()),
         "curvature_max": curvature.max * diameter,
         "curvature_rms": curvature.rms * diameter,
@@ -249,9 +232,3 @@ def _open(faces: Int[np.ndarray, "f 3"], vertex_of: Int[np.ndarray, " n"], edges
     ends = np.sort(vertex_of[boundary_edges(faces)], axis=1)
     still = {tuple(edge) for edge in ends.tolist()}
     return sum(tuple(edge) in still for edge in np.sort(edges, axis=1).tolist())
-
-
-def _contains_rows(points: Float[np.ndarray, "n 3"], wanted: Float[np.ndarray, "k 3"]) -> bool:
-    """Whether rows are among others, bit for bit."""
-    there = {row.tobytes() for row in np.ascontiguousarray(points, dtype=np.float64)}
-    return all(row.tobytes() in there for row in np.ascontiguousarray(wanted))

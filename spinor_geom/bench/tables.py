@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from spinor_geom.bench.claims import claims, is_whole
-from spinor_geom.bench.figures import Figure
-from spinor_geom.bench.fillers import FILLERS, SMOOTH
+from spinor_geom.bench.claims import Figure, claims, is_whole
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
 from spinor_geom.bench.machine import Record, is_older
-from spinor_geom.bench.methods import LOOP_METHODS
 from spinor_geom.render.page import cell, markdown
 
 OLDER = "†"  # a row of ours whose code has changed since
@@ -20,15 +18,7 @@ _SAID = 160
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table of text.
-
-    Attributes:
-        title: its heading.
-        columns: names of the columns.
-        rows: cells, as many in a row as there are columns.
-        note: a sentence below the heading.
-        marked: rows that miss what is promised.
-    """
+    """A table of text with a note below its heading; `marked` rows miss what is promised."""
 
     title: str
     columns: Sequence[str]
@@ -42,46 +32,35 @@ class Table:
         return "\n".join([f"### {self.title}", "", *note, markdown(self.columns, self.rows)])
 
 
-_FILLED = ("closed", "triangles", "crossings", "mesh_crossings", "old_faces_kept", "residual_per_edge")
-_SOLVED = ("seconds", "rms_per_edge", "max_per_diagonal", "area_error", "converged", "verdict", "untrue", "told")
-_DISK = (
-    *("n", "seconds", "memory_mib", "area_error", "limit_error", "surface_distance_max", "exact_curvature_median"),
-    *("triangles", "mesh_area_error", "distance_max", "curvature_rms", "rim_kept", "open_edges", "crossings"),
-    *("min_angle", "converged"),
+FIELDS = (
+    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "equal", "memory_mib", "closed", "area_error"),
+    *("limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max", "residual_per_edge"),
+    *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),
+    *("rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "converged"),
+    *("verdict", "untrue", "told"),
 )
-FIELDS: Mapping[str, tuple[str, ...]] = {
-    "disks": _DISK,
-    "fills": (
-        *("n", "seconds", *_FILLED, "area_error", "area_excess", "distance_max", "curvature_rms"),
-        *("min_angle", "memory_mib"),
-    ),
-    "meshes": ("seconds", *_FILLED, "nonmanifold_edges", "told"),
-    "ragged": ("seconds", *_FILLED),
-    **dict.fromkeys(("curves", "rims", "speed", "paper"), _SOLVED),
-    "batch": ("files", "seconds", "rate", "files_failed", "driver_mib", "equal"),
-}
-"""What is shown of every single record of a suite; all of it stands in the CSV."""
+"""What is shown of every single record, where its suite has it; all of it stands in the CSV."""
 
 
 def tables(records: Sequence[Record]) -> list[Table]:
     """All tables of a run that have rows."""
     of = {suite: [r for r in records if r["suite"] == suite] for suite in dict.fromkeys(r["suite"] for r in records)}
     cut_outs = [r for r in of.get("cut-outs", []) if r["status"] != "missing"]
-    single = (record_table(suite, of.get(suite, [])) for suite in FIELDS)
-    compared = (odd_table(of.get("odd", [])), filler_table(cut_outs), kind_table(cut_outs))
+    single = (record_table(suite, here) for suite, here in of.items() if suite not in ("odd", "cut-outs"))
+    compared = (odd_table(of.get("odd", [])), filler_table(cut_outs))
     return [table for table in (claim_table(claims(records)), *compared, *single, trouble_table(records)) if table.rows]
 
 
 def record_table(suite: str, records: Iterable[Record]) -> Table:
     """A line a record that is done."""
-    rows = []
+    shown = []
     for record in (r for r in records if r["status"] == "done"):
         told = short(record.get("told") or record.get("said") or "")
-        shown = {**record, "closed": closed(record) if "open_rim_edges" in record else None, "told": told}
-        fields = (cell(shown.get(name)) for name in FIELDS[suite])
-        rows.append((Path(record["case"]).name, method_name(record), *fields))
-    columns = ("case", "method", *(name.replace("_", " ") for name in FIELDS[suite]))
-    return Table(title=f"Suite {suite}", columns=columns, rows=rows)
+        whole = (left_open(record) or "yes") if "open_rim_edges" in record else None
+        shown.append({**record, "closed": whole, "told": told})
+    names = [name for name in FIELDS if any(record.get(name) not in (None, "") for record in shown)]
+    rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in names)) for r in shown]
+    return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in names)), rows=rows)
 
 
 def short(text: str) -> str:
@@ -95,17 +74,10 @@ def method_name(record: Record) -> str:
     return f"{record['method']} {OLDER}" if is_older(record) else str(record["method"])
 
 
-def closed(record: Record) -> str:
-    """Whether a hole is closed, and where it is not, whether the tool says so."""
-    problems = [
-        f"{record[name]} {text}"
-        for name, text in (("open_rim_edges", "edges left open"), ("new_open_edges", "new open edges"))
-        if record[name]
-    ]
-    if not problems:
-        return "yes"
-    silent = ", without a word" if record["succeeded"] is not False and not record["told"] else ""
-    return f"no, {', '.join(problems)}{silent}{', and reports success' if record['succeeded'] else ''}"
+def left_open(record: Record) -> str:
+    """How many edges a filler left open, marked where it says nothing about them or tells of success."""
+    left = record["open_rim_edges"] + record["new_open_edges"]
+    return f"{left} open{'' if record['succeeded'] is False else ' !'}" if left else ""
 
 
 def claim_table(found: Sequence[Figure]) -> Table:
@@ -138,31 +110,42 @@ def odd_table(records: Sequence[Record]) -> Table:
 def _in_short(record: Record) -> str:
     if record["status"] != "done":
         return str(record["status"])
-    left = record["open_rim_edges"] + record["new_open_edges"]
-    patches = record.get("patches") or 0
+    patches, left = record.get("patches") or 0, left_open(record)
     if not patches and record["succeeded"] is False:
         return "refused"
     crossings = (record.get("crossings") or 0) + (record.get("mesh_crossings") or 0)
     parts = [
         f"{patches} patches" if patches > 1 else "" if left else "closed" if patches else "doubled",
         f"{crossings} ×" if crossings else "",
-        f"{left} open" + ("" if record["succeeded"] is False else " !") if left else "",
+        left,
         *((f"{record['max_angle']:.0f}°", f"{record['seconds']:.2g} s") if patches else ()),
     ]
     return ", ".join(part for part in parts if part)
 
 
 def filler_table(records: Sequence[Record]) -> Table:
-    """A line a filler: how many cut-outs it closes, how near it is, how smooth, how quick."""
+    """A line a filler: how many cut-outs it closes, how near it is, how smooth, how quick; then by kind of hole.
+
+    A scan is a kind of its own, and the least distance of each kind is in bold.
+    """
     whole = [r for r in records if is_whole(r)]
     by_case = ([r for r in whole if r["case"] == case] for case in _names(whole, "case"))
     nearest = [min(here, key=lambda r: r["distance"]) for here in by_case]
     smooth = {r["case"]: r["distance"] for r in whole if r["method"] == SMOOTH}
+    kinds: dict[str, dict[str, list[float]]] = {}
+    for r in whole:
+        kind = r["case"].rpartition("-")[0] if r["kind"] == "scan" else r["kind"]
+        kinds.setdefault(kind, {}).setdefault(r["method"], []).append(r["distance"])
     rows = []
     for method in _names(records, "method"):
         here, mine = [r for r in records if r["method"] == method], [r for r in whole if r["method"] == method]
         bends = [r["bend"] / r["removed_bend"] for r in mine if r["bend"] is not None and r["removed_bend"]]
         scans = [r for r in mine if r["kind"] == "scan"]
+        medians = []
+        for by_method in kinds.values():
+            text, values = _median(by_method.get(method, []), ".3g"), by_method.get(method)
+            best = values and median(values) == min(map(median, by_method.values()))
+            medians.append(f"**{text}**" if best else text)
         rows.append(
             (
                 method_name(here[0]),
@@ -172,39 +155,20 @@ def filler_table(records: Sequence[Record]) -> Table:
                 _share([r["method"] == method for r in nearest]),
                 _share([r["method"] == method for r in nearest if r["kind"] == "scan"]),
                 _share([smooth[r["case"]] < r["distance"] for r in scans if r["case"] in smooth and method != SMOOTH]),
-                _median([r["distance"] for r in scans], ".3g"),
                 _median(bends, ".2f"),
                 _median([r["seconds"] for r in mine], ".3f"),
+                _median([r["distance"] for r in scans], ".3g"),
+                *medians,
             )
         )
     columns = ("filler", "closed", "crossing", "mesh kept", "nearest", "nearest on scans", f"{SMOOTH} nearer on scans")
     return Table(
         title="Cut-outs: who puts back what was removed",
-        columns=(*columns, "median distance on scans", "median bend", "median seconds"),
+        columns=(*columns, "bend", "seconds", "distance on scans", *kinds),
         rows=rows,
-        note="Of patches that close their hole. Distances are per diameter of the hole, the bend across the rim per "
-        "the removed piece's.",
-    )
-
-
-def kind_table(records: Sequence[Record]) -> Table:
-    """Median distances, a column a kind of hole, a scan a kind of its own; the least of each in bold."""
-    distances: dict[str, dict[str, list[float]]] = {}
-    for r in (r for r in records if is_whole(r)):
-        kind = r["case"].rpartition("-")[0] if r["kind"] == "scan" else r["kind"]
-        distances.setdefault(kind, {}).setdefault(r["method"], []).append(r["distance"])
-    least = {kind: min(map(median, by_method.values())) for kind, by_method in distances.items()}
-    rows = []
-    for method in _names(records, "method") if distances else ():
-        here = {kind: by_method.get(method, []) for kind, by_method in distances.items()}
-        texts = {kind: _median(values, ".3g") for kind, values in here.items()}
-        best = {kind for kind, values in here.items() if values and median(values) == least[kind]}
-        rows.append((method, *(f"**{text}**" if kind in best else text for kind, text in texts.items())))
-    return Table(
-        title="Cut-outs: median distance by kind",
-        columns=("filler", *distances),
-        rows=rows,
-        note="Per diameter of the hole: of new vertices from a known surface, of the triangles from a scan, both ways.",
+        note="Of patches that close their hole, figures are medians: the bend across the rim per the removed piece's; "
+        "distances per diameter of the hole, on scans and by kind: of new vertices from a known surface, of the "
+        "triangles from a scan, both ways.",
     )
 
 

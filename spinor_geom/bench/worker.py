@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import importlib
-import importlib.util
 import statistics
 import time
 from collections.abc import Callable
@@ -13,19 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.bench.cases import known_case
+from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.claims import LEAST_POINTS
-from spinor_geom.bench.cut_outs import named_cut_out
-from spinor_geom.bench.fillers import FILLERS
+from spinor_geom.bench.cut_outs import named_cut_out, ragged_hole
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
-from spinor_geom.bench.limit import points_limit
 from spinor_geom.bench.machine import Record, Task
-from spinor_geom.bench.measure import cut_out_figures, cut_out_views, disk_figures, hole_figures
-from spinor_geom.bench.methods import LOOP_METHODS
-from spinor_geom.bench.ragged import ragged_hole
+from spinor_geom.bench.measure import cut_out_figures, disk_figures, hole_figures, save_views
 from spinor_geom.bench.solves import SUITES, solve_figures, solves
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.files import atomic_path
 from spinor_geom.isolate import serve
 from spinor_geom.mesh.boundary_loop import turning_angles
 from spinor_geom.plateau.solve import solve_plateau
@@ -40,12 +35,10 @@ def run(task: Task) -> Record:
     gc.freeze()  # what is imported and cached by now need not be looked through before the next task
     forget_peak_memory()
     package = task["package"]
-    if importlib.util.find_spec(package) is None:
-        return {"status": "missing", "reason": f"{package} is not installed"}
     try:
         importlib.import_module(package)
         return {"status": "done", **_work(task)}
-    except ImportError as error:  # what is broken is the installation, and not the tool
+    except ImportError as error:  # there is none, or what is broken is the installation, and not the tool
         return {"status": "missing", "reason": f"{package} cannot be imported here: {_sentence(error)}"}
     except SpinorGeomError as error:
         return {"status": "refused", "reason": _sentence(error)}
@@ -73,8 +66,8 @@ def _solve(task: Task) -> Record:
 def _span(task: Task) -> Record:
     case = known_case(task["case"])
     loop, method = case.loop(task["n"]), LOOP_METHODS[task["method"]]
-    timed, spanned, _ = _timed(lambda: (lambda: method.span(loop), None), task["repeat"])
-    figures = disk_figures(spanned, loop, case)
+    timed, (answer, patch), _ = _timed(lambda: (lambda: method.span(loop), None), task["repeat"])
+    figures = disk_figures(answer, patch, loop, case)
     if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
         figures["limit_error"] = points_limit(case, task["n"])
     return {**timed, **figures}
@@ -97,24 +90,18 @@ def _fill(task: Task) -> Record:
     if cut_out is not None:
         figures = cut_out_figures(filled, cut_out)
         if task["view"]:
-            folder = Path(task["view"])
-            folder.mkdir(parents=True, exist_ok=True)
-            for piece, arrays in cut_out_views(filled, cut_out).items():
-                with atomic_path(folder / f"{piece or task['method']}.npz") as temporary:
-                    named: dict[str, Any] = arrays
-                    np.savez_compressed(temporary, **named)
+            save_views(filled, cut_out, Path(task["view"]), task["method"])
     else:
         figures = hole_figures(filled, hole, case)
     if task["suite"] == "ragged":
         figures["sharpness"] = float(np.degrees(np.quantile(turning_angles(hole.loops[hole.places[0]].points), 0.9)))
-    return {**timed, **figures, "expected": hole.expected, "rims": len(hole.places)}
+    return {**timed, **figures, "expected": hole.expected}
 
 
 def _timed(prepare: Callable[[], tuple[Callable[[], Any], Any]], repeat: int) -> tuple[Record, Any, Any]:
     """The median seconds of the calls after one that is not counted, unless that takes so long that it is alone.
 
-    Returns:
-        What was measured, the last call's answer, and what was prepared beside it.
+    Besides, the last call's answer and what was prepared with it.
     """
     seconds: list[float] = []
     while len(seconds) < repeat + 1 and (len(seconds) < 1 or sum(seconds) < _ENOUGH_SECONDS):

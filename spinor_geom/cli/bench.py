@@ -17,8 +17,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     require("matplotlib", extra="bench")
     from spinor_geom.bench.claims import claims
     from spinor_geom.bench.page import PAGE, write
-    from spinor_geom.bench.runner import measure
-    from spinor_geom.bench.suites import Settings
+    from spinor_geom.bench.runner import Settings, measure
     from spinor_geom.bench.tables import claim_table, trouble_table
 
     chosen: dict[str, Any] = {name: tuple(getattr(arguments, name) or ()) for name in ("suites", "cases", "methods")}

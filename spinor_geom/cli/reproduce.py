@@ -15,7 +15,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     """Runs experiments in their own order; says which did not show what the paper says."""
     for package in ("matplotlib", "markdown_it"):
         require(package, extra="experiments")
-    from spinor_geom.experiments.report import PAGE, Done, reproduce
+    from spinor_geom.experiments.experiment import PAGE, Done, reproduce
 
     names = arguments.names or tuple(NAMES)
     with progress("reproducing") as advance:

@@ -12,6 +12,6 @@ NAMES = {
     "catenoid": "quadrature",
     "tangents": "trainings",
     "timing": "trainings",
-    "branch-points": "branch_points",
+    "branch-points": "forms",
 }
 """The module of this package that has each of them in its `EXPERIMENTS`."""

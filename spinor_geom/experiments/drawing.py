@@ -30,8 +30,6 @@ class Drawn:
     """A surface as triangles.
 
     Attributes:
-        position: of the vertices.
-        faces: the triangles.
         rim: closed sequence of points of its boundary.
         value: what the colour of each vertex tells; one colour for all without.
         marks: points that are marked by a cross.
@@ -61,13 +59,7 @@ def disk_grid(circles: int, around: int) -> tuple[Complex[np.ndarray, " n"], Int
 def surfaces(
     drawn: Mapping[str, Drawn], *, curves: Mapping[str, CurveFunction] | None = None, across: int = 4
 ) -> Figure:
-    """Surfaces side by side, their boundaries in black.
-
-    Args:
-        drawn: by title.
-        curves: Γ(t) that each should have as its boundary, in red.
-        across: surfaces in a row.
-    """
+    """Surfaces by title, so many in a row: their boundaries in black, in red the Γ(t) that they should have."""
     across = min(across, len(drawn))
     down = -(-len(drawn) // across)
     figure = Figure(figsize=(_SIZE * across, _SIZE * down), layout="constrained")
@@ -98,11 +90,7 @@ def surfaces(
 
 
 def phases(rows: Mapping[str, Mapping[str, HolomorphicFunction]]) -> Figure:
-    """Functions on the unit disk in the colours of `domain_colours`.
-
-    Args:
-        rows: functions by name, by title of their row.
-    """
+    """Functions on the unit disk in the colours of `domain_colours`, by name in rows by title."""
     across = max(len(row) for row in rows.values())
     figure = Figure(figsize=(_PHASE * across, _PHASE * len(rows)), layout="constrained")
     axes = figure.subplots(len(rows), across, squeeze=False)

@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 import torch
-from jaxtyping import Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
-from spinor_geom.gallery.curves import harmonics
+from spinor_geom.gallery.curves import trigonometric
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -55,29 +54,10 @@ def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
     Its parameter t runs unevenly: the point is r(e^{2πiw}), w = t + β sin(2πt)/2π + b. So the curve does not tell a
     solver which of its points belong to which of the circle.
     """
-    circle = np.exp(2j * np.pi * np.arange(_BOUNDARY_POINTS) / _BOUNDARY_POINTS)
-    # r is harmonic: its boundary is the real part of a power series
-    series = np.fft.fft(surface.position(circle), axis=0)[: _BOUNDARY_POINTS // 2] / (_BOUNDARY_POINTS / 2)
-    series[0] /= 2
-    even = harmonics(series)
-
-    def place(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        return np.asarray(t + _UNEVEN * np.sin(2 * np.pi * np.asarray(t)) / (2 * np.pi) + _SHIFT)
-
-    def speed(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 1"]:
-        return np.asarray(1 + _UNEVEN * np.cos(2 * np.pi * np.asarray(t)))[..., None]
-
-    def second_derivative(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        change = -2 * np.pi * _UNEVEN * np.sin(2 * np.pi * np.asarray(t))[..., None]
-        return np.asarray(even.second_derivative(place(t)) * speed(t) ** 2 + even.derivative(place(t)) * change)
-
-    return KnownCurve(
-        name=name,
-        point=lambda t: even.point(place(t)),
-        derivative=lambda t: even.derivative(place(t)) * speed(t),
-        second_derivative=second_derivative,
-        source="prescribed p and q",
-    )
+    t = np.arange(_BOUNDARY_POINTS) / _BOUNDARY_POINTS
+    place = t + _UNEVEN * np.sin(2 * np.pi * t) / (2 * np.pi) + _SHIFT
+    curve = trigonometric(surface.position(np.exp(2j * np.pi * place)))
+    return KnownCurve(**vars(curve), name=name, source="prescribed p and q")
 
 
 def solved_by_network(curve: KnownCurve, options: LevenbergMarquardt) -> Trained:

@@ -30,14 +30,7 @@ _STARTS = 12
 
 
 def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, perturbed: RMSprop) -> Outcome:
-    """Recovers both.
-
-    Args:
-        depth: hidden layers of the prescribed networks.
-        network: ours.
-        random: the paper's training for random networks.
-        perturbed: the paper's training for perturbed series.
-    """
+    """Recovers both surfaces: `random` and `perturbed` are the paper's trainings, `network` is ours."""
     rows: list[dict[str, Any]] = []
     pictures: dict[str, Figure] = {}
     for name, truth, paper in (
@@ -56,11 +49,7 @@ def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, pert
             row: dict[str, Any] = {"surface": name, "method": method}
             if method in trained:
                 one = trained[method]
-                row |= {
-                    "steps": len(one.history),
-                    "seconds": one.seconds,
-                    "distance/diagonal": one.max_per_diagonal,
-                }
+                row |= {"steps": len(one.history), "seconds": one.seconds, "distance/diagonal": one.max_per_diagonal}
             rows.append(
                 {**row, **fit.residuals, "Möbius a": f"{fit.center:.2g}", "Möbius turn": fit.turn, "sign": fit.sign}
             )

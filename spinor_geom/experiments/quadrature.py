@@ -31,12 +31,7 @@ _NEARLY_ZERO = 1e-2
 
 
 def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:
-    """Measures the distance from the exact points of the catenoid for every rule and number of steps.
-
-    Args:
-        grid: points along [0, 2π] and along [−1, 1].
-        steps: of the rules.
-    """
+    """Measures the distance from the catenoid for every rule and number of steps, on a grid of its rectangle."""
     # r = (cosh u cos v, cosh u sin v, u) over [−1, 1] × [0, 2π] has neck 1; the gallery's has rims of radius 1
     known, neck = catenoid(1 / math.cosh(1)), math.cosh(1)
     around, along = grid
@@ -67,13 +62,7 @@ def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:
 
 
 def mean_curvature(*, grid: int, steps: Sequence[int], network: LevenbergMarquardt) -> Outcome:
-    """Measures max |H| for every surface, rule and number of steps.
-
-    Args:
-        grid: points along each side of [−1, 1]²; those inside the disk are used.
-        steps: of the rules.
-        network: the networks whose surfaces are measured.
-    """
+    """Measures max |H| for every surface, rule and number of steps, on the points of a grid inside the disk."""
     side = np.linspace(-1, 1, grid)
     z = (side[:, None] + 1j * side).ravel()
     z = z[np.abs(z) < 1]
@@ -108,13 +97,7 @@ def mean_curvature(*, grid: int, steps: Sequence[int], network: LevenbergMarquar
 
 
 def heat_maps(*, grid: tuple[int, int], steps: int, network: LevenbergMarquardt) -> Outcome:
-    """Measures |H| at points of the disk.
-
-    Args:
-        grid: circles around the middle of the disk, and points on each.
-        steps: of the trapezoidal rule on each ray.
-        network: the networks whose surfaces are measured.
-    """
+    """Measures |H| on so many circles in the disk and points on each, by the trapezoidal rule."""
     z, _ = disk_grid(*grid)
     rows: list[dict[str, Any]] = []
     drawn = {}

@@ -6,7 +6,6 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.render.plots import log_log
-from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
 
 PAPER, OURS, CAUCHY, DOUGLAS = "RMSprop", "Levenberg-Marquardt", "Cauchy network", "Douglas-Newton"
@@ -28,13 +26,7 @@ _DISTANCE = "largest distance from Γ / diagonal"
 
 
 def tangents(*, weights: Sequence[float], epochs: Sequence[int], rmsprop: RMSprop) -> Outcome:
-    """Trains with each weight of the tangents' term, from the same start.
-
-    Args:
-        weights: λ of each training.
-        epochs: after which the surface is looked at.
-        rmsprop: the paper's training.
-    """
+    """Trains with each weight λ of the tangents' term from the same start, and looks at it after some epochs."""
     curve = twisted_circle()
     rows: list[dict[str, Any]] = []
     drawn, lines = {}, {}
@@ -72,12 +64,8 @@ def _at_epochs(curve: KnownCurve, options: RMSprop, epochs: Sequence[int]) -> li
 def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[float], depth: int) -> Outcome:
     """Measures distance from Γ against wall-clock time: every method on every curve.
 
-    Args:
-        curves: names of `CURVES`.
-        rmsprop: the paper's training.
-        tolerances: largest distances, in diagonals, that the network by Levenberg-Marquardt and the Cauchy network are
-            asked for; each is a run of its own.
-        depth: hidden layers of the network by Levenberg-Marquardt.
+    The tolerances are largest distances, in diagonals, that the network by Levenberg-Marquardt (of so many hidden
+    layers) and the Cauchy network are asked for; each is a run of its own.
     """
     rows: list[dict[str, Any]] = []
     pictures, ratios = {}, []
@@ -104,25 +92,18 @@ def _on_curve(
     diagonal = float(np.linalg.norm(np.ptp(gamma.coefficients[-1], axis=0)))
     edges = diagonal / float(np.linalg.norm(np.diff(gamma.coefficients[-1], axis=0), axis=1).mean())
 
-    def timed(solve: Callable[[], SpinorSurface]) -> tuple[float, float]:
+    def timed(**options: Any) -> tuple[float, float]:
         begin = time.perf_counter()
-        surface = solve()
+        surface = solve_plateau(curve, **options).surface
         seconds = time.perf_counter() - begin
         return seconds, boundary_distance(surface, gamma) / diagonal
-
-    def by_network(tolerance: float) -> SpinorSurface:
-        optimizer = LevenbergMarquardt(depth=depth, tolerance=tolerance)
-        return solve_plateau(curve, model="mlp", optimizer=optimizer).surface
-
-    def by_cauchy(tolerance: float) -> SpinorSurface:
-        return solve_plateau(curve, model="cauchy", tolerance=tolerance * edges).surface
 
     trained = train_by_rmsprop(curve, options=kept_as(curve.name, rmsprop))
     points = {
         PAPER: [(step.seconds, (step.boundary_error or np.nan) / diagonal) for step in trained.history],
-        OURS: [timed(partial(by_network, t)) for t in tolerances],
-        CAUCHY: [timed(partial(by_cauchy, t)) for t in tolerances],
-        DOUGLAS: [timed(lambda: solve_plateau(curve, model="series").surface)],
+        OURS: [timed(model="mlp", optimizer=LevenbergMarquardt(depth=depth, tolerance=t)) for t in tolerances],
+        CAUCHY: [timed(model="cauchy", tolerance=t * edges) for t in tolerances],
+        DOUGLAS: [timed(model="series")],
     }
     return {method: ([s for s, _ in at], [e for _, e in at]) for method, at in points.items()}
 

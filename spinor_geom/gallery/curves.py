@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, cast
@@ -41,18 +42,12 @@ _SCHERK_AREAS = {1.0: 1.08724596383763888, 2.0: 5.69751221158705744, 2.5: 11.495
 
 
 def twisted_circle(radius: float = 1.0, k: int = 3, amplitude: float = 0.2) -> KnownCurve:
-    """The sinusoidally perturbed circle (R cos t, R sin t, α sin kt).
-
-    Args:
-        radius: R.
-        k: number of waves.
-        amplitude: α.
-    """
+    """The sinusoidally perturbed circle (R cos t, R sin t, α sin kt) of radius R, k waves and amplitude α."""
     known = (radius, k, amplitude) == (1.0, 3, 0.2)
     return _fourier(
+        (1, (radius, -1j * radius, 0)),
+        (k, (0, 0, -1j * amplitude)),
         name=f"twisted circle R={radius:g} k={k} α={amplitude:g}",
-        cosine={1: (radius, 0.0, 0.0)},
-        sine={1: (0.0, radius, 0.0), k: (0.0, 0.0, amplitude)},
         disks=(KnownDisk(area=3.32087142904707, relative_error=1e-13),) if known else (),
         source="Sun & Chern (2026), comparison of Plateau solvers; area by a converged Fourier solve",
     )
@@ -63,9 +58,6 @@ def tennis_seam(a: float = 0.8) -> KnownCurve:
 
     Between a = 0.78 and 0.76 the symmetric disk stops being stable; below, two mirror images of lower area are.
 
-    Args:
-        a: in (0, 1).
-
     Raises:
         OptionError: a is not in (0, 1).
     """
@@ -73,27 +65,23 @@ def tennis_seam(a: float = 0.8) -> KnownCurve:
         raise OptionError(f"a tennis seam needs a in (0, 1), got {a}")
     b = 1 - a
     return _fourier(
+        (1, (a, -1j * a, 0)),
+        (2, (0, 0, -2j * math.sqrt(a * b))),
+        (3, (b, 1j * b, 0)),
         name=f"tennis seam a={a:g}",
-        cosine={1: (a, 0.0, 0.0), 3: (b, 0.0, 0.0)},
-        sine={1: (0.0, a, 0.0), 3: (0.0, -b, 0.0), 2: (0.0, 0.0, 2 * np.sqrt(a * b))},
         disks=_TENNIS_SEAM_DISKS.get(a, ()),
         source="the curve of a tennis ball; areas by converged Fourier solves of Douglas's problem",
     )
 
 
 def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
-    """The ellipse (a cos t, sin t) with z = height·sin 2t: planar for height 0, else a saddle.
-
-    Args:
-        a: ratio of the axes.
-        height: amplitude of z.
-    """
+    """The ellipse (a cos t, sin t) with z = height·sin 2t: planar for height 0, else a saddle."""
     t = 2 * np.pi * np.arange(_OUTLINE) / _OUTLINE
     region = plane_chart(a * np.cos(t) + 1j * np.sin(t))
     return _fourier(
+        (1, (a, -1j, 0)),
+        (2, (0, 0, -1j * height)),
         name=f"ellipse {a:g}:1 height {height:g}",
-        cosine={1: (a, 0.0, 0.0)},
-        sine={1: (0.0, 1.0, 0.0), 2: (0.0, 0.0, height)},
         disks=(KnownDisk(area=np.pi * a, stable=True),) if height == 0 else (),
         source="area πab of the plane ellipse",
         chart=region if height == 0 else None,
@@ -103,12 +91,9 @@ def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
 def random_curve(seed: int) -> KnownCurve:
     """A random closed curve, strongly folded: Σ a_k cos 2πkt + b_k sin 2πkt with 3 to 6 harmonics, drawn out along x.
 
-    The components of a_k and b_k are normal with standard deviation 1/k, so that all harmonics turn the tangent alike.
-    Then x of the first harmonic is multiplied by an elongation uniform in [1, 10]: the loop is drawn out, its folds
-    stay as deep in every direction.
-
-    Args:
-        seed: of numpy's default generator.
+    The components of a_k and b_k are normal (numpy's default generator) with standard deviation 1/k, so that all
+    harmonics turn the tangent alike. Then x of the first harmonic is multiplied by an elongation uniform in [1, 10]:
+    the loop is drawn out, its folds stay as deep in every direction.
     """
     random = np.random.default_rng(seed)
     harmonics = int(random.integers(3, 7))
@@ -116,21 +101,13 @@ def random_curve(seed: int) -> KnownCurve:
     # (2, harmonics, 3)
     coefficients = random.normal(size=(2, harmonics, 3)) / np.arange(1, harmonics + 1)[:, None]
     coefficients[:, 0, 0] *= elongation
-    return _fourier(
-        name=f"random curve {seed}: {harmonics} harmonics, elongation {elongation:.1f}",
-        cosine=dict(enumerate(coefficients[0], start=1)),
-        sine=dict(enumerate(coefficients[1], start=1)),
-        source="normal coefficients",
-    )
+    name = f"random curve {seed}: {harmonics} harmonics, elongation {elongation:.1f}"
+    waves = enumerate(coefficients[0] - 1j * coefficients[1], start=1)
+    return _fourier(*waves, name=name, source="normal coefficients")
 
 
 def plane_polygon(corners: ArrayLike, *, name: str) -> KnownCurve:
-    """A simple polygon in the plane z = 0, counter-clockwise; its disk is the region inside.
-
-    Args:
-        corners: (k, 2), in order.
-        name: see `KnownCurve`.
-    """
+    """A simple polygon in the plane z = 0 of (k, 2) corners, counter-clockwise; its disk is the region inside."""
     plane = np.asarray(corners, dtype=np.float64)
     outline = plane[:, 0] + 1j * plane[:, 1]
     area = 0.5 * float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
@@ -149,11 +126,7 @@ def plane_chart(outline: Complex[np.ndarray, " m"]) -> Chart:
 
 
 def l_shape(rise: float = 0.0) -> KnownCurve:
-    """The outline of three unit squares that make an L, with straight sides on the saddle z = rise·xy.
-
-    Args:
-        rise: 0 leaves it plane.
-    """
+    """The outline of three unit squares that make an L, with straight sides on the saddle z = rise·xy."""
     plane = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
     if rise == 0:
         return plane_polygon(plane, name="L-shape")
@@ -167,10 +140,6 @@ def l_shape(rise: float = 0.0) -> KnownCurve:
 def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
     """The rim of a crown: the corners of a regular polygon in the unit circle, alternately at z = ±height.
 
-    Args:
-        sides: an even number of them.
-        height: half the height of the crown's teeth.
-
     Raises:
         OptionError: the number of sides is odd or below 4.
     """
@@ -182,10 +151,7 @@ def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
 
 
 def scherk(side: float = 2.0) -> KnownCurve:
-    """Boundary of Scherk's graph z = log(cos y/cos x) over the square of a given side about 0.
-
-    Args:
-        side: below π, where the graph becomes infinite.
+    """Boundary of Scherk's graph z = log(cos y/cos x) over the square of a given side about 0; it is infinite at π.
 
     Raises:
         OptionError: side is not in (0, π).
@@ -218,12 +184,7 @@ def scherk(side: float = 2.0) -> KnownCurve:
 
 
 def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its vertices") -> KnownCurve:
-    """The closed polygon through given vertices, with a corner at each, parametrised by arc length.
-
-    Args:
-        vertices: (k, 3), without repetition of the first.
-        name: see `KnownCurve`.
-        source: see `KnownCurve`.
+    """The closed polygon through (k, 3) vertices, the first not repeated, corners all of them, by arc length.
 
     Raises:
         OptionError: fewer than three vertices, or not (k, 3).
@@ -235,15 +196,9 @@ def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its ve
 
 
 def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, name: str, source: str) -> KnownCurve:
-    """The image of a closed polygon under a map, differentiated automatically.
+    """The image of a closed polygon under a map by functions of torch, differentiated automatically.
 
     A side's share of [0, 1) is its share of the length in space; along it the polygon is run at one speed.
-
-    Args:
-        corners: of the polygon, without repetition of the first.
-        image: the map, by functions of torch.
-        name: see `KnownCurve`.
-        source: see `KnownCurve`.
     """
     sides = len(corners)
     middles = (np.arange(sides * _LENGTH_POINTS) + 0.5) / (sides * _LENGTH_POINTS)
@@ -292,6 +247,112 @@ def _starts(share: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     return np.append(0.0, np.cumsum(share)[:-1])
 
 
+def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 0.0) -> KnownCurve:
+    """A slit as a row of triangles leaves it when it is taken out of a mesh: a rectangle, plane or rolled.
+
+    Args:
+        length: of the longer sides; 50 with edges of 1 is 50 triangles long.
+        width: of the shorter sides; by default the height of an equilateral triangle with edge 1.
+        bend: angle through which the longer sides are rolled on a cylinder, in radians; 0 leaves the slit plane.
+
+    Raises:
+        OptionError: length or width is not positive, or the bend is negative or a whole turn.
+    """
+    if not (length > 0 and width > 0 and 0 <= bend < 2 * math.pi):
+        raise OptionError(f"a slit needs length and width > 0 and a bend in [0, 2π), got {length}, {width}, {bend}")
+    if bend == 0:
+        corners = [(0, 0), (length, 0), (length, width), (0, width)]
+        return plane_polygon(corners, name=f"slit {length:g} × {width:.3g}")
+    name = f"slit {length:g} × {width:.3g} bent by {math.degrees(bend):.0f}°"
+    source = "a rectangle rolled on a cylinder"
+    return _outline(length / bend, width / 2, bend, tilt=math.pi / 2, name=name, source=source)
+
+
+def horseshoe(
+    radius: float = 1.0, half_width: float = 0.25, *, turn: float = 1.5 * math.pi, twist: float = math.pi / 2
+) -> KnownCurve:
+    """The outline of a strip that runs along an arc of a circle and turns about that arc.
+
+    It starts in the circle's plane; at the end it stands at the angle `twist` to it.
+
+    Args:
+        radius: of the arc, the strip's middle line.
+        half_width: half the strip's width.
+        turn: angle of the arc, in radians.
+        twist: angle through which the strip turns about its middle line, in radians.
+
+    Raises:
+        OptionError: half the width is not between 0 and the radius, or the turn is not between 0 and 2π.
+    """
+    if not (0 < half_width < radius and 0 < turn < 2 * math.pi):
+        raise OptionError(
+            f"a horseshoe needs 0 < half_width < radius and a turn in (0, 2π), got {half_width}, {radius}, {turn}"
+        )
+    name = f"horseshoe {math.degrees(turn):.0f}°, twisted by {math.degrees(twist):.0f}°"
+    source = "a ruled strip along an arc of a circle"
+    return _outline(radius, half_width, turn, twist=twist, name=name, source=source)
+
+
+def helical_ramp(
+    turns: float = 2.0, *, radius: float = 3.0, half_width: float = 0.35, pitch: float = 2.0
+) -> KnownCurve:
+    """The outline of a ramp that winds around an axis: two helices and two straight ends.
+
+    The helicoid between them is its minimal disk, stable however long it is because its normal is nowhere horizontal:
+    the vertical shift is a positive Jacobi field. Its area is the turn times ½(ρ√(ρ² + c²) + c² asinh(ρ/c)) between
+    ρ = R − h and ρ = R + h, with c the rise in a radian. Over more than one turn it has no simple plane flattening of
+    the same lengths.
+
+    Args:
+        turns: about the axis.
+        radius: R, the middle line's distance from the axis.
+        half_width: h, half the ramp's width.
+        pitch: rise in one turn.
+
+    Raises:
+        OptionError: turns or pitch is not positive, or half the width is not between 0 and the radius.
+    """
+    if not (turns > 0 and pitch > 0 and 0 < half_width < radius):
+        raise OptionError(
+            "a helical ramp needs turns and pitch > 0 and 0 < half_width < radius, "
+            f"got {turns}, {pitch}, {half_width}, {radius}"
+        )
+    c = pitch / (2 * math.pi)
+
+    def inside(rho: float) -> float:
+        return (rho * math.hypot(rho, c) + c**2 * math.asinh(rho / c)) / 2
+
+    turn = 2 * math.pi * turns
+    area = turn * (inside(radius + half_width) - inside(radius - half_width))
+    name, source = f"helical ramp of {turns:g} turns", "Meusnier (1776), the helicoid"
+    outline = _outline(radius, half_width, turn, rise=pitch * turns, name=name, source=source)
+    return replace(outline, disks=(KnownDisk(area=area, stable=True, relative_error=1e-14),))
+
+
+def _outline(
+    radius: float,
+    half_width: float,
+    turn: float,
+    *,
+    rise: float = 0.0,
+    tilt: float = 0.0,
+    twist: float = 0.0,
+    **known: str,
+) -> KnownCurve:
+    """The outline of the strip x + iy = (R + v cos ψ)e^{iθ}, z = v sin ψ + rise·u, −h ≤ v ≤ h, 0 ≤ u ≤ 1.
+
+    θ = turn·u is the place along it, ψ = tilt + twist·u its slope.
+    """
+
+    def strip(uv: Float[Tensor, "*pts 2"]) -> Float[Tensor, "*pts 3"]:
+        u, v = uv.unbind(-1)
+        slope, outward = tilt + twist * u, radius + v * (tilt + twist * u).cos()
+        return torch.stack([outward * (turn * u).cos(), outward * (turn * u).sin(), v * slope.sin() + rise * u], dim=-1)
+
+    h = half_width
+    return image_of_polygon(np.array([(0, h), (1, h), (1, -h), (0, -h)]), strip, **known)
+
+
 def harmonics(coefficients: Complex[np.ndarray, "k 3"]) -> ClosedCurve:
     """The curve Re Σ c_k e^{2πikt}, k from 0 on."""
     waves = 2j * np.pi * np.arange(len(coefficients))
@@ -303,10 +364,16 @@ def harmonics(coefficients: Complex[np.ndarray, "k 3"]) -> ClosedCurve:
     return ClosedCurve(point=derivative(0), derivative=derivative(1), second_derivative=derivative(2))
 
 
-def _fourier(cosine: Mapping[int, ArrayLike], sine: Mapping[int, ArrayLike], **known: Any) -> KnownCurve:
-    """The curve Σ a_k cos 2πkt + b_k sin 2πkt, with what is known of it."""
-    coefficients = np.zeros((1 + max(*cosine, *sine), 3), dtype=np.complex128)
-    for sign, modes in ((1, cosine), (-1j, sine)):
-        for k, vector in modes.items():
-            coefficients[k] += sign * np.asarray(vector)
+def trigonometric(points: Float[np.ndarray, "n 3"]) -> ClosedCurve:
+    """The trigonometric polynomial through points at equal steps of t."""
+    series = 2 * np.fft.rfft(points, axis=0) / len(points)
+    series[[0] if len(points) % 2 else [0, -1]] /= 2
+    return harmonics(series)
+
+
+def _fourier(*waves: tuple[int, ArrayLike], **known: Any) -> KnownCurve:
+    """The curve Re Σ c_k e^{2πikt} of pairs k and c_k, with what is known of it."""
+    coefficients = np.zeros((1 + max(k for k, _ in waves), 3), dtype=np.complex128)
+    for k, vector in waves:
+        coefficients[k] += vector
     return KnownCurve(**{**vars(harmonics(coefficients)), **known})

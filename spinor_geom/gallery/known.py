@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
+from scipy.interpolate import CubicSpline
 
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery.chart import Chart, SurfaceFunction, null_tangents
@@ -17,6 +18,8 @@ from spinor_geom.surface import SpinorSurface
 
 # points of a side, or of a curve without corners, that its length is measured by
 _LENGTH_POINTS = 1 << 9
+# steps that the length of a curve is measured by
+_DENSE = 1 << 14
 # vertices of a chart's outline
 _OUTLINE = 512
 
@@ -149,17 +152,10 @@ def surface_chart(surface: SpinorSurface, position: SurfaceFunction) -> Chart:
 def sample_parameters(
     n: int, corners: Sequence[float], *, grading: float = 1.0
 ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " c"]]:
-    """Parameters of n points on a closed curve that has corners.
+    """Parameters of n points on a closed curve with corners at increasing parameters, and the places of those.
 
-    Each side between two corners gets points in proportion to its share of [0, 1), and at least its first corner.
-
-    Args:
-        n: number of points.
-        corners: parameters of the corners, increasing, in [0, 1).
-        grading: g > 0; the fraction u of a side becomes u^g/(u^g + (1 − u)^g).
-
-    Returns:
-        The parameters, from the first corner on (from 0 without corners), and the indices of the corners among them.
+    Each side between two corners gets points in proportion to its share of [0, 1), and at least its first corner, with
+    which the parameters begin. With a grading g > 0 the fraction u of a side becomes u^g/(u^g + (1 − u)^g).
 
     Raises:
         OptionError: n is below 3 or below the number of corners, or the grading is not positive.
@@ -182,3 +178,37 @@ def sample_parameters(
     u = (np.arange(n) - np.repeat(first, count)) / np.repeat(count, count)
     graded = u**grading / (u**grading + (1 - u) ** grading)
     return np.mod(np.repeat(start, count) + graded * np.repeat(share, count), 1.0), first
+
+
+def evenly_sampled(curve: ClosedCurve | KnownSurface, n: int) -> BoundaryLoop:
+    """A loop of n points of a curve or a rim without corners, equally far apart along it; its corners are none."""
+    return _at_shares(curve, np.arange(n) / n)
+
+
+def unevenly_sampled(curve: ClosedCurve | KnownSurface, n: int, *, seed: int, spread: float = 0.8) -> BoundaryLoop:
+    """A loop of n points of a curve or a rim without corners whose edges differ in length at random, without corners.
+
+    They are in proportion to numbers uniform in [1 − spread, 1 + spread] (numpy's default generator), spread below 1.
+    """
+    edges = np.random.default_rng(seed).uniform(1 - spread, 1 + spread, n)
+    return _at_shares(curve, (np.cumsum(edges) - edges) / edges.sum())
+
+
+def noisy_loop(loop: BoundaryLoop, share: float, *, seed: int) -> BoundaryLoop:
+    """A loop whose points are moved by isotropic normal vectors, `share` of its mean edge in each coordinate.
+
+    Corners are left to the rule that finds them, which must not take noise for corners.
+    """
+    moves = share * loop.mean_edge_length * np.random.default_rng(seed).normal(size=loop.points.shape)
+    return BoundaryLoop.from_points(loop.points + moves)
+
+
+def _at_shares(curve: ClosedCurve | KnownSurface, shares: np.ndarray) -> BoundaryLoop:
+    t = np.arange(_DENSE + 1) / _DENSE
+    length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(_point(curve, t), axis=0), axis=1)))
+    parameters = CubicSpline(length / length[-1], t)(shares)
+    return BoundaryLoop.from_points(_point(curve, parameters), corners=())
+
+
+def _point(curve: ClosedCurve | KnownSurface, t: np.ndarray) -> np.ndarray:
+    return curve.position(curve.surface.domain.boundary.point(t)) if isinstance(curve, KnownSurface) else curve.point(t)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from spinor_geom.errors import OptionError
-from spinor_geom.gallery import curves, schwarz, strips, surfaces
+from spinor_geom.gallery import curves, schwarz, surfaces
 from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface
 from spinor_geom.plateau.solve import solve_plateau
 from spinor_geom.surface import SpinorSurface
@@ -21,7 +21,7 @@ SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
     "enneper": surfaces.enneper,
     "helicoid": partial(surfaces.helicoid, both_sides=True),
     "henneberg": surfaces.henneberg,
-    "horseshoe": strips.horseshoe,
+    "horseshoe": curves.horseshoe,
     "l-shape": partial(curves.l_shape, 0.5),
     "random-polynomial": partial(surfaces.random_polynomial, 1),
     "scherk": curves.scherk,
@@ -39,11 +39,8 @@ SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
 def named_surface(name: str) -> SpinorSurface:
     """A surface of the gallery: in its formula where p and q have one, else as the solution over its boundary.
 
-    Args:
-        name: a key of `SURFACES`.
-
     Raises:
-        OptionError: there is no such name.
+        OptionError: `SURFACES` has no such name.
     """
     if name not in SURFACES:
         raise OptionError(f"there is no surface {name!r} in the gallery; it has {', '.join(SURFACES)}")

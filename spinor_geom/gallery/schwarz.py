@@ -88,12 +88,8 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
     """The minimal disk over a skew polygon whose corner normals are known from its edges alone.
 
     Along a straight edge the normals lie on a great circle, so the Gauss image is the spherical polygon of the corners'
-    normals. Size, place and α are those that bring the corners to the vertices.
-
-    Args:
-        corners: of the polygon, in order.
-        up: unit normal at the surface's centre, where s = 0.
-        degree: of the Gauss map at the centre: 2 where the surface is flat there, like a monkey saddle.
+    normals. Size, place and α are those that bring the corners to the vertices. `up` is the unit normal at the centre,
+    where s = 0 and the Gauss map has the degree: 2 where the surface is flat there, like a monkey saddle.
     """
     to_axis, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [up])
     normals = np.cross(np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners)
@@ -108,13 +104,16 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
     first, second = RootSurface(degree=degree, roots=roots.ravel()).complex_position(parameters[:2])
     # along a straight side the flux Im ∆ is perpendicular to the displacement Re ∆, so e^{2iα}∆·∆ is real
     real = -0.5 * float(np.angle(((second - first) ** 2).sum()))
+    from trimesh.registration import procrustes  # not scipy's align_vectors, which warns of flat candidates, or not
+
     fits = []
     for angle in real + np.pi / 2 * np.arange(4):
         surface = RootSurface(degree=degree, roots=roots.ravel(), angle=float(angle))
         found = surface.complex_position(parameters).real
-        fits.append((surface, *_similarity(found, corners)))
-    surface, similarity, shift, _ = min(fits, key=lambda fit: fit[-1])
-    return _chart(surface, great_circles(parameters, degree), similarity, shift)
+        similarity, moved, _ = procrustes(found, corners, reflection=False)
+        fits.append((float(np.linalg.norm(moved - corners)), surface, similarity))
+    _, surface, similarity = min(fits, key=lambda fit: fit[0])
+    return _chart(surface, great_circles(parameters, degree), similarity)
 
 
 def schwarz_d_quadrilateral() -> KnownCurve:
@@ -157,10 +156,7 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     (z² − 1, −i(z² + 1), 2z)(1 − 2 cosh 2τ z⁴ + z⁸)^{−1/2} over the unit disk, cut from its rim to the four roots. Half
     the side is L = K(k)/(2√cosh τ) with k² = (cosh τ − 1)/(2 cosh τ), half the height c = e^{−τ}K(κ) with κ = e^{−2τ};
     the area is K(k)K(k′)/cosh τ + 2e^{−2τ}K(κ)K(κ′), since the fluxes through the edges are elliptic integrals too. The
-    curve is scaled to L = 1.
-
-    Args:
-        stretch: c/L, height by side.
+    curve is scaled to L = 1; its stretch is c/L, height by side.
 
     Raises:
         OptionError: the stretch is not in (0.05, 20).
@@ -197,7 +193,7 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     outline = great_circles(np.array([0, root, 1, 1j, 1j * root]), 1)
     # a quarter turn that exchanges above and below
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    chart = _chart(surface, outline, np.eye(3) / side, np.zeros(3))
+    chart = _chart(surface, outline, np.diag([1 / side, 1 / side, 1 / side, 1]))
     source = "Schwarz (1872), tetragonal relatives of D; area by complete elliptic integrals"
     return replace(
         polygon(corners, name=f"Schwarz prism 1:{stretch:g}", source=source),
@@ -210,12 +206,10 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     """A twelfth of the cell of Schwarz's H surface: a straight side and three sides along planes of mirror symmetry.
 
     It is g = s² with φ = (s⁴ − 1, −i(s⁴ + 1), 2s²)((1 − s⁶/a³)(1 − a³s⁶))^{−1/2} over the sector 0 < arg s < π/6 of the
-    unit disk, with corners at 0, √a, 1 and e^{iπ/6}. On a straight side the flux ∫ Im φ ds is across it, on a side in a
-    mirror's plane it is along the plane's normal, so the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W =
-    ∫φ ds: elliptic integrals, the first two in w = g + 1/g, of (w³ − 3w − a³ − a⁻³)^{−1/2}, the third in v² = g³.
-
-    Args:
-        a: in (0, 1), the size of the triangles against the height between them.
+    unit disk, with corners at 0, √a, 1 and e^{iπ/6}: a is the size of the triangles against the height between them. On
+    a straight side the flux ∫ Im φ ds is across it, on a side in a mirror's plane it is along the plane's normal, so
+    the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫φ ds: elliptic integrals, the first two in
+    w = g + 1/g, of (w³ − 3w − a³ − a⁻³)^{−1/2}, the third in v² = g³.
 
     Raises:
         OptionError: a is not in (0, 1).
@@ -232,7 +226,7 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     edge, arc = math.sqrt(a), np.pi / 6
     return KnownPatch(
         name=f"Schwarz H a={a:g}",
-        chart=_chart(surface, great_circles(corners, 2), np.eye(3), np.zeros(3)),
+        chart=_chart(surface, great_circles(corners, 2), np.eye(4)),
         sides=(
             lambda t: edge * t + 0j,
             lambda t: edge + (1 - edge) * t + 0j,
@@ -261,12 +255,8 @@ def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np
     return np.concatenate(sides)
 
 
-def _chart(
-    surface: RootSurface,
-    outline: Complex[np.ndarray, " m"],
-    matrix: Float[np.ndarray, "3 3"],
-    shift: Float[np.ndarray, "3"],
-) -> Chart:
+def _chart(surface: RootSurface, outline: Complex[np.ndarray, " m"], similarity: Float[np.ndarray, "4 4"]) -> Chart:
+    matrix, shift = similarity[:3, :3], similarity[:3, 3]
     # counter-clockwise
     area = float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
     return Chart(
@@ -274,21 +264,6 @@ def _chart(
         tangents=lambda s: null_tangents(surface.null(s)) @ matrix.T,
         outline=outline if area > 0 else outline[::-1],
     )
-
-
-def _similarity(
-    points: Float[np.ndarray, "c 3"], targets: Float[np.ndarray, "c 3"]
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
-    """Scaled rotation and shift that bring points to targets, and the largest distance left per extent."""
-    centre, goal = points.mean(axis=0), targets.mean(axis=0)
-    moved, wanted = points - centre, targets - goal
-    # not scipy's align_vectors: for a candidate that is flat by symmetry it warns, or not, as the BLAS kernel rounds
-    left, _, right = np.linalg.svd(wanted.T @ moved)
-    left[:, 2] *= np.sign(np.linalg.det(left @ right))
-    matrix = np.linalg.norm(wanted) / np.linalg.norm(moved) * (left @ right)
-    shift = goal - matrix @ centre
-    error = np.linalg.norm(points @ matrix.T + shift - targets, axis=1).max()
-    return matrix, shift, float(error / np.linalg.norm(wanted))
 
 
 def _continuous_root(g: Complex[np.ndarray, " c"], degree: int) -> Complex[np.ndarray, " c"]:

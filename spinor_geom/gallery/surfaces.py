@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -26,12 +27,10 @@ _SIDE_VERTICES = 32
 
 
 def enneper(radius: float = 0.8) -> KnownSurface:
-    """Enneper's surface p = 1, q = z over |z| < R, area πR²(1 + R² + R⁴/3).
+    """Enneper's surface p = 1, q = z over |z| < R, its radius, of area πR²(1 + R² + R⁴/3).
 
-    Its disk is stable for R < 1, and its boundary crosses itself from R = √3 on.
-
-    Args:
-        radius: R; at 1 the second variation vanishes in one direction, so that disks that are near in area are far.
+    Its disk is stable for R < 1; at 1 the second variation vanishes in one direction, so that disks that are near in
+    area are far. Its boundary crosses itself from R = √3 on.
 
     Raises:
         OptionError: the radius is not positive.
@@ -42,10 +41,7 @@ def enneper(radius: float = 0.8) -> KnownSurface:
 
 
 def plane_disk(radius: float = 1.0) -> KnownSurface:
-    """The plane disk |r| < R, p = 1 and q = 0.
-
-    Args:
-        radius: R.
+    """The plane disk |r| < R of a radius R, p = 1 and q = 0.
 
     Raises:
         OptionError: the radius is not positive.
@@ -55,14 +51,9 @@ def plane_disk(radius: float = 1.0) -> KnownSurface:
 
 
 def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurface:
-    """The surface of polynomial spinors over |z| < R, with r(0) = 0.
+    """The surface of polynomial spinors over |z| < R, its radius, with r(0) = 0; coefficients of p and q, lowest first.
 
     Its area is π Σ_k R^{2k+2}(|[p²]_k|² + |[q²]_k|² + 2|[pq]_k|²)/(k + 1), because powers are orthogonal on the disk.
-
-    Args:
-        p: coefficients of p, lowest first.
-        q: coefficients of q, lowest first.
-        radius: R.
 
     Raises:
         OptionError: the radius is not positive.
@@ -92,14 +83,10 @@ def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurfa
 
 
 def random_polynomial(seed: int, *, degree: int = 4) -> KnownSurface:
-    """The surface of random polynomials p, q on the unit disk; its rim bounds a stable disk.
+    """The surface of random polynomials p, q on the unit disk, both of one degree; its rim bounds a stable disk.
 
-    p = 1 + Σ a_k z^k with Σ |a_k| = 1/2, so it has no zero; q has normal coefficients of deviation 1/(k + 1), scaled so
-    that |q/p| ≤ 0.8: the normals stay in a hemisphere.
-
-    Args:
-        seed: of numpy's default generator.
-        degree: of both.
+    p = 1 + Σ a_k z^k with Σ |a_k| = 1/2, so it has no zero; q has normal coefficients (numpy's default generator) of
+    deviation 1/(k + 1), scaled so that |q/p| ≤ 0.8: the normals stay in a hemisphere.
 
     Raises:
         OptionError: the degree is below 1.
@@ -119,12 +106,8 @@ def random_polynomial(seed: int, *, degree: int = 4) -> KnownSurface:
 def henneberg(centre: complex = 2.0, radius: float = 0.6) -> KnownSurface:
     """A disk of Henneberg's surface, φ = ½(1 − z⁻⁴)(z² − 1, −i(z² + 1), 2z), away from its branch points z⁴ = 1.
 
-    p and q are power series in w = z − centre, |w| < R; the area is that of a disk, by the coefficients of their
-    products.
-
-    Args:
-        centre: of the disk.
-        radius: R.
+    p and q are power series in w = z − centre, |w| < R, the radius; the area is that of a disk, by the coefficients of
+    their products.
 
     Raises:
         OptionError: the disk reaches a branch point or the pole 0, or its normals pass the equator |z| = 1, which may
@@ -159,14 +142,10 @@ def henneberg(centre: complex = 2.0, radius: float = 0.6) -> KnownSurface:
 
 
 def associate(angle: float = math.pi / 4, *, reach: float = 1.0, turn: float = math.pi) -> KnownSurface:
-    """A member of the family between catenoid (angle 0) and helicoid (π/2): Re e^{iα}(cosh z, −i sinh z, z).
+    """A member of the family between catenoid (angle α = 0) and helicoid (π/2): Re e^{iα}(cosh z, −i sinh z, z).
 
-    Over |x| < U, 0 < y < turn; all members are isometric, of the area turn·(U + sinh U cosh U).
-
-    Args:
-        angle: α, in radians.
-        reach: U.
-        turn: in radians.
+    Over |x| < U, the reach, 0 < y < turn (angles in radians); all members are isometric, of the area turn·(U + sinh U
+    cosh U).
 
     Raises:
         OptionError: the reach or the turn is not positive.
@@ -245,7 +224,7 @@ def helicoid(
 
 
 def _catenoid_associate(
-    *, name: str, angle: float, scale: float, box: tuple[float, float, float, float], area: float, source: str
+    *, angle: float, scale: float, box: tuple[float, float, float, float], **known: Any
 ) -> KnownSurface:
     """The associate r = c·Re e^{iα}(cosh z, −i sinh z, z) of the catenoid over a rectangle x₀, x₁, y₀, y₁."""
 
@@ -258,9 +237,7 @@ def _catenoid_associate(
     centre, radius = complex(box[0] + box[1], box[2] + box[3]) / 2, abs(complex(box[1] - box[0], box[3] - box[2])) / 2
     terms = factor * np.stack([_exponential(0.5, centre, radius), _exponential(-0.5, centre, radius)], axis=1)
     model = PowerSeries(torch.from_numpy(terms), center=centre, radius=radius)
-    return KnownSurface(
-        name=name, surface=_surface(model, _rectangle(box), position), position=position, area=area, source=source
-    )
+    return KnownSurface(surface=_surface(model, _rectangle(box), position), position=position, **known)
 
 
 def _exponential(rate: float, centre: complex, radius: float) -> Complex[np.ndarray, " k"]:

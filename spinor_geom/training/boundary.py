@@ -1,7 +1,8 @@
-"""Nodes on ∂Ω with an integral along it, and the distance of a surface's boundary from Γ there."""
+"""The boundary of a surface in training: nodes on ∂Ω with an integral along it, or the paper's rule on each ray."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,14 @@ from torch import Tensor
 
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
+from spinor_geom.domain.quadrature import Rule
+from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.residual import projected
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.weierstrass import weierstrass_phi
 
 # fewest Gauss-Legendre nodes on a panel of a boundary that is not analytic: its panels are many, and short at corners
 _PANEL_ORDER = 4
@@ -42,12 +46,9 @@ def diagonal_of(curve: BoundaryCurve) -> float:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryNodes:
-    """Nodes on ∂Ω.
+    """Nodes on ∂Ω, their parameters t increasing, with dz/dt.
 
     Attributes:
-        t: their parameters, increasing.
-        z: the nodes.
-        dz: dz/dt.
         weights: of the mean over t; their sum is 1.
         integral: (n, n), values at the nodes to ∫ f dt, up to a constant.
     """
@@ -88,13 +89,7 @@ class BoundaryNodes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placed:
-    """The boundary of a surface next to Γ.
-
-    Attributes:
-        position: (n, 3), r at the nodes.
-        slide: (n,), parameter of the point of Γ near each node.
-        error: (n, 3), r − Γ(slide).
-    """
+    """The boundary of a surface next to Γ: r at the nodes, parameters of the points of Γ near them, and r − Γ."""
 
     position: Float[Tensor, "n 3"]
     slide: Float[Tensor, " n"]
@@ -111,12 +106,7 @@ def placed(
 ) -> Placed:
     """The boundary of the surface of p and q, its constant such that it is as near to Γ as it can be.
 
-    Args:
-        nodes: on ∂Ω.
-        spinors: p and q at the nodes.
-        slide: where on Γ to look for the nearest points.
-        curve: Γ.
-        held: keep the slide as it is.
+    The nearest points are looked for from the slide on, which is kept as it is where it is `held`.
     """
     position = nodes.positions(spinors)
     position = position - nodes.weights @ (position - curve.point_and_derivative(slide)[0])
@@ -131,3 +121,46 @@ def move_to(surface: SpinorSurface, z: Complex[Tensor, " n"], position: Float[Te
     found = surface.position(z.cpu().numpy())
     with torch.no_grad():
         surface.constant.add_((position - torch.as_tensor(found).to(position)).mean(0))
+
+
+# φ of two networks' values, by what they are: p and q, or f and g
+FORMS = {"spinor": phi, "weierstrass-enneper": weierstrass_phi}
+
+
+class RayBoundary(torch.nn.Module):
+    """The boundary r(e^{2πis}) of a surface over the unit disk with r(0) = c, of p and q or of f and g."""
+
+    nodes: Tensor
+    weights: Tensor
+
+    def __init__(self, network: ComplexMLP, constant: Float[np.ndarray, "3"], form: str, rule: Rule) -> None:
+        """A boundary with φ made by a form of `FORMS`, and a rule on [0, 1] for each ray."""
+        super().__init__()
+        self.network = network
+        self.constant = torch.nn.Parameter(torch.tensor(constant))
+        self.phi = FORMS[form]
+        for name, values in (("nodes", rule.nodes), ("weights", rule.weights)):
+            self.register_buffer(name, torch.tensor(values), persistent=False)
+
+    def point_and_velocity(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+        """R and dr/ds at given s, differentiable by the networks' parameters."""
+        z = _circle(s)
+        # the last point is z itself, for the velocity
+        null = self._null(torch.cat([z[:, None] * self.nodes, z[:, None]], dim=1))
+        position = ((null[:, :-1] * self.weights[:, None]).sum(1) * z[:, None]).real
+        return self.constant + position, (2j * math.pi * z[:, None] * null[:, -1]).real
+
+    def moved_with(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+        """R and dr/ds, differentiable by s; the derivative of r is dr/ds itself, not that of its quadrature."""
+        with torch.no_grad():
+            position, velocity = self.point_and_velocity(s)
+        z = _circle(s)
+        live = (2j * math.pi * z[:, None] * self._null(z)).real
+        return position + (s - s.detach())[:, None] * velocity, live
+
+    def _null(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+        return self.phi(*self.network.value(z).unbind(-1))
+
+
+def _circle(s: Float[Tensor, " n"]) -> Complex[Tensor, " n"]:
+    return torch.polar(torch.ones_like(s), 2 * math.pi * s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import os
 import pickle
@@ -11,7 +12,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import torch
@@ -33,9 +34,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
-from spinor_geom.training.boundary import as_boundary_curve, diagonal_of, move_to
-from spinor_geom.training.homeomorphism import CircleHomeomorphism
-from spinor_geom.training.rays import FORMS, RayBoundary
+from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.result import Status, Trained, TrainingStep, taken_by
 
 # of files with the state of a training
@@ -48,6 +47,10 @@ _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192
 _DIAGONAL = 2 * math.sqrt(2)
 # points by which a checkpoint knows its curve, and the largest distance, in diagonals, between those of the same one
 _COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
+# points of a closed curve, and velocities there
+Moving: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]
+# real layers of the paper's ρ, and pieces of [0, 1] on which it is linear between its values: its integral is exact
+_SIZES, _PIECES = (1, 64, 64, 32, 1), 512
 # options that a checkpoint goes on from whatever they were
 _FREE = ("epochs", "checkpoint", "checkpoint_every")
 
@@ -108,14 +111,7 @@ class RMSprop:
         if self.representation not in FORMS:
             raise OptionError(f"unknown representation {self.representation!r}; choose one of: {', '.join(FORMS)}")
 
-    def disk(
-        self,
-        curve: BoundaryCurve,
-        *,
-        start: PlateauSolution | None,
-        device: torch.device,
-        steps: Steps,
-    ) -> Found:
+    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
         """A minimal disk over a curve at unit size, from random parameters; see `plateau.trained_route.Trainer`."""
         assert start is None
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
@@ -164,6 +160,7 @@ class _Training:
 
     def __init__(self, curve: BoundaryCurve, options: RMSprop, device: torch.device) -> None:
         self.options, self.device = options, device
+        self.path = None if options.checkpoint is None else Path(options.checkpoint)
         self.random = torch.Generator().manual_seed(options.seed)
         network = ComplexMLP(
             depth=options.depth,
@@ -185,11 +182,6 @@ class _Training:
             for name, module in self.modules.items()
         }
         self.history: list[TrainingStep] = []
-
-    @property
-    def path(self) -> Path | None:
-        """The file of the state."""
-        return None if self.options.checkpoint is None else Path(self.options.checkpoint)
 
     # --- Algorithm 1 --------------------------------------------------------------------------------------------------
 
@@ -225,25 +217,20 @@ class _Training:
         # both updates draw points of their own, as the algorithm says
         drawn = torch.rand(2, options.points, dtype=torch.float64, generator=self.random).to(self.device)
         losses = []
-        for surface_points, circle_points in zip(*(torch.split(row, options.batch) for row in drawn), strict=True):
-            losses.append(self._update("surface", self._surface_loss(surface_points)))
-            self._update("homeomorphism", self._homeomorphism_loss(circle_points))
+        for t, s in zip(*(torch.split(row, options.batch) for row in drawn), strict=True):
+            with torch.no_grad():
+                onto = self.curve.point_and_derivative(self.homeomorphism.inverse(t))
+            losses.append(self._update("surface", self.boundary.point_and_velocity(t), onto))
+            of = self.boundary.moved_with(self.homeomorphism(s))
+            self._update("homeomorphism", of, self.curve.point_and_derivative(s))
         return float(torch.stack(losses).mean())
 
-    def _update(self, name: str, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
+    def _update(self, name: str, of: Moving, onto: Moving) -> Float[Tensor, ""]:
+        loss = boundary_loss(of, onto, tangent_weight=self.options.tangent_weight)
         self.optimizers[name].zero_grad()
         loss.backward()  # type: ignore[no-untyped-call] # torch leaves it untyped
         self.optimizers[name].step()
         return loss.detach()
-
-    def _surface_loss(self, t: Float[Tensor, " n"]) -> Float[Tensor, ""]:
-        with torch.no_grad():
-            onto = self.curve.point_and_derivative(self.homeomorphism.inverse(t))
-        return boundary_loss(self.boundary.point_and_velocity(t), onto, tangent_weight=self.options.tangent_weight)
-
-    def _homeomorphism_loss(self, t: Float[Tensor, " n"]) -> Float[Tensor, ""]:
-        of, onto = self.boundary.moved_with(self.homeomorphism(t)), self.curve.point_and_derivative(t)
-        return boundary_loss(of, onto, tangent_weight=self.options.tangent_weight)
 
     def _diverged(self, loss: float) -> bool:
         finite = all(bool(parameter.isfinite().all()) for parameter in self.modules.parameters())
@@ -286,11 +273,7 @@ class _Training:
             torch.save(state, temporary)
 
     def restore(self, path: Path) -> None:
-        """Takes the state that `save` wrote.
-
-        Raises:
-            StorageError: the file cannot be read, or is of a training with other options or on another curve.
-        """
+        """Takes the state that `save` wrote, unless it is of other options or another curve."""
         state = _read_state(path)
         own = self._own_options()
         different = sorted(name for name in own if own[name] != state["options"].get(name))
@@ -339,20 +322,10 @@ class _Training:
         )
 
 
-def boundary_loss(
-    of: tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]],
-    onto: tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]],
-    *,
-    tangent_weight: float,
-) -> Float[Tensor, ""]:
+def boundary_loss(of: Moving, onto: Moving, *, tangent_weight: float) -> Float[Tensor, ""]:
     """L_distance + λ L_tangent of two closed curves, as the mean over samples of ∫ |x − y|² + λ(1 − v·w/(|v||w|)) dt.
 
-    Args:
-        of: points x of the one curve, in units of space, and its velocities v there.
-        onto: those of the other.
-        tangent_weight: λ.
-
-    Source: Sun & Chern (2026), losses of the boundary.
+    Each curve is its points and its velocities there. Source: Sun & Chern (2026), losses of the boundary.
     """
     (x, v), (y, w) = of, onto
     distance = (x - y).square().sum(-1).mean()
@@ -379,3 +352,62 @@ def _arcs(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """Length of a closed sequence of points around each."""
     chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     return np.asarray((chords + np.roll(chords, 1)) / 2)
+
+
+class CircleHomeomorphism(torch.nn.Module):
+    """Ψ(t) = ∫₀ᵗ ρ/∫₀¹ ρ + b, increasing, with Ψ(t + 1) = Ψ(t) + 1, for a positive ρ and a learnable shift b.
+
+    ρ is a real network [1, 64, 64, 32, 1] with ReLU units and an exponential output. At the start it is nearly
+    constant, so Ψ is nearly the identity.
+
+    Source: Sun & Chern (2026), reparametrisations on S¹.
+    """
+
+    def __init__(self, *, generator: torch.Generator | None = None) -> None:
+        """Random parameters, on the CPU: uniform in ±1/√fan-in; b = 0."""
+        super().__init__()
+        pairs = itertools.pairwise(_SIZES)
+        # made without the random numbers of all torch
+        linear = [torch.nn.Linear(*pair, dtype=torch.float64, device="meta").to_empty(device="cpu") for pair in pairs]
+        for name in ("weight", "bias"):
+            for layer in linear:
+                bound = layer.in_features**-0.5
+                torch.nn.init.uniform_(getattr(layer, name), -bound, bound, generator=generator)
+        self.layers = torch.nn.Sequential(
+            linear[0], *(part for layer in linear[1:] for part in (torch.nn.ReLU(), layer))
+        )
+        self.shift = torch.nn.Parameter(torch.zeros((), dtype=torch.float64))
+
+    def density(self, t: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        """ρ(t) for t in [0, 1]."""
+        output: Tensor = self.layers(t[:, None])
+        return output[:, 0].exp()
+
+    def forward(self, t: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        """Ψ(t); differentiable by t and the parameters."""
+        slopes, values = self._table()
+        turns = t.detach().floor()
+        piece = ((t.detach() - turns) * _PIECES).long().clamp(0, _PIECES - 1)
+        part = (t - turns) * _PIECES - piece
+        left, right = slopes[piece], slopes[piece + 1]
+        return turns + values[piece] + part * (left + (right - left) * part / 2) / _PIECES + self.shift
+
+    def inverse(self, s: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        """The t with Ψ(t) = s, the zero of a quadratic; differentiable by s and the parameters."""
+        slopes, values = self._table()
+        wanted = s - self.shift
+        turns = wanted.detach().floor()
+        rest = wanted - turns
+        piece = (torch.searchsorted(values.detach(), rest.detach(), right=True) - 1).clamp(0, _PIECES - 1)
+        left, right = slopes[piece], slopes[piece + 1]
+        above = (rest - values[piece]) * _PIECES
+        part = 2 * above / (left + (left**2 + 2 * (right - left) * above).sqrt())
+        return turns + (piece + part) / _PIECES
+
+    def _table(self) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"]]:
+        """Ψ′ and Ψ − b at the ends of the pieces."""
+        ends = torch.linspace(0, 1, _PIECES + 1, dtype=torch.float64, device=self.shift.device)
+        density = self.density(ends)
+        integral = torch.cumulative_trapezoid(density, dx=1 / _PIECES)
+        values = torch.nn.functional.pad(integral / integral[-1], (1, 0))
+        return density / integral[-1], values

@@ -6,13 +6,11 @@ import os
 import numpy as np
 import pytest
 
-from spinor_geom.bench.cases import KNOWN, known_case
+from spinor_geom.bench.cases import KNOWN, known_case, points_limit
+from spinor_geom.bench.cut_outs import CUT, NOISY, ragged_hole
 from spinor_geom.bench.fillers import FILLERS, OURS, Filled
 from spinor_geom.bench.holes import hole_over, odd_holes
-from spinor_geom.bench.limit import points_limit
 from spinor_geom.bench.measure import disk_figures, hole_figures
-from spinor_geom.bench.methods import Spanned
-from spinor_geom.bench.ragged import CUT, NOISY, ragged_hole
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.meshing.embed import mesh_patch
@@ -188,8 +186,7 @@ def test_our_surface_is_measured_beside_its_mesh():
     loop = case.loop(48)
     solution = solve_plateau(loop)
     patch = mesh_patch(solution)
-    spanned = Spanned(vertices=patch.vertices, faces=patch.faces, area=solution.area, solution=solution, converged=True)
-    figures = disk_figures(spanned, loop, case)
+    figures = disk_figures(solution, patch, loop, case)
     # the surface is exact, the chords of its mesh are not
     assert figures["surface_distance_max"] < 1e-12 < 1e-4 < figures["distance_max"]
     assert figures["area_error"] < 1e-12 < 1e-4 < figures["mesh_area_error"]

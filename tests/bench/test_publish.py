@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from spinor_geom.bench import page, runner
-from spinor_geom.bench.runner import measure
-from spinor_geom.bench.suites import SUITES, Settings
+from spinor_geom.bench.runner import SUITES, Settings, measure
 from tests.bench.test_run import in_this_process
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -42,6 +41,21 @@ def test_a_run_becomes_csv_and_tables_and_takes_the_place_of_an_earlier_one(publ
     assert float(rows[0]["area_error"]) < 1e-12
     # no paths of this machine
     assert str(tmp_path) not in text + (tmp_path / "disks.csv").read_text(encoding="utf-8")
+
+
+def test_methods_stand_side_by_side_and_come_back_as_records(publish, tmp_path, monkeypatch):
+    monkeypatch.setattr(publish, "HERE", tmp_path)
+    alike = {"suite": "fills", "case": "scherk", "n": 64, "kind": "corners"}
+    records = [
+        {**alike, "method": "cgal", "status": "done", "seconds": 0.5, "rim_kept": False},
+        {**alike, "method": "open3d", "status": "crashed", "reason": "signal 11, it died"},
+        {**alike, "method": "cgal", "status": "done", "seconds": 2.0, "rim_kept": True, "n": 256},
+    ]
+    (tmp_path / "fills.csv").write_text(publish.table_of(publish.side_by_side(records)), encoding="utf-8")
+    header, *rows = (tmp_path / "fills.csv").read_text(encoding="utf-8").splitlines()
+    assert header.startswith("suite,case,n,kind,cgal status,cgal seconds,cgal rim_kept,cgal reason,open3d status,")
+    assert len(rows) == 2
+    assert publish.read("fills") == records
 
 
 @pytest.mark.parametrize("suite", SUITES)

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinor_geom.bench import page, runner, suites, tables, worker
-from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims
-from spinor_geom.bench.figures import Limit
+from spinor_geom.bench import page, runner, tables, worker
+from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, judged
 from spinor_geom.bench.machine import machine
-from spinor_geom.bench.runner import DESCRIPTION, RECORDS, Run, measure
-from spinor_geom.bench.suites import SUITES, Settings, case_name, chosen_tasks
+from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Run, Settings, case_name, chosen_tasks, measure
+from spinor_geom.bench.solves import Limit
 from spinor_geom.cli.main import main
 from spinor_geom.errors import OptionError
 from spinor_geom.version import program_version
@@ -181,8 +180,8 @@ def test_names_that_do_not_exist_are_refused_before_anything_is_measured(tmp_pat
 
 def test_the_short_run_has_the_suites_every_tool_and_every_odd_rim():
     tasks = chosen_tasks(Settings.short(), Path("run"))
-    assert {t["method"] for t in tasks} == {*suites.LOOP_METHODS, *suites.FILLERS}
-    assert {t["case"] for t in tasks if t["suite"] == "odd"} == set(suites.odd_holes())
+    assert {t["method"] for t in tasks} == {*runner.LOOP_METHODS, *runner.FILLERS}
+    assert {t["case"] for t in tasks if t["suite"] == "odd"} == set(runner.odd_holes())
     assert {t["suite"] for t in tasks} == set(SUITES) - {"meshes", "batch"}
     keys = [runner.key(task) for task in tasks]
     assert len(set(keys)) == len(keys)
@@ -193,7 +192,7 @@ def test_the_long_run_has_every_case_of_every_suite_once():
     assert {t["suite"] for t in tasks} == set(SUITES)
     keys = [runner.key(task) for task in tasks]
     assert len(set(keys)) == len(keys)
-    assert set(suites.QUICK_SOLVES) <= {t["case"] for t in tasks}
+    assert set(runner.QUICK_SOLVES) <= {t["case"] for t in tasks}
     # what one suite calls a case no other does, so that a name chooses one thing
     names = {(case_name(t), t["suite"]) for t in tasks if t["suite"] not in ("disks", "fills")}
     assert len({name for name, _ in names}) == len(names)
@@ -203,7 +202,7 @@ def test_mesh_files_are_filled_by_every_tool():
     tasks = chosen_tasks(Settings(suites=("meshes",), data=DATA), Path("run"))
     files = {case_name(task) for task in tasks}
     assert {"spot_cut.obj", "plane_holes.obj"} <= files
-    assert {(case_name(t), t["method"]) for t in tasks} == {(file, tool) for file in files for tool in suites.FILLERS}
+    assert {(case_name(t), t["method"]) for t in tasks} == {(file, tool) for file in files for tool in runner.FILLERS}
 
 
 def test_seconds_under_unlike_loads_are_not_compared():
@@ -223,9 +222,9 @@ def test_limits_are_kept_or_missed():
     limit = Limit("rms_per_edge", "RMS", 1e-6)
     record = {"suite": "curves", "case": "c", "status": "done"}
     for value, met in ((1e-7, True), (2e-6, False), (math.nan, False), (None, False)):
-        assert limit.of({**record, "rms_per_edge": value}).met is met
+        assert judged(limit, {**record, "rms_per_edge": value}).met is met
     # what is refused is missed, and says so
-    figure = limit.of({**record, "status": "refused", "rms_per_edge": 0.0})
+    figure = judged(limit, {**record, "status": "refused", "rms_per_edge": 0.0})
     assert (figure.met, figure.measured) == (False, "refused")
 
 
@@ -245,7 +244,8 @@ def test_rows_that_leave_edges_open_without_a_word_are_marked():
     table = tables.odd_table([odd, honest, crashed])
     assert table.marked == {0}
     assert [row[1] for row in table.rows] == ["12 open !", "refused", "crashed"]
-    assert tables.closed(odd) == "no, 12 edges left open, without a word"
+    assert tables.left_open(odd) == "12 open !"
+    assert tables.left_open(honest) == "12 open"
 
 
 def test_a_run_with_a_missing_tool_says_so():

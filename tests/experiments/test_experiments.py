@@ -21,7 +21,6 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import (
     NAMES,
-    branch_points,
     drawing,
     forms,
     paper_surfaces,
@@ -29,8 +28,7 @@ from spinor_geom.experiments import (
     quadrature,
     trainings,
 )
-from spinor_geom.experiments.experiment import Outcome, experiment
-from spinor_geom.experiments.report import Done, report, reproduce
+from spinor_geom.experiments.experiment import Done, Outcome, experiment, report, reproduce
 from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
 from spinor_geom.holomorphic import PowerSeries
 from spinor_geom.surface import SpinorSurface
@@ -225,7 +223,7 @@ def test_a_fitted_moebius_map_moves_the_functions():
 
 
 def test_branch_points_last_where_the_order_is_odd_and_spinors_have_none():
-    outcome = branch_points.lasting(orders=(1, 2, 3), random=4)
+    outcome = forms.lasting(orders=(1, 2, 3), random=4)
     assert outcome.holds
     known = [row for row in outcome.rows if "removable" in row]
     assert [row["order of φ"] for row in known] == [2, 4, 6, 1, 2, 3]
@@ -235,9 +233,9 @@ def test_branch_points_last_where_the_order_is_odd_and_spinors_have_none():
 
 
 def test_branch_points_on_the_boundary_are_said_to_be_there():
-    on_boundary = branch_points.surface_of(branch_points.ENNEPER, np.array([-1.0, 1.0]), np.array([0.5]))
+    on_boundary = forms.surface_of(forms.FORMS[1], np.array([-1.0, 1.0]), np.array([0.5]))
     assert forms.counted(forms.branch_points(on_boundary)) == "one on the boundary"
-    inside = branch_points.surface_of(branch_points.ENNEPER, np.array([-0.5, 1.0]), np.array([0.5]))
+    inside = forms.surface_of(forms.FORMS[1], np.array([-0.5, 1.0]), np.array([0.5]))
     assert forms.counted(forms.branch_points(inside)) == "1, 1 not removable"
 
 

@@ -6,8 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.training.homeomorphism import CircleHomeomorphism
-from spinor_geom.training.rmsprop import boundary_loss
+from spinor_geom.training.rmsprop import CircleHomeomorphism, boundary_loss
 
 
 def bent(seed=0, strength=3.0):

@@ -16,7 +16,7 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, train_by_levenberg_marquardt
 from spinor_geom.training.boundary import BoundaryNodes, placed
-from spinor_geom.training.descent import Distillation, Polish, descend, rms
+from spinor_geom.training.levenberg_marquardt import Distillation, Polish, descend, rms
 
 CPU = torch.device("cpu")
 CURVES = {"twisted circle": curves.twisted_circle(), "tennis seam": curves.tennis_seam(0.8)}

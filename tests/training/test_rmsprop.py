@@ -16,7 +16,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training import RMSprop, rmsprop, train_by_rmsprop
-from spinor_geom.training.rays import FORMS, RayBoundary
+from spinor_geom.training.boundary import FORMS, RayBoundary
 from spinor_geom.training.rmsprop import _Training
 
 CURVE = curves.twisted_circle()
