@@ -88,6 +88,8 @@ def test_colors_under_the_plain_keyword_and_unknown_columns(tmp_path: Path) -> N
     extra = parsed(CUBE.replace(".0\n", ".0 4.5\n", 8))
     assert extra.mesh.vertex_attributes["extra"].shape == (8, 1)
     assert is_closed(again(extra.extended(lid_for(extra.mesh)), tmp_path).mesh)
+    two = parsed(CUBE.replace(".0\n", ".0 4.5 6\n", 8)).mesh.vertex_attributes
+    assert [two[name][0].tolist() for name in ("extra_0", "extra_1")] == [[4.5], [6]]
 
 
 def test_normal_seam_is_no_boundary() -> None:
