@@ -10,8 +10,7 @@ from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.meshing.size_field import Piece
-from spinor_geom.meshing.triangulate import triangulate_pieces
+from spinor_geom.meshing.triangulate import Piece, triangulate_pieces
 
 # Between far parts of a domain's boundary, in edges.
 _CLEARANCE = 1.5
@@ -41,13 +40,7 @@ def remesh(patch: Patch, target: float) -> Patch:
     piece = Piece(rims=rims, samples=patch.points, factor=stretch, target=target, area=patch.area)
     (plan,) = triangulate_pieces([piece])
     inner = _positions(patch, flat, plan.points[m:])
-    return Patch(
-        vertices=np.concatenate([patch.vertices[:m], inner]),
-        faces=plan.faces,
-        boundary_size=m,
-        points=plan.points,
-        hole_sizes=patch.hole_sizes,
-    )
+    return Patch.over(plan, np.concatenate([patch.vertices[:m], inner]))
 
 
 def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target: float) -> Patch:
@@ -78,7 +71,7 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
     (plan,) = triangulate_pieces([piece])
     vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
-    return Patch(vertices=vertices, faces=plan.faces, boundary_size=m, points=plan.points)
+    return Patch.over(plan, vertices)
 
 
 def _positions(
