@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, Real
 
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
 LONGEST_PROBLEM = 240  # letters

@@ -12,8 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh, require_existing_vertices
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
 
 
 def check_extension(extension: MeshExtension, *, vertices: int, attributes: Mapping[str, int]) -> None:

@@ -21,7 +21,7 @@ from spinor_geom.adapters.glb_pieces import COPIED, Piece, have_one_layout, scen
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import seam_representatives
 from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 

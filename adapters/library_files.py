@@ -22,7 +22,7 @@ from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
 from spinor_geom.adapters.seams import appearance_of, seam_representatives
 from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 if TYPE_CHECKING:
     import pyvista

@@ -24,8 +24,7 @@ from spinor_geom.adapters.seams import close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.files import atomic_path
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.optional import require
 from spinor_geom.shown import Shown
 

@@ -9,8 +9,7 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.extending import grown_attributes, repeated
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 if TYPE_CHECKING:
     import pymeshlab

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 
 from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 GROUP = "spinor_geom_fill"
 

@@ -10,8 +10,7 @@ from spinor_geom.adapters.contents import unit_vectors
 from spinor_geom.adapters.extending import grown_attributes, repeated
 from spinor_geom.adapters.seams import without_seams
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 
 class Open3DAdapter:

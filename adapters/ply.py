@@ -25,7 +25,7 @@ from spinor_geom.adapters.records import (
 )
 from spinor_geom.adapters.seams import seam_representatives
 from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 NUMPY_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 OLD_NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")

@@ -17,8 +17,7 @@ from spinor_geom.adapters.extending import (
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.seams import without_seams
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 if TYPE_CHECKING:
     import pyvista

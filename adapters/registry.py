@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol, runtime_checkable
 
 from spinor_geom.errors import UnknownMeshTypeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 
 @runtime_checkable

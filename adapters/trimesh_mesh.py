@@ -9,8 +9,7 @@ import numpy as np
 
 from spinor_geom.adapters.extending import grown_attributes, padded, real_attributes, repeated, triangles_of
 from spinor_geom.adapters.seams import without_seams
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 if TYPE_CHECKING:
     import trimesh

@@ -12,8 +12,7 @@ from spinor_geom.adapters.contents import unit_vectors
 from spinor_geom.adapters.extending import check_extension, parts_of_faces
 from spinor_geom.adapters.trimesh_mesh import TrimeshAdapter
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 if TYPE_CHECKING:
     import trimesh

@@ -30,10 +30,9 @@ from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, stitch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.version import program_version
 

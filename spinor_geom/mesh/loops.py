@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinor_geom.errors import DuplicateVertexError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
-from spinor_geom.mesh.face_defects import FaceDefects
-from spinor_geom.mesh.sheets import Sheets
+from spinor_geom.mesh.sheets import FaceDefects, Sheets
 from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 from tests.adapters.shapes import glb_file, open_cube
 
 MEMORY = 400 << 20  # bytes beyond what the imports take

@@ -14,9 +14,8 @@ from spinor_geom.adapters import MeshFile, glb_pieces, read_mesh
 from spinor_geom.adapters.glb import read_glb
 from spinor_geom.adapters.glb_container import GlbContainer
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
-from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.topology import boundary_edges
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from tests.adapters.shapes import extensions, glb_file, is_closed, lid, open_cube
 
 VERTICES, FACES = open_cube(np.float32)
