@@ -46,11 +46,7 @@ def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
 
 
 def read_obj(data: bytes, path: Path | None) -> FileContents:
-    """The vertices, faces and curves of an OBJ file, as `read_obj_stream` reads them, with its text as their source.
-
-    Raises:
-        MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
-    """
+    """What `read_obj_stream` reads of an OBJ file, with its text as the source to append to."""
     text = read_obj_stream(io.BytesIO(data), path)
     return replace(text.contents, suffix=".obj", appended=partial(_appended, data, text))
 

@@ -63,16 +63,12 @@ class ObjText:
 
 
 def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
-    """The vertices, faces, curves and names of an OBJ file.
+    """The vertices, faces, curves and names of an OBJ file, read once from where the stream stands.
 
     Faces are read by their position indices, so texture and normal seams leave no trace. `v` lines may carry colours
     (three or four numbers after the coordinates; they count if all lines have them) or a weight (ignored). Texture
     coordinates and normals become the attributes "uv" and "normal" where each vertex has only one. Pieces of curves are
     joined where two of them meet in a vertex.
-
-    Args:
-        stream: the file, read once from where it stands to its end.
-        path: for messages.
 
     Raises:
         MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
@@ -205,11 +201,7 @@ class _Reader:
         return self.names.setdefault(name, len(self.names))
 
     def text(self, newline: bytes, ending: bytes) -> ObjText:
-        """All of it; checks what only the whole file tells.
-
-        Raises:
-            MeshFileError: no vertices, or an index of none.
-        """
+        """All of it; a MeshFileError if there are no vertices, or an index is of none."""
         if not self.values[b"v"]:
             advice = "check that the file is complete and is an OBJ file"
             raise malformed(self.path, "", "has no vertices (`v` lines)", advice)
@@ -338,12 +330,8 @@ class _Block:
     def corners(self, key: bytes, counts: dict[bytes, int]) -> tuple[Int[np.ndarray, "n 3"], list[tuple[int, str]]]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
 
-        Args:
-            key: the lines' key.
-            counts: how many elements the blocks before this one have.
-
-        Returns:
-            The indices, and the first line with a position that cannot exist and the word there, if there is one.
+        `counts` elements stand in the blocks before this one. Also the first line with a position that cannot exist and
+        the word there, if there is one.
         """
         text = self._text(key)
         line_of = np.repeat(self.standing[key], self.sizes[self.standing[key]])

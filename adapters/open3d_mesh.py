@@ -8,7 +8,7 @@ import numpy as np
 
 from spinor_geom.adapters.contents import unit_vectors
 from spinor_geom.adapters.extending import grown_attributes, repeated
-from spinor_geom.adapters.seams import without_seams
+from spinor_geom.adapters.polygons import without_seams
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import most_frequent_row
-from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.polygons import Polygons, seam_representatives
 from spinor_geom.adapters.records import (
     Element,
     Property,
@@ -23,7 +23,6 @@ from spinor_geom.adapters.records import (
     read_binary,
     rows_of,
 )
-from spinor_geom.adapters.seams import seam_representatives
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
@@ -43,12 +42,7 @@ FACE_LISTS = ("vertex_indices", "vertex_index")
 
 
 def read_ply(data: bytes, path: Path | None) -> FileContents:
-    """The vertices, per-vertex properties and faces of a PLY file.
-
-    Raises:
-        MeshFileError: a malformed header, a file shorter than its header says, no vertices or faces, or a face that
-            names a vertex that does not exist; names the place.
-    """
+    """The vertices, per-vertex properties and faces of a PLY file."""
     return contents_of(read_records(data, path), path, suffix=".ply")
 
 
@@ -56,8 +50,7 @@ def read_records(data: bytes, path: Path | None) -> Records:
     """The header and all records of a PLY file.
 
     Raises:
-        MeshFileError: not a PLY file, a line that cannot be understood, or shorter than its header says; names the
-            place.
+        MeshFileError: not a PLY file, a malformed line, or shorter than its header says; names the place.
     """
     position, records = _read_header(data, path)
     text, elements = data.replace(b"\r", b"\n") if records.newline == b"\r" else data, {}
@@ -123,16 +116,11 @@ def _property(description: list[str], order: str) -> Property | None:
 
 
 def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileContents:
-    """What records of the elements "vertex" and "face" mean.
+    """What records of the elements "vertex" and "face" mean, in a file of some format ("" where none can be appended).
 
     Colours, normals and texture coordinates become "color", "normal" and "uv"; every other scalar property of the
     vertices becomes an attribute under its own name. Positions whose vertices differ in texture coordinates or normals
     are seams.
-
-    Args:
-        records: of a file.
-        path: the file's, for messages.
-        suffix: of the format that records can be appended in; "" if in none.
 
     Raises:
         MeshFileError: no vertices or faces, or a face that names a vertex that does not exist.

@@ -14,8 +14,7 @@ from spinor_geom.adapters.extending import (
     repeated,
     triangles_of,
 )
-from spinor_geom.adapters.polygons import Polygons
-from spinor_geom.adapters.seams import without_seams
+from spinor_geom.adapters.polygons import Polygons, without_seams
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
@@ -83,11 +82,7 @@ class PyVistaAdapter:
 
 
 def polygons_of(mesh: pyvista.PolyData | pyvista.UnstructuredGrid) -> Polygons:
-    """The faces of a mesh, quads and polygons whole.
-
-    Raises:
-        MeshShapeError: the mesh has cells that are neither faces nor points nor lines.
-    """
+    """The faces of a mesh, quads and polygons whole; raises as `PyVistaAdapter.to_mesh`."""
     import pyvista
 
     if isinstance(mesh, pyvista.PolyData):

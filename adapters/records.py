@@ -76,10 +76,8 @@ class Records:
     def appended(self, columns: Mapping[str, Mapping[str, np.ndarray]], counts: Mapping[str, int]) -> bytes:
         """The file with records after those of some elements; all other bytes but their counts stay.
 
-        Args:
-            columns: for each of these elements its new values, (n,) or (n, k) for lists, by the properties' names;
-                lists that are not named are empty.
-            counts: how many new records it gets.
+        For each of these elements come its new values by the properties' names, (n,) or (n, k) for lists (those that
+        are not named are empty), and how many records they are.
         """
         edits = []
         for element in self.elements.values():
@@ -124,15 +122,8 @@ def _tables(
     return tables
 
 
-# --- binary records ---------------------------------------------------------------------------------------------------
-
-
 def read_binary(data: bytes, position: int, element: Element, path: Path | None) -> Element:
-    """An element with the records that begin at byte `position`.
-
-    Raises:
-        MeshFileError: the file ends before they do.
-    """
+    """An element with the records that begin at byte `position`; a MeshFileError if the file ends before they do."""
     run, stop = _equal_records(data, position, element), position
     lists = [item.name for item in element.properties if item.count_dtype is not None]
     values = {item.name: run[item.name].reshape(-1) for item in element.properties}
@@ -223,16 +214,12 @@ def _too_short(element: Element, record: int, path: Path | None) -> MeshFileErro
     return malformed(path, f"element '{element.name}'", problem, "check that the file is complete")
 
 
-# --- records in lines of text -----------------------------------------------------------------------------------------
-
-
 def rows_of(
     text: bytes, position: int, element: Element, path: Path | None, words: Callable[[bytes], list[bytes]] = bytes.split
 ) -> tuple[list[list[bytes]], Element]:
     """The words of an element's records, one on each of the next lines that hold any, and the element with its lines.
 
-    Raises:
-        MeshFileError: there are fewer lines.
+    A MeshFileError tells that there are fewer lines.
     """
     stream = io.BytesIO(text)
     stream.seek(position)
@@ -249,11 +236,7 @@ def rows_of(
 
 
 def of_rows(rows: list[list[bytes]], element: Element, path: Path | None) -> Element:
-    """An element with the records that some rows of words hold.
-
-    Raises:
-        MeshFileError: a row cannot be understood; names its line.
-    """
+    """An element with the records that some rows of words hold; a MeshFileError names the line that cannot be read."""
     try:
         return _of_words(rows, element)
     except (ValueError, OverflowError) as error:

@@ -240,11 +240,7 @@ def turning_angles(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
 
 
 def require_distinct_neighbours(points: Float[np.ndarray, "m 3"]) -> None:
-    """Checks that no edge of a closed polygon has length 0.
-
-    Raises:
-        RepeatedPointError: two neighbouring points are equal.
-    """
+    """Checks that no edge of a closed polygon has length 0; a RepeatedPointError names one that has."""
     equal = (points == np.roll(points, -1, axis=0)).all(axis=1)
     if equal.any():
         raise RepeatedPointError(index=int(np.argmax(equal)))

@@ -90,8 +90,7 @@ def graph_laplacian(faces: Int[np.ndarray, "f 3"]) -> csc_array:
 def factor_symmetric(matrix: csc_array) -> SuperLU:
     """Sparse LU of a symmetric matrix without row exchanges: U's diagonal has the signs of the eigenvalues.
 
-    Raises:
-        SingularMatrixError: the matrix is singular or not finite.
+    A SingularMatrixError tells that the matrix is singular or not finite.
     """
     if not np.isfinite(matrix.data).all():
         raise SingularMatrixError(size=matrix.shape[0])
@@ -155,9 +154,6 @@ def winding_numbers(polygon: Float[np.ndarray, "m 2"], points: Float[np.ndarray,
     m = np.arange(len(polygon))
     edges = np.stack([m, np.roll(m, -1)], axis=1)
     return np.asarray(igl.winding_number(*igl_arrays(polygon, edges), np.ascontiguousarray(points))).reshape(-1)
-
-
-# --- bending ----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -139,11 +139,7 @@ def require_faces(mesh: TriangleMesh) -> None:
 
 
 def require_existing_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> None:
-    """Checks that faces name no other than the first so many vertices.
-
-    Raises:
-        VertexIndexError: one does.
-    """
+    """Checks that faces name no other than the first so many vertices; a VertexIndexError names one that does."""
     outside = (faces < 0) | (faces >= vertices)
     if outside.any():
         face, corner = divmod(int(np.flatnonzero(outside)[0]), 3)

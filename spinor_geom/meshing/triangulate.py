@@ -59,27 +59,16 @@ class Piece:
 
 
 def require_few_points(area: float, target: float) -> None:
-    """Checks that a patch of some area with edges of some length can be made, before any of it is.
-
-    Raises:
-        TooManyPointsError: it has more vertices than anyone can use.
-    """
+    """Checks that a patch of some area with edges of some length can be made; else a TooManyPointsError."""
     points = 2 * area / (np.sqrt(3) * target**2)
     if points > MOST_POINTS:
         raise TooManyPointsError(target=target, area=area, points=points, most=MOST_POINTS)
 
 
 def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
-    """The part of Ω inside a patch's boundaries; angles in space are those in Ω, the surface is conformal.
+    """The part of Ω inside a patch's boundaries, for edges of a length in space; raises as `require_few_points`.
 
-    Args:
-        surface: Gives λ.
-        rims: The patch's boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
-        target: Edge length in space.
-        area: The patch's area in space.
-
-    Raises:
-        TooManyPointsError: The edge length asks for more vertices than anyone can use.
+    The rims are the patch's boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
     """
     require_few_points(area, target)
     mesh = surface.domain.triangulation
@@ -128,13 +117,7 @@ def size_field(pieces: Sequence[Piece]) -> RegionSizes:
 
     h(z) = target/λ(z), but within e ± growth·d at a distance d from a boundary vertex with edges of mean length e: it
     grows by 0.35 and falls by 0.5 per unit of distance. log λ is averaged over the four nearest samples, weighted by
-    the inverse squared distance.
-
-    Args:
-        pieces: Any number.
-
-    Returns:
-        A function from points (k,) of Ω and the numbers (k,) of their pieces to lengths (k,) in units of Ω.
+    the inverse squared distance. A function of points (k,) of Ω and the numbers (k,) of their pieces.
     """
     rims = [rim for piece in pieces for rim in piece.rims]
     owner = np.repeat(np.arange(len(pieces)), [sum(map(len, piece.rims)) for piece in pieces])
@@ -176,20 +159,13 @@ def is_unit_disk(domain: PlaneDomain) -> bool:
 def even_seeds(
     stretch: Float[np.ndarray, " n"], target: float, area: float
 ) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None:
-    """Points of the unit disk whose images on a flattening of the surface form a triangular lattice.
+    """Points of the unit disk, with spacings, whose images on a flattening of the surface form a triangular lattice.
 
     The flattening G is conformal and keeps the lengths of the boundary: log |G′| is the harmonic function with the
-    boundary values log λ. Where the surface is curved λ is smaller inside, so the lattice is wider in the plane: it has
-    as many points as cover the surface. Of parts that the flattening covers more than once there are none.
-
-    Args:
-        stretch: λ > 0 at equal steps around the unit circle, from angle 0.
-        target: mean distance of neighbours in space.
-        area: of the surface.
-
-    Returns:
-        The points, and how far each is from its neighbours; none where the surface is curved so much that its
-        flattening is far larger.
+    boundary values log λ, given at equal steps from angle 0. Where the surface is curved λ is smaller inside, so the
+    lattice is wider in the plane: it has as many points as cover the surface with neighbours `target` apart. Of parts
+    that the flattening covers more than once there are none, and none at all where the surface is curved so much that
+    its flattening is far larger.
     """
     n = len(stretch)
     # twice as many nodes as samples hold the exponential
