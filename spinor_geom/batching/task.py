@@ -15,8 +15,7 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.contents import FileContents, malformed
 from spinor_geom.adapters.mesh_files import FORMATS, MeshFile
-from spinor_geom.adapters.obj import added_lines
-from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
+from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.batching.loops import NamedLoop, curve_loops, hole_names, refuse_what_bounds_no_disk
 from spinor_geom.batching.names import safe_name

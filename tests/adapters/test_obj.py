@@ -256,7 +256,7 @@ def test_nothing_that_the_file_names_is_opened(tmp_path: Path, monkeypatch: pyte
         (TRIANGLE + "# a \\\n b\n\nf 1 2 7\n", "line 7: '7' names"),
         (TRIANGLE + "l 1\n", "line 4: a curve needs two vertices"),
         (TRIANGLE + "l 1 9\n", "line 4: '9' names"),
-        (b"\x7fELF\x00\x01", "byte 4: a zero byte"),
+        (b"\x7fELF\x00\x01", "line 1: a zero byte"),
     ],
 )
 def test_malformed_files_name_the_place(text: str | bytes, said: str) -> None:
