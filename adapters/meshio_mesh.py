@@ -35,9 +35,8 @@ class MeshioAdapter:
     def to_mesh(self, obj: meshio.Mesh) -> TriangleMesh:
         """The triangles, quads and polygons split, block after block.
 
-        Raises:
-            MeshShapeError: the mesh is plane (two coordinates a point), or has cells that are neither faces nor points
-                nor lines.
+        A MeshShapeError tells that the mesh is plane (two coordinates a point), or has cells that are neither faces nor
+        points nor lines.
         """
         vertices = _points(obj).astype(np.float64)
         return triangles_of(vertices, _polygons(obj).triangulated(vertices)[0], real_attributes(obj.point_data))

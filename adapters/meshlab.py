@@ -26,11 +26,7 @@ class MeshSetAdapter:
     types = ("pymeshlab.MeshSet",)
 
     def to_mesh(self, obj: pymeshlab.MeshSet) -> TriangleMesh:
-        """The triangles of the current mesh.
-
-        Raises:
-            MeshShapeError: the set holds no mesh.
-        """
+        """The triangles of the current mesh; a MeshShapeError if the set holds none."""
         mesh = _current(obj)
         return TriangleMesh(mesh.vertex_matrix(), mesh.face_matrix(), vertex_attributes=_carried(mesh))
 

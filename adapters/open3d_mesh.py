@@ -23,11 +23,7 @@ class Open3DAdapter:
     types = ("open3d.TriangleMesh",)
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles.
-
-        Raises:
-            MeshShapeError: the mesh is one of tensors, too.
-        """
+        """The triangles; a MeshShapeError if the mesh is one of tensors."""
         carried = _carried(obj)
         return without_seams(
             TriangleMesh(np.asarray(obj.vertices), np.asarray(obj.triangles), vertex_attributes=carried)

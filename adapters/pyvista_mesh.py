@@ -39,11 +39,7 @@ class PyVistaAdapter:
     types = ("pyvista.PolyData", "pyvista.UnstructuredGrid")
 
     def to_mesh(self, obj: pyvista.PolyData | pyvista.UnstructuredGrid) -> TriangleMesh:
-        """The triangles, quads and polygons split, closed along seams.
-
-        Raises:
-            MeshShapeError: the mesh has cells that are neither faces nor points nor lines.
-        """
+        """The triangles, quads split, closed along seams; a MeshShapeError if cells are no faces, points or lines."""
         polygons, vertices = polygons_of(obj), np.asarray(obj.points, dtype=np.float64)
         return without_seams(triangles_of(vertices, polygons.triangulated(vertices)[0], carried_by(obj)))
 

@@ -27,13 +27,7 @@ class Adapter(Protocol):
         ...
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles of `obj`, its vertices all and in its own order.
-
-        Raises:
-            MeshShapeError: V is not (n, 3) real numbers or F not (m, 3) integers.
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-            VertexIndexError: a face names a vertex that does not exist.
-        """
+        """The triangles of `obj`, its vertices all and in its own order; a MeshError if its arrays are no mesh."""
         ...
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:

@@ -175,8 +175,7 @@ class SceneAdapter:
     def extend(self, obj: trimesh.Scene, extension: MeshExtension) -> trimesh.Scene:
         """A new `Scene` in which the geometries have what was appended to them; all else is copied.
 
-        Raises:
-            MeshShapeError: new faces join two geometries, too.
+        New faces that join two geometries are a MeshShapeError too.
         """
         parts = _parts(obj)
         grown = obj.copy()

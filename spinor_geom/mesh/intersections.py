@@ -30,10 +30,7 @@ LEAST_ANGLE, LEAST_DISTANCE = 1e-4, 1e-6
 
 
 def self_intersections(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces that cross, by exact predicates.
-
-    Returns:
-        Face indices, each pair once, smaller index first, sorted; empty for an embedded mesh.
+    """Pairs of faces that cross, by exact predicates: smaller index first, sorted; none for an embedded mesh.
 
     Source: Shewchuk (1997), Adaptive precision floating-point arithmetic and fast robust geometric predicates; Guigue &
     Devillers (2003), Fast and robust triangle-triangle overlap test using orientation predicates.
@@ -55,13 +52,7 @@ def intersections_between(
     other_vertices: Float[np.ndarray, "o 3"],
     other_faces: Int[np.ndarray, "g 3"],
 ) -> Int[np.ndarray, "k 2"]:
-    """Pairs of a face of one mesh and a face of another that cross, by exact predicates.
-
-    Returns:
-        Indices into `faces` and `other_faces`, each pair once, sorted.
-
-    Source: as `self_intersections`.
-    """
+    """Pairs of a face of one mesh and a face of another that cross, as in `self_intersections`."""
     import igl.predicates
 
     if not len(faces) or not len(other_faces):

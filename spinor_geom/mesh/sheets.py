@@ -62,8 +62,7 @@ class Sheets:
     def next_ends(self, half_edge: Int[np.ndarray, " n"], at_target: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Turns around an end of each given half-edge without a twin, to the next such half-edge there.
 
-        Returns:
-            2h for a half-edge h that was reached at its origin, 2h + 1 for one reached at its target.
+        Gives 2h for a half-edge h that was reached at its origin, 2h + 1 for one reached at its target.
         """
         origin, target = self.half_edges.origin, self.half_edges.target
         vertex = np.where(at_target, target[half_edge], origin[half_edge])

@@ -106,8 +106,7 @@ def mesh_patches(
 ) -> list[Patch | SpinorGeomError]:
     """`mesh_patch` for many surfaces at once, which for small ones is faster; each mesh is the same, to the last bit.
 
-    Returns:
-        For each its mesh, or the error that `mesh_patch` raises for it.
+    In the place of a mesh stands the error that `mesh_patch` raises.
     """
 
     def made(some: Sequence[PlateauSolution]) -> list[Patch]:
