@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, Real
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from spinor_geom.errors import MeshShapeError
+from spinor_geom.mesh.topology import linked
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
 
 
@@ -58,10 +57,7 @@ def parts_of_faces(extension: MeshExtension, starts: Sequence[int], vertices: in
     `vertices`.
     """
     faces = extension.faces
-    count = vertices + len(extension.vertices)
-    pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
-    graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
-    _, labels = connected_components(graph, directed=False)
+    labels = linked(np.concatenate([faces[:, :2], faces[:, 1:]]), vertices + len(extension.vertices))
     patches, patch_of_face = np.unique(labels[faces[:, 0]], return_inverse=True)
     old = np.unique(faces[faces < vertices])
     votes = np.zeros((len(patches), len(starts)), dtype=np.int64)

@@ -8,12 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.sheets import repeats_a_vertex
-from spinor_geom.mesh.topology import boundary_edges, coincident_vertices
+from spinor_geom.mesh.topology import boundary_edges, coincident_vertices, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 # A polygon of n corners is split in the best of its n fans; beyond this size only the first is tried, as n fans take
@@ -204,9 +202,7 @@ def seam_representatives(
     first, second = _edge_pairs(place[edges])
     joined = np.stack([edges[first], edges[second, ::-1]], axis=2)
     is_seam = ((joined[:, :, 0] == joined[:, :, 1]) | may_be_joined[place[joined[:, :, 0]]]).all(axis=1)
-    links = joined[is_seam].reshape(-1, 2)
-    graph = coo_array((np.ones(len(links), dtype=bool), links.T), shape=(len(vertices), len(vertices)))
-    _, labels = connected_components(graph, directed=False)
+    labels = linked(joined[is_seam].reshape(-1, 2), len(vertices))
     _, lowest = np.unique(labels, return_index=True)
     return np.asarray(lowest[labels], dtype=np.int64)
 

@@ -108,12 +108,13 @@ def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
     face = half_edges.order // 3
     edge = np.repeat(np.arange(len(half_edges.counts)), half_edges.counts)
     same_edge = edge[1:] == edge[:-1]
-    links = coo_array(
-        (np.ones(int(same_edge.sum()), dtype=bool), (face[:-1][same_edge], face[1:][same_edge])),
-        shape=(len(faces), len(faces)),
-    )
-    _, labels = connected_components(links, directed=False)
-    return np.asarray(labels, dtype=np.int64)
+    return linked(np.stack([face[:-1], face[1:]], axis=1)[same_edge], len(faces))
+
+
+def linked(pairs: Int[np.ndarray, "k 2"], count: int) -> Int[np.ndarray, " {count}"]:
+    """Which of `count` things hang together through pairs of them: the number of each one's group, from 0."""
+    graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def referenced_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> Bool[np.ndarray, " {vertices}"]:
