@@ -155,7 +155,7 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
             for attribute, names in groups.items()
             if attribute != "color" and all(vertices.values[name].dtype.kind in "iu" for name in names)
         ),
-        color_scale=_color_scale(vertices.values[groups["color"][0]]) if "color" in groups else 1.0,
+        color_scale=_color_scale(vertices, groups["color"]) if "color" in groups else 1.0,
         representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=vertices.line(wrong[0]) if len(wrong) else "",
         suffix=suffix,
@@ -245,5 +245,6 @@ def _attribute_groups(vertices: Element) -> dict[str, tuple[str, ...]]:
     return groups | {(f"property {name}" if name in GROUPS else name): (name,) for name in free}
 
 
-def _color_scale(values: np.ndarray) -> float:
-    return color_scale_of(values) if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+def _color_scale(vertices: Element, names: tuple[str, ...]) -> float:
+    dtype = vertices.values[names[0]].dtype
+    return color_scale_of(_table(vertices, names)) if dtype.kind == "f" else float(np.iinfo(dtype).max)

@@ -123,6 +123,11 @@ def test_colors_are_rounded_to_bytes(tmp_path: Path) -> None:
     assert closed.mesh.vertex_attributes["color"][8].tolist() == [1, 255, 0, 255]
 
 
+def test_real_colors_of_255_are_told_by_any_channel() -> None:
+    extra = {name: ("float", np.full(8, value)) for name, value in (("red", 0), ("green", 0), ("blue", 255))}
+    assert parsed(ply("ascii", CUBE_POINTS, QUADS, extra=extra)).contents.color_scale == 255.0
+
+
 def test_other_elements_and_comments_stay(tmp_path: Path) -> None:
     before = "obj_info hello\nelement camera 1\nproperty float view\nproperty int depth"
     data = ply("binary_little_endian", CUBE_POINTS, QUADS, before=before)
