@@ -141,7 +141,8 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
     attributes = {attribute: _table(vertices, names) for attribute, names in groups.items()}
 
     def error(face: int, problem: str) -> MeshFileError:
-        return malformed(path, ", ".join(filter(None, (faces.line(face), f"face {face}"))), problem, "correct the face")
+        place = ", ".join(filter(None, (faces.line(face), f"face {face}")))
+        return malformed(path, place, problem, "correct or remove the face")
 
     polygons = Polygons.of_sizes(corners, faces.lengths[corner_list]).checked(len(points), error)
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
