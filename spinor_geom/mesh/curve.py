@@ -101,16 +101,14 @@ class BoundaryCurve:
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
         require_distinct_neighbours(loop.points)
+        found = None
         if not loop.corners.any() and len(loop) >= MIN_POINTS_FOR_HIGH_DEGREE:
-            breaks = by_arcs(loop.points)
-            degree, error = predicting_degree(loop.points, breaks)
-            found = analytic(loop.points, breaks, error)
-            if found is not None:
-                return cls(breaks=found[0], coefficients=found[1], corners=loop.corners)
-            if degree > DEGREES[0]:
-                spline = smooth_spline(loop.points, breaks, degree)
-                return cls(breaks=breaks, coefficients=spline, corners=loop.corners)
-        breaks, coefficients = piecewise_cubic(loop.points, loop.corners)
+            arcs = by_arcs(loop.points)
+            degree, error = predicting_degree(loop.points, arcs)
+            found = analytic(loop.points, arcs, error)
+            if found is None and degree > DEGREES[0]:
+                found = arcs, smooth_spline(loop.points, arcs, degree)
+        breaks, coefficients = found or piecewise_cubic(loop.points, loop.corners)
         return cls(breaks=breaks, coefficients=coefficients, corners=loop.corners)
 
     @classmethod
