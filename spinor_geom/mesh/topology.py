@@ -104,11 +104,11 @@ def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
 
     Pieces that touch in single vertices only are different pieces.
     """
-    half_edges = HalfEdges.of(faces)
-    face = half_edges.order // 3
-    edge = np.repeat(np.arange(len(half_edges.counts)), half_edges.counts)
-    same_edge = edge[1:] == edge[:-1]
-    return linked(np.stack([face[:-1], face[1:]], axis=1)[same_edge], len(faces))
+    import igl
+
+    if not len(faces):
+        return np.zeros(0, dtype=np.int64)
+    return np.asarray(igl.facet_components(np.ascontiguousarray(faces, dtype=np.int64))[1], dtype=np.int64)
 
 
 def linked(pairs: Int[np.ndarray, "k 2"], count: int) -> Int[np.ndarray, " {count}"]:
