@@ -22,8 +22,7 @@ from spinor_geom.adapters.open3d_mesh import Open3DAdapter
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.pyvista_mesh import PyVistaAdapter
 from spinor_geom.adapters.registry import Adapter, extend, known_types, register, to_mesh
-from spinor_geom.adapters.trimesh_mesh import TrimeshAdapter
-from spinor_geom.adapters.trimesh_scene import SceneAdapter
+from spinor_geom.adapters.trimesh_mesh import SceneAdapter, TrimeshAdapter
 
 for _adapter in (
     ArrayPairAdapter(),

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, Real
 
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
 LONGEST_PROBLEM = 240  # letters
@@ -55,14 +55,7 @@ class FileContents:
 
 
 def malformed(path: Path | None, place: str, problem: str, advice: str) -> MeshFileError:
-    """The error for a file that cannot be read.
-
-    Args:
-        path: the file.
-        place: where in the file, as "line 12"; may be empty.
-        problem: what is wrong there; cut where it quotes too much of the file.
-        advice: what to do.
-    """
+    """The error for a file that cannot be read: at which place, as "line 12", what is wrong, and what to do."""
     where = ", ".join(part for part in (str(path) if path else "", place) if part)
     if len(problem) > LONGEST_PROBLEM:
         problem = f"{problem[: LONGEST_PROBLEM // 2]} ... {problem[-LONGEST_PROBLEM // 2 :]}"
@@ -70,22 +63,14 @@ def malformed(path: Path | None, place: str, problem: str, advice: str) -> MeshF
 
 
 def real(word: bytes) -> float:
-    """A number in a text file.
-
-    Raises:
-        ValueError: it is none, or has underscores in it, which are Python's only.
-    """
+    """A number in a text file; a ValueError if it is none, or has underscores in it, which are Python's only."""
     if b"_" in word:
         raise ValueError(word)
     return float(word)
 
 
 def integer(word: bytes) -> int:
-    """An integer of 64 bits in a text file.
-
-    Raises:
-        ValueError: it is none, or has underscores in it, which are Python's only.
-    """
+    """An integer of 64 bits in a text file; a ValueError as of `real`."""
     value = int(word)
     if b"_" in word or not -(2**63) <= value < 2**63:
         raise ValueError(word)
@@ -113,10 +98,7 @@ def converted(
 ) -> list[Value]:
     """Words of a text file as `convert` understands them.
 
-    Args:
-        words: some.
-        convert: raises ValueError of what it does not understand.
-        error: what to raise of the number of the first such word, and that word.
+    `error` makes of the number of the first word of which `convert` raises a ValueError, and that word, what is raised.
     """
     try:
         return list(map(convert, words))
@@ -135,11 +117,7 @@ def is_readable(text: Value, convert: Callable[[Value], object]) -> bool:
 
 
 def single_precision(values: np.ndarray) -> np.ndarray:
-    """Finite numbers rounded to float32, for formats that hold no others.
-
-    Raises:
-        MeshFileError: a number is too large.
-    """
+    """Finite numbers rounded to float32, for formats that hold no others; a MeshFileError if one is too large."""
     largest = float(np.abs(values).max(initial=0.0))
     if largest > float(np.finfo(np.float32).max):
         raise MeshFileError(

@@ -8,22 +8,16 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, Real
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh, require_existing_vertices
+from spinor_geom.mesh.topology import linked
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
 
 
 def check_extension(extension: MeshExtension, *, vertices: int, attributes: Mapping[str, int]) -> None:
     """Whether an extension fits a mesh of `vertices` vertices with attributes of the given widths.
 
-    An extension without new vertices needs no attributes.
-
-    Raises:
-        VertexIndexError: a face names a vertex that neither of them has.
-        MeshShapeError: an attribute is missing or has another width.
+    Raises what `Adapter.extend` says; an extension without new vertices needs no attributes.
     """
     require_existing_vertices(extension.faces, vertices=vertices + len(extension.vertices))
     if len(extension.vertices) == 0:
@@ -46,9 +40,7 @@ def grown_attributes(
 ) -> dict[str, np.ndarray]:
     """The attributes (V, ...) of a mesh of `vertices` vertices, followed by an extension's in their own dtypes.
 
-    Raises:
-        VertexIndexError: a face names a vertex that neither of them has.
-        MeshShapeError: an attribute is missing in the extension or has another width.
+    Raises what `Adapter.extend` says.
     """
     widths = {name: columns(values).shape[1] for name, values in carried.items()}
     check_extension(extension, vertices=vertices, attributes=widths)
@@ -61,16 +53,11 @@ def grown_attributes(
 def parts_of_faces(extension: MeshExtension, starts: Sequence[int], vertices: int) -> Int[np.ndarray, "t parts"]:
     """How many vertices of each part of a mesh the patch of every new face hangs on.
 
-    Args:
-        extension: its faces form patches: those that share vertices, one after the other.
-        starts: the number of the first vertex of each part, ascending.
-        vertices: how many the mesh has.
+    The new faces that share vertices, one after the other, are a patch; part i begins at vertex starts[i] of
+    `vertices`.
     """
     faces = extension.faces
-    count = vertices + len(extension.vertices)
-    pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
-    graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
-    _, labels = connected_components(graph, directed=False)
+    labels = linked(np.concatenate([faces[:, :2], faces[:, 1:]]), vertices + len(extension.vertices))
     patches, patch_of_face = np.unique(labels[faces[:, 0]], return_inverse=True)
     old = np.unique(faces[faces < vertices])
     votes = np.zeros((len(patches), len(starts)), dtype=np.int64)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from operator import attrgetter
@@ -14,15 +15,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import FileContents, malformed, single_precision
-from spinor_geom.adapters.extending import parts_of_faces
-from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer
-from spinor_geom.adapters.glb_pieces import COPIED, Piece, have_one_layout, scene_pieces, shared_semantics
-from spinor_geom.adapters.polygons import Polygons
-from spinor_geom.adapters.seams import seam_representatives
+from spinor_geom.adapters.contents import FileContents, malformed, single_precision, unit_vectors
+from spinor_geom.adapters.extending import cast_values, parts_of_faces
+from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer, Json
+from spinor_geom.adapters.polygons import Polygons, seam_representatives
 from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
+TRIANGLES, STRIPS_AND_FANS = 4, (5, 6)  # a primitive's mode
+WIDTHS = {"POSITION": 3, "NORMAL": 3, "TEXCOORD_0": 2}
+# A mesh that many nodes show, or an array that many primitives name, is read once for each: what a scene may hold in
+# rows of arrays, beyond as many as the file has bytes; 35 bytes of memory or so each.
+MOST_ROWS = 10_000_000
+ROWS_OF_A_PRIMITIVE = 100  # what its Python objects take
+# None of these means anything when averaged: a new vertex takes them from the nearest old one.
+COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")
 NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 
 
@@ -69,9 +76,8 @@ def read_glb(data: bytes, path: Path | None) -> FileContents:
 def _appended(data: bytes, pieces: Sequence[Piece], path: Path | None, extension: MeshExtension) -> bytes:
     """The file with every new patch in the primitive that most of its rim belongs to.
 
-    Materials, textures, animations and all other content stay as they are. New vertices stand after those of their
-    primitive; those that no new face uses are not written. Rim vertices of other primitives are copied, bit by bit
-    where both lie in one node.
+    New vertices stand after those of their primitive; those that no new face uses are not written. Rim vertices of
+    other primitives are copied, bit by bit where both lie in one node.
     """
     if len(extension.faces) == 0 and len(extension.vertices) == 0:
         return data
@@ -131,11 +137,7 @@ def _grow(
 
 
 def encode_glb(contents: FileContents) -> bytes:
-    """A new GLB file with one mesh: positions as float32, and those attributes that glTF has a place for.
-
-    Raises:
-        MeshFileError: a number is too large for float32.
-    """
+    """A new GLB file with one mesh: positions as float32, and those attributes that glTF has a place for."""
     rows = {"POSITION": single_precision(contents.vertices)}
     for name, values in contents.attributes.items():
         semantic = next((key for key, own in NAMES.items() if own == name), name)
@@ -175,3 +177,182 @@ def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) ->
             vertices[start:stop], faces, [primitive, *appearance]
         )
     return representatives
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """One triangle primitive of one node: a run of the vertices of the whole scene.
+
+    Attributes:
+        node: the node's number.
+        primitive: the number of the primitive in the node's mesh.
+        start: the number of its first vertex in the scene.
+        faces: (F, 3) triangles over its own vertices.
+        rows: (n, k) its attributes as the file stores them, by their glTF names.
+        normalized: those of them whose integers stand for fractions of the largest one.
+        transform: (4, 4) from its own coordinates to the scene's.
+    """
+
+    node: int
+    primitive: int
+    start: int
+    faces: Int[np.ndarray, "f 3"]
+    rows: Mapping[str, np.ndarray]
+    normalized: frozenset[str]
+    transform: Float[np.ndarray, "4 4"]
+
+    @property
+    def stop(self) -> int:
+        """One more than the number of its last vertex in the scene."""
+        return self.start + len(self.rows["POSITION"])
+
+    def decoded(self, semantic: str) -> Float[np.ndarray, "n k"]:
+        """An attribute as float64 in the scene's coordinates; colours in the file's own scale."""
+        rows = self.rows[semantic]
+        values = rows.astype(np.float64)
+        if semantic in self.normalized and semantic != "COLOR_0":
+            values = np.maximum(values / np.iinfo(rows.dtype).max, -1.0)
+        if semantic == "TEXCOORD_0":
+            return values * [1.0, -1.0] + [0.0, 1.0]
+        if np.array_equal(self.transform, np.eye(4)) or semantic not in ("POSITION", "NORMAL"):
+            return values
+        with np.errstate(over="ignore", invalid="ignore"):  # a position that is not finite is reported later
+            if semantic == "POSITION":
+                return np.asarray(values @ self.transform[:3, :3].T + self.transform[:3, 3])
+            return unit_vectors(values @ np.linalg.inv(self.transform[:3, :3]))
+
+    def encoded(self, semantic: str, values: Float[np.ndarray, "n k"]) -> np.ndarray:
+        """The inverse of `decoded`, rounded to what the file stores."""
+        dtype = self.rows[semantic].dtype
+        if semantic == "TEXCOORD_0":
+            values = values * [1.0, -1.0] + [0.0, 1.0]
+        if not np.array_equal(self.transform, np.eye(4)):
+            if semantic == "POSITION":
+                values = (values - self.transform[:3, 3]) @ np.linalg.inv(self.transform[:3, :3]).T
+            elif semantic == "NORMAL":
+                values = unit_vectors(values @ self.transform[:3, :3])
+        if semantic in self.normalized and semantic != "COLOR_0":
+            values = values * np.iinfo(dtype).max
+        return cast_values(values, dtype)
+
+
+def scene_pieces(container: GlbContainer) -> list[Piece]:
+    """The triangle primitives of the scene, node by node, parents first; a MeshFileError names the place."""
+    tree, path = container.tree, container.path
+    nodes = tree.get("nodes", [])
+    for node in nodes:
+        if "mesh" in node:
+            container.item("meshes", node["mesh"])
+    if "scenes" in tree:
+        roots = container.item("scenes", tree.get("scene", 0)).get("nodes", [])
+    else:
+        children = {child for node in nodes for child in node.get("children", [])}
+        roots = [number for number in range(len(nodes)) if number not in children]
+    pieces: list[Piece] = []
+    seen: set[int] = set()
+    rows_left = max(MOST_ROWS, sum(len(view or b"") for view in container.views))
+    stack = [(root, np.eye(4)) for root in reversed(roots)]
+    while stack:
+        number, parent = stack.pop()
+        if number in seen:
+            raise malformed(path, f"node {number}", "has two parents", "check the file")
+        seen.add(number)
+        node = container.item("nodes", number)
+        with np.errstate(over="ignore", invalid="ignore"):  # a position that is not finite is reported later
+            transform = parent @ _local_transform(node)
+            is_flat = np.linalg.det(transform[:3, :3]) == 0
+        stack += [(child, transform) for child in reversed(node.get("children", []))]
+        if "mesh" not in node:
+            continue
+        if "skin" in node:
+            transform = np.eye(4)
+        elif is_flat:
+            raise malformed(path, f"node {number}", "its transform flattens the mesh", "correct the transform")
+        for index in range(len(tree["meshes"][node["mesh"]]["primitives"])):
+            piece = _piece(container, number, index, pieces[-1].stop if pieces else 0, transform)
+            rows_left -= ROWS_OF_A_PRIMITIVE
+            if piece is not None:
+                pieces.append(piece)
+                rows_left -= len(piece.faces) + sum(map(len, piece.rows.values()))
+            if rows_left < 0:
+                problem = f"with it the scene has more than {MOST_ROWS:,} rows of arrays, as it shows meshes repeatedly"
+                raise malformed(path, f"node {number}", problem, "give each mesh as a file of its own")
+    return pieces
+
+
+def _piece(
+    container: GlbContainer, node: int, index: int, start: int, transform: Float[np.ndarray, "4 4"]
+) -> Piece | None:
+    """One primitive, or None if it has no triangles."""
+    tree, path = container.tree, container.path
+    mesh = tree["nodes"][node]["mesh"]
+    primitive = tree["meshes"][mesh]["primitives"][index]
+    place = f"mesh {mesh}, primitive {index}"
+    mode = primitive.get("mode", TRIANGLES)
+    if mode in STRIPS_AND_FANS:
+        raise malformed(path, place, "is a triangle strip or fan", "convert it to a list of triangles")
+    if mode != TRIANGLES or "POSITION" not in primitive["attributes"]:
+        return None
+    if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
+        raise malformed(path, place, "is compressed with Draco", "decompress the file first")
+    if primitive.get("targets"):
+        raise malformed(path, place, "has morph targets, and a patch could not move with them", "apply them first")
+    rows = {semantic: container.values(accessor) for semantic, accessor in primitive["attributes"].items()}
+    count = len(rows["POSITION"])
+    if any(len(own) != count or own.shape[1] != WIDTHS.get(name, own.shape[1]) for name, own in rows.items()):
+        problem = "its attributes do not have one row a vertex, of their own width"
+        raise malformed(path, place, problem, "check the file")
+    indices = np.arange(count)
+    if "indices" in primitive:
+        stored = container.values(primitive["indices"])
+        if stored.dtype.kind != "u":
+            raise malformed(path, place, "its indices are no unsigned integers", "correct the indices")
+        indices = stored[:, 0].astype(np.int64)
+    if len(indices) % 3 or indices.max(initial=-1) >= count:
+        problem = f"its indices are no triangles over its {count} vertices"
+        raise malformed(path, place, problem, "correct the indices")
+    normalized = {
+        semantic
+        for semantic, accessor in primitive["attributes"].items()
+        if tree["accessors"][accessor].get("normalized", False) and rows[semantic].dtype.kind != "f"
+    }
+    piece = Piece(
+        node=node,
+        primitive=index,
+        start=start,
+        faces=indices.reshape(-1, 3),
+        rows=rows,
+        normalized=frozenset(normalized),
+        transform=transform,
+    )
+    return piece if len(indices) else None
+
+
+def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
+    """A node's transform to its parent's coordinates."""
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape((4, 4), order="F")
+    from scipy.spatial.transform import Rotation  # takes long to import
+
+    transform = np.eye(4)
+    rotation = Rotation.from_quat(node.get("rotation", (0.0, 0.0, 0.0, 1.0))).as_matrix()
+    transform[:3, :3] = rotation * np.array(node.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
+    transform[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    return transform
+
+
+def shared_semantics(pieces: list[Piece]) -> list[str]:
+    """The attributes that all pieces have, in one width and type, and that may be interpolated."""
+    return [
+        semantic
+        for semantic in pieces[0].rows
+        if semantic != "POSITION"
+        and not semantic.startswith(COPIED)
+        and all(have_one_layout(pieces[0], piece, semantic) for piece in pieces)
+    ]
+
+
+def have_one_layout(first: Piece, second: Piece, semantic: str) -> bool:
+    """Whether two pieces store an attribute in rows of one width and type."""
+    a, b = first.rows.get(semantic), second.rows.get(semantic)
+    return a is not None and b is not None and a.shape[1] == b.shape[1] and a.dtype == b.dtype

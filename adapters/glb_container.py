@@ -47,11 +47,7 @@ class GlbContainer:
 
     @classmethod
     def read(cls, data: bytes, path: Path | None) -> GlbContainer:
-        """Open a file.
-
-        Raises:
-            MeshFileError: not a binary glTF 2 file, shorter than it says, or with JSON that cannot be read.
-        """
+        """Open a file; a MeshFileError if it is no binary glTF 2 file, shorter than it says, or has malformed JSON."""
         tree, binary, chunks = _chunks(data, path)
         container = cls(tree=tree, views=[], path=path, chunks=chunks)
         for name in LISTS:
@@ -72,11 +68,7 @@ class GlbContainer:
         return container
 
     def item(self, name: str, number: Any) -> Json:
-        """An entry of one of the JSON's lists.
-
-        Raises:
-            MeshFileError: the list has no entry of that number.
-        """
+        """An entry of one of the JSON's lists; a MeshFileError if it has none of that number."""
         items: list[Json] = self.tree.get(name, [])
         if type(number) is not int or not 0 <= number < len(items):
             problem = f"names number {number} of its {len(items)} {name}"
@@ -106,11 +98,7 @@ class GlbContainer:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body) + len(self.chunks)) + body + self.chunks
 
     def values(self, accessor: int) -> np.ndarray:
-        """The rows of an accessor, (n, k), in the type that the file stores them in.
-
-        Raises:
-            MeshFileError: the data lies outside of the file, is sparse or compressed, or is shorter than announced.
-        """
+        """The rows of an accessor, (n, k), as stored; a MeshFileError if they are not in the file as they should be."""
         item = self.item("accessors", accessor)
         dtype: np.dtype[Any] = np.dtype(COMPONENTS[item["componentType"]])
         count, offset, row = item["count"], item.get("byteOffset", 0), WIDTHS[item["type"]] * dtype.itemsize
@@ -127,16 +115,9 @@ class GlbContainer:
         return np.asarray(np.ndarray(shape, dtype, content, offset, (stride, dtype.itemsize)))
 
     def store(self, rows: np.ndarray, *, target: int, instead_of: int | None = None) -> int:
-        """Put rows (n, k) in the file and describe them by an accessor.
+        """Put rows (n, k) in the file for `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`, and give their accessor's number.
 
-        Args:
-            rows: the values, of a type that glTF knows.
-            target: what the rows are for, `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`.
-            instead_of: an accessor whose type and other properties to take over; it is replaced itself if nothing else
-                refers to it.
-
-        Returns:
-            The accessor's number.
+        The properties of `instead_of` are taken over; that accessor is replaced itself if nothing else refers to it.
         """
         count, width = rows.shape
         size = width * rows.dtype.itemsize

@@ -17,12 +17,11 @@ import numpy as np
 
 from spinor_geom.adapters.contents import FileContents, malformed
 from spinor_geom.adapters.extending import cast_values
-from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.polygons import Polygons, appearance_of, seam_representatives
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
-from spinor_geom.adapters.seams import appearance_of, seam_representatives
 from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 if TYPE_CHECKING:
     import pyvista
@@ -33,8 +32,6 @@ LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "netwo
 
 def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
     """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk).
-
-    Faces, points and lines, and all point data.
 
     Raises:
         MeshFileError: VTK says anything at all (after an error it goes on with what it has, or with nothing), or what

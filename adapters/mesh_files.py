@@ -19,13 +19,11 @@ from spinor_geom.adapters.library_files import LIBRARIES, encode_3mf, encode_vtk
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, read_ply
-from spinor_geom.adapters.polygons import Polygons
-from spinor_geom.adapters.seams import close_seams
+from spinor_geom.adapters.polygons import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.files import atomic_path
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.optional import require
 from spinor_geom.shown import Shown
 
@@ -67,11 +65,7 @@ class MeshFile(Shown):
     def of_contents(
         cls, contents: FileContents, *, path: Path | None, read_sizes: tuple[int, int] | None = None
     ) -> MeshFile:
-        """Split the polygons and close the seams; without `read_sizes` nothing counts as appended.
-
-        Raises:
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-        """
+        """Split the polygons and close the seams; without `read_sizes` nothing counts as appended."""
         wrong = nonfinite_rows(contents.vertices)
         if len(wrong):
             place = ", ".join(filter(None, (str(path or ""), contents.first_nonfinite)))
@@ -235,12 +229,7 @@ def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:
 
 
 def known_suffix(path: Path) -> str:
-    """The suffix of a file in small letters, of a format that can be read and written here.
-
-    Raises:
-        MeshFileError: no known format.
-        MissingPackageError: the library of the format is not installed.
-    """
+    """The suffix of a file in small letters; raises, as `read_mesh`, where there is no such format or library."""
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         problem = f"'{path.suffix}' is no known format"

@@ -17,8 +17,7 @@ from spinor_geom.adapters.extending import (
 )
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 if TYPE_CHECKING:
     import meshio
@@ -36,9 +35,8 @@ class MeshioAdapter:
     def to_mesh(self, obj: meshio.Mesh) -> TriangleMesh:
         """The triangles, quads and polygons split, block after block.
 
-        Raises:
-            MeshShapeError: the mesh is plane (two coordinates a point), or has cells that are neither faces nor points
-                nor lines.
+        A MeshShapeError tells that the mesh is plane (two coordinates a point), or has cells that are neither faces nor
+        points nor lines.
         """
         vertices = _points(obj).astype(np.float64)
         return triangles_of(vertices, _polygons(obj).triangulated(vertices)[0], real_attributes(obj.point_data))

@@ -9,8 +9,7 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.extending import grown_attributes, repeated
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 if TYPE_CHECKING:
     import pymeshlab
@@ -27,11 +26,7 @@ class MeshSetAdapter:
     types = ("pymeshlab.MeshSet",)
 
     def to_mesh(self, obj: pymeshlab.MeshSet) -> TriangleMesh:
-        """The triangles of the current mesh.
-
-        Raises:
-            MeshShapeError: the set holds no mesh.
-        """
+        """The triangles of the current mesh; a MeshShapeError if the set holds none."""
         mesh = _current(obj)
         return TriangleMesh(mesh.vertex_matrix(), mesh.face_matrix(), vertex_attributes=_carried(mesh))
 

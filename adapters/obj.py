@@ -1,24 +1,385 @@
-"""Wavefront OBJ: reading to position indices, and appending to a file without touching what it says.
+"""Wavefront OBJ read block by block, only the numbers in memory; and appended to without touching what the text says.
 
-What is read and what is not: see `obj_stream`. Lines that are not read stay in the file.
+`v`, `vt`, `vn`, `f` and `l` are read, capitals too, and of `o` and `g` the names. Nothing that a file names is opened
+or run: `mtllib`, `call` and the like are lines of text, which stay in the file.
 """
 
 from __future__ import annotations
 
+import codecs
 import io
-from collections.abc import Sequence
-from dataclasses import replace
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import FileContents
-from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.adapters.contents import (
+    BYTE_ORDER_MARK,
+    FileContents,
+    color_scale_of,
+    converted,
+    integer,
+    malformed,
+    nonfinite_rows,
+    real,
+)
+from spinor_geom.adapters.polygons import Polygons, chained
+from spinor_geom.errors import MeshFileError
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
+BLOCK_SIZE = 1 << 22
+LONGEST_LINE = 1 << 25
+LARGEST_INDEX = 2**62  # so that sums of two indices fit 64 bits
 GROUP = "spinor_geom_fill"
+NEWLINE = b"\n"
+KEYS = (b"v", b"vt", b"vn", b"f", b"l", b"o")  # first words of lines
+COUNTED = (b"v", b"vt", b"vn")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObjText:
+    """An OBJ file's elements, and what is needed to go on writing it.
+
+    Attributes:
+        contents: vertices, polygons, attributes and curves, without a source.
+        names: of objects and groups, as "object/group" where both are given; the first is "".
+        face_names: (P,) int64, the name of each polygon as a number among them.
+        curve_names: the name of each of the contents' curves: that of its first piece.
+        corner_indices: for "uv" and "normal", where the file gives each vertex only one, its (V,) number among the `vt`
+            and `vn` lines, −1 where a vertex is in no face.
+        counts: how many `vt` and `vn` lines the file has, by the same names.
+        newline: what ends its lines.
+        ending: what has to follow its last byte before a new line can begin.
+    """
+
+    contents: FileContents
+    names: tuple[str, ...]
+    face_names: Int[np.ndarray, " p"]
+    curve_names: tuple[str, ...]
+    corner_indices: dict[str, Int[np.ndarray, " v"]]
+    counts: dict[str, int]
+    newline: bytes
+    ending: bytes
+
+
+def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
+    """The vertices, faces, curves and names of an OBJ file, read once from where the stream stands.
+
+    Faces are read by their position indices, so texture and normal seams leave no trace. `v` lines may carry colours
+    (three or four numbers after the coordinates; they count if all lines have them) or a weight (ignored). Texture
+    coordinates and normals become the attributes "uv" and "normal" where each vertex has only one. Pieces of curves are
+    joined where two of them meet in a vertex.
+
+    Raises:
+        MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
+    """
+    reader = _Reader(path)
+    # one byte a letter, with all line ends alike
+    decoder = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder("latin-1")(), translate=True)
+    last, line = b"", 1
+    for block in _blocks(stream, decoder, path):
+        if b"\0" in block:
+            at = f"line {line + block.count(NEWLINE, 0, block.index(0))}"
+            raise malformed(path, at, "a zero byte, so this is no OBJ text", "check the file's format")
+        reader.add(_Block(block.removeprefix(BYTE_ORDER_MARK) if line == 1 else block, path, first_line=line))
+        line, last = line + block.count(NEWLINE), block[-2:]
+    ends = decoder.newlines or "\n"
+    newline = (ends if isinstance(ends, str) else ends[0]).encode("ascii")
+    # a backslash at the very end would continue the last line into what follows
+    ending = b"" if last.endswith(NEWLINE) else newline
+    return reader.text(newline, ending + (newline if last.rstrip().endswith(b"\\") else b""))
+
+
+def _blocks(stream: BinaryIO, decoder: io.IncrementalNewlineDecoder, path: Path | None) -> Iterator[bytes]:
+    """The file in blocks that end with a line that no backslash continues."""
+    rest, searched = "", 0
+    while read := stream.read(BLOCK_SIZE):
+        rest += decoder.decode(read)
+        end = len(rest)
+        while (end := rest.rfind("\n", searched, end)) > 0 and rest[end - 1] == "\\":
+            pass
+        if end >= 0:
+            yield rest[: end + 1].encode("latin-1")
+            rest = rest[end + 1 :]
+        elif len(rest) > LONGEST_LINE:
+            problem = f"a line of more than {LONGEST_LINE >> 20} MiB"
+            raise malformed(path, "", problem, "check that this is an OBJ file, or write it in several pieces")
+        searched = len(rest)
+    if rest := rest + decoder.decode(b"", final=True):
+        yield rest.encode("latin-1")
+
+
+class _Reader:
+    """What the blocks read so far have given."""
+
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self.counts = dict.fromkeys(COUNTED, 0)
+        self.widths: dict[bytes, set[int]] = {key: set() for key in COUNTED}  # words of their lines
+        self.values: dict[bytes, list[Float[np.ndarray, "n k"]]] = {key: [] for key in COUNTED}
+        self.colors: list[Float[np.ndarray, "n k"]] = []
+        self.first_nonfinite = ""
+        self.unreadable: dict[bytes, MeshFileError] = {}
+        # of faces and curves in each block: their corners, and of each how many these are, its line and its name
+        none = np.zeros(0, dtype=np.int64)
+        self.elements = {key: [(none.reshape(0, 3), none, none, none)] for key in (b"f", b"l")}
+        self.wrong: list[tuple[int, str]] = []
+        self.names = {"": 0}
+        self.of_object = self.of_group = ""
+
+    def add(self, block: _Block) -> None:
+        """Takes the elements of the next block."""
+        block.check_sizes(b"v", least=3, what="a vertex needs three coordinates")
+        if len(block.standing[b"v"]):
+            self._add_vertices(block)
+        block.check_sizes(b"f", least=3, what="a face needs three corners")
+        block.check_sizes(b"l", least=2, what="a curve needs two vertices")
+        starts, names = self._names(block)
+        for key in (b"f", b"l"):
+            lines = block.standing[key]
+            if len(lines):
+                corners, wrong = block.corners(key, self.counts)
+                self.wrong += wrong
+                own_names = np.array(names, dtype=np.int64)[np.searchsorted(starts, lines) - 1]
+                self.elements[key].append((corners, block.sizes[lines], block.line_numbers[lines], own_names))
+        for key in (b"vt", b"vn"):
+            self._add_values(block, key)
+        for key in COUNTED:
+            self.counts[key] += len(block.standing[key])
+
+    def _add_vertices(self, block: _Block) -> None:
+        vertices = block.floats(b"v", 0, 3)
+        self.values[b"v"].append(vertices)
+        if not self.first_nonfinite and len(wrong := nonfinite_rows(vertices)):
+            self.first_nonfinite = f"line {block.line_numbers[block.standing[b'v'][wrong[0]]]}"
+        self.widths[b"v"] |= block.widths(b"v")
+        if self.widths[b"v"] in ({6}, {7}):
+            self.colors.append(block.floats(b"v", 3, min(self.widths[b"v"])))
+        else:
+            self.colors.clear()
+
+    def _add_values(self, block: _Block, key: bytes) -> None:
+        """Texture coordinates or normals, as long as they may all be used; an unreadable one matters only then."""
+        self.widths[key] |= block.widths(key)
+        if len(self.widths[key]) != 1 or key in self.unreadable or min(self.widths[key]) < 1:
+            self.values[key].clear()
+            return
+        try:
+            self.values[key].append(block.floats(key, 0, min(self.widths[key])))
+        except MeshFileError as error:
+            self.unreadable[key] = error
+
+    def _names(self, block: _Block) -> tuple[list[int], list[int]]:
+        """Behind which lines of a block which name holds, as a number."""
+        starts, numbers = [-1], [self._number()]
+        for line in block.standing[b"o"].tolist():
+            keyword, *words = block.row(line)
+            name = b" ".join(words).decode("utf-8", "replace")
+            self.of_object, self.of_group = (name, "") if keyword in b"oO" else (self.of_object, name)
+            starts.append(line)
+            numbers.append(self._number())
+        return starts, numbers
+
+    def _number(self) -> int:
+        name = "/".join(filter(None, (self.of_object, self.of_group)))
+        return self.names.setdefault(name, len(self.names))
+
+    def text(self, newline: bytes, ending: bytes) -> ObjText:
+        """All of it; a MeshFileError if there are no vertices, or an index is of none."""
+        if not self.values[b"v"]:
+            advice = "check that the file is complete and is an OBJ file"
+            raise malformed(self.path, "", "has no vertices (`v` lines)", advice)
+        vertices = np.concatenate(self.values[b"v"])
+        faces, curves = ([np.concatenate(parts) for parts in zip(*own, strict=True)] for own in self.elements.values())
+        self._check_corners((faces, curves), len(vertices))
+        attributes = {"color": np.concatenate(self.colors)} if self.colors else {}
+        corner_indices = {}
+        for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
+            own = _index_of_each_vertex(faces[0][:, 0], faces[0][:, column], len(vertices), self.counts[key])
+            widths = self.widths[key]
+            if own is None or len(widths) != 1 or 0 in widths or (name == "normal" and widths != {3}):
+                continue
+            if key in self.unreadable:
+                raise self.unreadable[key]
+            corner_indices[name] = own
+            attributes[name] = np.where(own[:, None] >= 0, np.concatenate(self.values[key])[own], 0.0)
+        pieces = np.split(curves[0][:, 0], np.cumsum(curves[1])[:-1]) if len(curves[1]) else []
+        chains, names = chained(pieces), tuple(self.names)
+        contents = FileContents(
+            vertices=vertices,
+            polygons=Polygons.of_sizes(faces[0][:, 0], faces[1]),
+            attributes=attributes,
+            color_scale=color_scale_of(attributes.get("color", np.zeros(0))),
+            representatives=np.arange(len(vertices)),
+            polylines=tuple(curve for _, curve in chains),
+            first_nonfinite=self.first_nonfinite,
+        )
+        return ObjText(
+            contents=contents,
+            names=names,
+            face_names=faces[3],
+            curve_names=tuple(names[curves[3][first]] for first, _ in chains),
+            corner_indices=corner_indices,
+            counts={"uv": self.counts[b"vt"], "normal": self.counts[b"vn"]},
+            newline=newline,
+            ending=ending,
+        )
+
+    def _check_corners(self, elements: Iterable[list[Int[np.ndarray, "..."]]], vertices: int) -> None:
+        wrong = list(self.wrong)
+        for corners, sizes, lines, _ in elements:
+            beyond = np.flatnonzero(corners[:, 0] >= vertices)[:1].tolist()
+            wrong += [(int(np.repeat(lines, sizes)[corner]), str(corners[corner, 0] + 1)) for corner in beyond]
+        if wrong:
+            number, word = min(wrong)
+            problem = f"'{word}' names a vertex that does not exist, the file has {vertices} (numbered from 1)"
+            raise malformed(self.path, f"line {number}", problem, "correct the index, or complete the file")
+
+
+class _Block:
+    """The lines of a part of an OBJ file, those that end with a backslash joined to the next.
+
+    Attributes:
+        sizes: how many words follow the first on each line; −1 on blank lines.
+        line_numbers: on which of the file's lines, from 1, each begins.
+        standing: the lines that begin with each of `KEYS`; those of groups stand among those of objects.
+    """
+
+    def __init__(self, data: bytes, path: Path | None, *, first_line: int) -> None:
+        self.path = path
+        data += 2 * NEWLINE  # so that three letters stand wherever a word begins
+        ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord(NEWLINE))
+        for mark, pattern in ((b"\\", rb"\\\n"), (b"#", rb"#[^\n]*")):
+            if mark in data:
+                data = re.sub(pattern, lambda match: b" " * len(match[0]), data)
+        letters = np.array(np.frombuffer(data, np.uint8))
+        is_end = letters[ends] == ord(NEWLINE)
+        self.line_numbers = first_line + np.append(0, np.flatnonzero(is_end) + 1)[:-1]
+        is_space = (letters == ord(" ")) | (letters - ord("\t") <= ord("\r") - ord("\t"))
+        starts = np.flatnonzero(~is_space & np.append(True, is_space[:-1]))
+        bounds = np.append(0, np.searchsorted(starts, ends[is_end]))
+        self.sizes = np.diff(bounds) - 1
+        filled = np.flatnonzero(self.sizes >= 0)
+        first, second = starts[bounds[filled]], starts[bounds[filled]] + 1
+        one, two = (letters[at].astype(np.int64) | 0x20 for at in (first, second))  # small letters
+        two[is_space[second]] = 0
+        keywords = np.where(is_space[second] | is_space[second + 1], one + (two << 8), 0)
+        keywords[keywords == ord("g")] = ord("o")
+        self.standing = {key: filled[keywords == int.from_bytes(key, "little")] for key in KEYS}
+        letters[first] = letters[second[two > 0]] = ord(" ")
+        self._data, self._behind_keys, self._line_ends = data, letters.tobytes(), np.append(0, ends[is_end] + 1)
+
+    def row(self, line: int) -> list[bytes]:
+        """The words of a line."""
+        return self._data[self._line_ends[line] : self._line_ends[line + 1]].split()
+
+    def widths(self, key: bytes) -> set[int]:
+        """How many words follow the key on its lines."""
+        return set(np.unique(self.sizes[self.standing[key]]).tolist())
+
+    def _text(self, key: bytes) -> bytes:
+        """What follows the key on all of its lines."""
+        lines = self.standing[key]
+        after_gap = np.flatnonzero(np.diff(lines, prepend=-2) > 1)
+        last = np.append(lines[after_gap[1:] - 1], lines[-1:])
+        runs = zip(self._line_ends[lines[after_gap]].tolist(), self._line_ends[last + 1].tolist(), strict=True)
+        return b"".join([self._behind_keys[start:stop] for start, stop in runs])
+
+    def _error(self, line: int, problem: str, advice: str) -> MeshFileError:
+        return malformed(self.path, f"line {self.line_numbers[line]}", problem, advice)
+
+    def check_sizes(self, key: bytes, *, least: int, what: str) -> None:
+        """Whether enough words follow the key on all of its lines."""
+        lines = self.standing[key]
+        for line in lines[self.sizes[lines] < least][:1].tolist():
+            text = b" ".join(self.row(line)).decode("utf-8", "replace")
+            raise self._error(line, f"{what}, got '{text}'", "complete or remove the line")
+
+    def floats(self, key: bytes, start: int, stop: int) -> Float[np.ndarray, "n k"]:
+        """Words `start` to `stop` behind the key on all of its lines, as numbers."""
+
+        def error(number: int, word: str) -> MeshFileError:
+            line = self.standing[key][number // (stop - start)]
+            return self._error(line, f"'{word}' is no number", "correct the line")
+
+        text, sizes = self._text(key), self.sizes[self.standing[key]]
+        words = text.split()
+        if start or not (sizes == stop).all():
+            place = np.arange(len(words)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+            words = list(compress(words, ((place >= start) & (place < stop)).tobytes()))
+        # `float` takes underscores, at a fraction of the time of `real`
+        convert = real if b"_" in text else float
+        return np.array(converted(words, convert, error), dtype=np.float64).reshape(-1, stop - start)
+
+    def corners(self, key: bytes, counts: dict[bytes, int]) -> tuple[Int[np.ndarray, "n 3"], list[tuple[int, str]]]:
+        """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
+
+        `counts` elements stand in the blocks before this one. Also the first line with a position that cannot exist and
+        the word there, if there is one.
+        """
+        text = self._text(key)
+        line_of = np.repeat(self.standing[key], self.sizes[self.standing[key]])
+
+        def error(number: int, word: str) -> MeshFileError:
+            return self._error(line_of[number], f"'{word}' is no corner", "write v, v/vt, v//vn or v/vt/vn")
+
+        corners = _uniform_corners(text, len(line_of))
+        if corners is None:
+            corners = np.array(converted(text.split(), _corner, error), dtype=np.int64)
+        if (corners < 0).any():
+            before = [counts[name] + np.searchsorted(self.standing[name], line_of) for name in COUNTED]
+            corners = np.where(corners < 0, corners + np.stack(before, axis=1) + 1, corners)
+            # an index before the file's first element must not pass for "not given"
+            corners[:, 1:] = np.where(corners[:, 1:] < 0, np.iinfo(np.int64).max, corners[:, 1:])
+        wrong = np.flatnonzero(corners[:, 0] < 1)[:1].tolist()
+        at = [(int(self.line_numbers[line_of[i]]), text.split()[i].decode("utf-8", "replace")) for i in wrong]
+        return corners - 1, at
+
+
+def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | None:
+    """Corners as they stand in the file, 0 where not given; None unless they all have one form, and are well-formed."""
+    # what is left without the numbers tells whether all corners have one form, much faster than looking at each
+    marks = text.translate(None, b"-0123456789").split()
+    slashes = len(marks[0]) if marks else 0
+    if slashes > 2 or marks != [b"/" * slashes] * (count if slashes else 0):
+        return None
+    text, is_signed = text.replace(b"//", b"/0/").replace(b"/", b" "), b"-" in text
+    corners = np.zeros((count, 3), dtype=np.int64)
+    try:
+        # of digits alone numpy reads numbers at a quarter of the time, those of 64 bits as negative ones
+        flat = np.array(list(map(int, text.split()))) if is_signed else np.fromstring(text, np.uint64, sep=" ")
+        corners[:, : slashes + 1] = flat.reshape(count, slashes + 1)
+    except (ValueError, OverflowError):
+        return None
+    return corners if is_signed or corners.min() >= 0 else None
+
+
+def _corner(word: bytes) -> tuple[int, int, int]:
+    """One corner, in any of the four forms."""
+    parts = [*word.split(b"/"), b"", b""]
+    if len(parts) > 5:
+        raise ValueError(word)
+    position, texture, normal = integer(parts[0]), integer(parts[1] or b"0"), integer(parts[2] or b"0")
+    if max(abs(position), abs(texture), abs(normal)) > LARGEST_INDEX:
+        raise ValueError(word)
+    return position, texture, normal
+
+
+def _index_of_each_vertex(
+    positions: Int[np.ndarray, " n"], others: Int[np.ndarray, " n"], vertices: int, count: int
+) -> Int[np.ndarray, " {vertices}"] | None:
+    """The texture or normal index of each vertex, −1 in no face; None unless it is one and the same at all corners."""
+    if len(others) == 0 or (others < 0).any() or (others >= count).any():
+        return None
+    own = np.full(vertices, -1, dtype=np.int64)
+    own[positions] = others
+    return own if (own[positions] == others).all() else None
 
 
 def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
@@ -46,11 +407,7 @@ def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
 
 
 def read_obj(data: bytes, path: Path | None) -> FileContents:
-    """The vertices, faces and curves of an OBJ file, as `read_obj_stream` reads them, with its text as their source.
-
-    Raises:
-        MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
-    """
+    """What `read_obj_stream` reads of an OBJ file, with its text as the source to append to."""
     text = read_obj_stream(io.BytesIO(data), path)
     return replace(text.contents, suffix=".obj", appended=partial(_appended, data, text))
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from spinor_geom.adapters.contents import unit_vectors
 from spinor_geom.adapters.extending import grown_attributes, repeated
-from spinor_geom.adapters.seams import without_seams
+from spinor_geom.adapters.polygons import without_seams
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 
 class Open3DAdapter:
@@ -24,11 +23,7 @@ class Open3DAdapter:
     types = ("open3d.TriangleMesh",)
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles.
-
-        Raises:
-            MeshShapeError: the mesh is one of tensors, too.
-        """
+        """The triangles; a MeshShapeError if the mesh is one of tensors."""
         carried = _carried(obj)
         return without_seams(
             TriangleMesh(np.asarray(obj.vertices), np.asarray(obj.triangles), vertex_attributes=carried)

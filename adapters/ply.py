@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import FileContents, color_scale_of, malformed, nonfinite_rows
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import most_frequent_row
-from spinor_geom.adapters.ply_records import (
-    TYPES,
-    PlyElement,
-    PlyProperty,
-    PlyRecords,
+from spinor_geom.adapters.polygons import Polygons, seam_representatives
+from spinor_geom.adapters.records import (
+    Element,
+    Property,
+    Records,
     binary_records,
-    line_of_record,
-    read_records,
+    of_rows,
+    read_binary,
+    rows_of,
 )
-from spinor_geom.adapters.polygons import Polygons
-from spinor_geom.adapters.seams import seam_representatives
-from spinor_geom.mesh.extension import MeshExtension
+from spinor_geom.errors import MeshFileError
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
+NUMPY_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
+OLD_NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
+TYPES = {np.dtype(kind).name: kind for kind in NUMPY_TYPES} | dict(zip(OLD_NAMES, NUMPY_TYPES, strict=True))
+BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
+LONGEST_COUNT = 18  # digits; no file holds more
+LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r)")
 # attributes that several properties make up, by the names that programs give these
 GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "color": (("red", "green", "blue", "alpha"), ("red", "green", "blue"), ("r", "g", "b")),
@@ -34,17 +42,89 @@ FACE_LISTS = ("vertex_indices", "vertex_index")
 
 
 def read_ply(data: bytes, path: Path | None) -> FileContents:
-    """The vertices, per-vertex properties and faces of a PLY file.
+    """The vertices, per-vertex properties and faces of a PLY file."""
+    return contents_of(read_records(data, path), path, suffix=".ply")
+
+
+def read_records(data: bytes, path: Path | None) -> Records:
+    """The header and all records of a PLY file.
+
+    Raises:
+        MeshFileError: not a PLY file, a malformed line, or shorter than its header says; names the place.
+    """
+    position, records = _read_header(data, path)
+    text, elements = data.replace(b"\r", b"\n") if records.newline == b"\r" else data, {}
+    for element in records.elements.values():
+        if not element.properties:
+            element = replace(element, stop=position)
+        elif records.newline:
+            rows, element = rows_of(text, position, element, path)
+            element = of_rows(rows, element, path)
+        else:
+            element = read_binary(data, position, element, path)
+        elements[element.name] = element
+        position = element.stop
+    return replace(records, elements=elements)
+
+
+def _read_header(data: bytes, path: Path | None) -> tuple[int, Records]:
+    """Where the header of a PLY file ends, and its elements, which have no records yet."""
+    start = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
+    if not re.match(rb"ply\s", data[start : start + 4]):
+        raise malformed(path, "line 1", "does not begin with 'ply'", "check the file's format")
+    end = re.search(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)", data)
+    if end is None:
+        raise malformed(path, "header", "has no line 'end_header'", "check that the file is complete")
+    # an end like "\r" before binary data that begins with "\n" is ambiguous; the first line of the file tells
+    newline = b"\r\n" if data[start + 3 : start + 5] == b"\r\n" else data[start + 3 : start + 4]
+    size = end.start(1) + len(newline) if end[1].startswith(newline) else end.end()
+    lines = [(line.start(), line[0].decode("latin-1").rstrip()) for line in LINE.finditer(data, start, size)]
+    formats = (line.split() for _, line in lines)
+    encoding = next((words[1] for words in formats if words[:1] == ["format"] and words[1:]), None)
+    if encoding not in BYTE_ORDERS:
+        raise malformed(path, "header", f"the format is {encoding}", f"use one of {', '.join(BYTE_ORDERS)}")
+    elements: list[Element] = []
+    for number, (begin, line) in enumerate(lines, start=1):
+        match line.split():
+            case [] | ["ply" | "end_header" | "comment" | "obj_info" | "format", *_]:
+                pass
+            case ["element", name, count] if count.isascii() and count.isdigit() and len(count) <= LONGEST_COUNT:
+                stop = begin + len(line)
+                elements.append(Element(name=name, count=int(count), count_at=(stop - len(count), stop)))
+            case ["property", *description] if elements:
+                added = _property(description, BYTE_ORDERS[encoding])
+                if added is None or added.name in {item.name for item in elements[-1].properties}:
+                    problem = f"'{line.strip()}' is of unknown type, or the second of its name"
+                    raise malformed(path, f"line {number}", problem, "correct the header")
+                elements[-1] = replace(elements[-1], properties=(*elements[-1].properties, added))
+            case _:
+                raise malformed(path, f"line {number}", f"cannot understand '{line.strip()}'", "correct the header")
+    by_name = {element.name: element for element in elements}
+    if len(by_name) != len(elements):
+        raise malformed(path, "header", "has two elements of one name", "rename one")
+    return size, Records(data=data, newline=newline if encoding == "ascii" else b"", elements=by_name)
+
+
+def _property(description: list[str], order: str) -> Property | None:
+    """A property as its header line describes it after the word "property", or None if it cannot be understood."""
+    match description:
+        case [kind, name] if kind in TYPES:
+            return Property(name, np.dtype(order + TYPES[kind]))
+        case ["list", count, kind, name] if count in TYPES and kind in TYPES and TYPES[count][0] != "f":
+            return Property(name, np.dtype(order + TYPES[kind]), np.dtype(order + TYPES[count]))
+    return None
+
+
+def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileContents:
+    """What records of the elements "vertex" and "face" mean, in a file of some format ("" where none can be appended).
 
     Colours, normals and texture coordinates become "color", "normal" and "uv"; every other scalar property of the
     vertices becomes an attribute under its own name. Positions whose vertices differ in texture coordinates or normals
     are seams.
 
     Raises:
-        MeshFileError: a malformed header, a file shorter than its header says, no vertices or faces, or a face that
-            names a vertex that does not exist; names the place.
+        MeshFileError: no vertices or faces, or a face that names a vertex that does not exist.
     """
-    records = read_records(data, path)
     for name, what in (("vertex", "vertices"), ("face", "faces")):
         if name not in records.elements or records.elements[name].count == 0:
             raise malformed(path, "header", f"has no {what}", "give a file with a surface in it")
@@ -59,12 +139,14 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
         raise malformed(path, "header", "the corners of faces are not integers", "check the file")
     points, groups = _table(vertices, tuple("xyz")), _attribute_groups(vertices)
     attributes = {attribute: _table(vertices, names) for attribute, names in groups.items()}
-    polygons = Polygons.of_sizes(corners, faces.lengths[corner_list]).checked(
-        len(points), lambda face, problem: malformed(path, f"face {face}", problem, "correct or remove the face")
-    )
+
+    def error(face: int, problem: str) -> MeshFileError:
+        place = ", ".join(filter(None, (faces.line(face), f"face {face}")))
+        return malformed(path, place, problem, "correct or remove the face")
+
+    polygons = Polygons.of_sizes(corners, faces.lengths[corner_list]).checked(len(points), error)
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
     wrong = nonfinite_rows(points)
-    is_text = records.encoding == "ascii" and len(wrong) > 0
     return FileContents(
         vertices=points,
         polygons=polygons,
@@ -74,16 +156,16 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
             for attribute, names in groups.items()
             if attribute != "color" and all(vertices.values[name].dtype.kind in "iu" for name in names)
         ),
-        color_scale=_color_scale(vertices.values[groups["color"][0]]) if "color" in groups else 1.0,
+        color_scale=_color_scale(vertices, groups["color"]) if "color" in groups else 1.0,
         representatives=seam_representatives(points, polygons, appearance),
-        first_nonfinite=f"line {line_of_record(records.text, vertices.start, wrong[0])}" if is_text else "",
-        suffix=".ply",
+        first_nonfinite=vertices.line(wrong[0]) if len(wrong) else "",
+        suffix=suffix,
         appended=partial(_appended, records, groups, corner_list),
     )
 
 
 def _appended(
-    records: PlyRecords, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
+    records: Records, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
 ) -> bytes:
     """The file with records added after its own vertices and faces.
 
@@ -114,7 +196,7 @@ def encode_ply(contents: FileContents) -> bytes:
         names = tuple(f"property_{name}" if name in columns else name for name in names)
         types |= dict.fromkeys(names, "uchar" if is_color else "double")
         columns |= dict(zip(names, (values * (255.0 / contents.color_scale) if is_color else values).T, strict=True))
-    properties = tuple(PlyProperty(name, np.dtype(f"<{TYPES[kind]}")) for name, kind in types.items())
+    properties = tuple(Property(name, np.dtype(f"<{TYPES[kind]}")) for name, kind in types.items())
     largest = int(contents.polygons.sizes.max(initial=3))
     count_name, count_dtype = ("uchar", "u1") if largest < 256 else ("uint", "<u4")
     header = [
@@ -147,12 +229,12 @@ def _column_names(attribute: str, width: int) -> tuple[str, ...]:
     return (name,) if width == 1 else tuple(f"{name}_{index}" for index in range(width))
 
 
-def _table(element: PlyElement, names: tuple[str, ...]) -> Float[np.ndarray, "n _"]:
+def _table(element: Element, names: tuple[str, ...]) -> Float[np.ndarray, "n _"]:
     """Properties side by side as float64."""
     return np.stack([element.values[name] for name in names], axis=1).astype(np.float64)
 
 
-def _attribute_groups(vertices: PlyElement) -> dict[str, tuple[str, ...]]:
+def _attribute_groups(vertices: Element) -> dict[str, tuple[str, ...]]:
     """Which scalar properties make up each attribute; those in no group are attributes of their own."""
     groups: dict[str, tuple[str, ...]] = {}
     free = [name for name in vertices.values if name not in {"x", "y", "z", *vertices.lengths}]
@@ -164,5 +246,6 @@ def _attribute_groups(vertices: PlyElement) -> dict[str, tuple[str, ...]]:
     return groups | {(f"property {name}" if name in GROUPS else name): (name,) for name in free}
 
 
-def _color_scale(values: np.ndarray) -> float:
-    return color_scale_of(values) if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+def _color_scale(vertices: Element, names: tuple[str, ...]) -> float:
+    dtype = vertices.values[names[0]].dtype
+    return color_scale_of(_table(vertices, names)) if dtype.kind == "f" else float(np.iinfo(dtype).max)

@@ -1,15 +1,18 @@
-"""Faces of any number of corners, as files hold them, and the triangles they stand for."""
+"""Faces of any number of corners, as files hold them, the triangles they stand for, and seams between them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from spinor_geom.errors import MeshFileError
+from spinor_geom.mesh.sheets import repeats_a_vertex
+from spinor_geom.mesh.topology import boundary_edges, coincident_vertices, linked
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 # A polygon of n corners is split in the best of its n fans; beyond this size only the first is tried, as n fans take
 # n² triangles.
@@ -61,9 +64,7 @@ class Polygons:
     def checked(self, vertices: int, error: Callable[[int, str], MeshFileError]) -> Polygons:
         """These faces, if each has three corners, all among so many vertices.
 
-        Args:
-            vertices: how many there are.
-            error: what to raise of the number of the first face that has not, and what is wrong with it.
+        `error` makes of the number of the first face that has not, and of what is wrong with it, what is raised.
         """
         few = np.flatnonzero(self.sizes < 3)
         if len(few):
@@ -96,17 +97,11 @@ class Polygons:
         return [flat[start:stop] for start, stop in pairwise(bounds)]
 
     def triangulated(self, vertices: Float[np.ndarray, "v 3"]) -> tuple[Int[np.ndarray, "t 3"], Int[np.ndarray, " t"]]:
-        """The faces split into triangles, without new vertices and in the same order.
+        """The faces split into triangles (T, 3), in the same order, and the polygon (T,) each comes from.
 
         A polygon of n corners becomes the n − 2 triangles of a fan from one of its corners: of the fans from its up to
         32 corners, the one whose triangle most against the polygon's area vector is best (so a quad with a reflex
         corner is split along its inner diagonal); of equal fans the one from the earliest corner.
-
-        Args:
-            vertices: (V, 3) positions of the vertices.
-
-        Returns:
-            The triangles (T, 3) int64, and the number of the polygon each comes from, (T,) int64.
         """
         pieces = self.sizes - 2
         starts = np.concatenate([[0], np.cumsum(pieces)])
@@ -150,13 +145,10 @@ def _least_agreement(vertices: Float[np.ndarray, "v 3"], fans: Int[np.ndarray, "
 
 
 def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[np.ndarray, " _"]], ...]:
-    """Pieces of polylines joined into curves as long as possible.
+    """Pieces of polylines (k ≥ 2 vertex indices each) joined into curves as long as possible.
 
     Pieces are joined, turned round where needed, at every vertex where exactly two of their ends meet. A closed curve
     begins and ends with the same vertex.
-
-    Args:
-        elements: vertex indices of each piece, (k,) with k ≥ 2.
 
     Returns:
         The number of each curve's first piece, and the curve, in the order and direction of those pieces.
@@ -186,3 +178,67 @@ def _grown(curve: list[int], pieces: list[list[int]], ends: dict[int, list[int]]
         piece = pieces[follower]
         curve += (piece if piece[0] == curve[-1] else piece[::-1])[1:]
     return curve
+
+
+def seam_representatives(
+    vertices: Float[np.ndarray, "v 3"], polygons: Polygons, appearance: Iterable[Shaped[np.ndarray, "v _"]]
+) -> Int[np.ndarray, " v"]:
+    """For every vertex the one that stands for its place: itself, or along a seam the lowest of those joined there.
+
+    A seam is a pair of boundary edges that lie on each other in opposite directions, with no third one there, and whose
+    ends are shared or lie where vertices of one position differ in appearance: values (V, k) that a renderer keeps at
+    each vertex. So pieces that merely touch stay apart, and so do vertices that are equal in everything: they were put
+    there twice on purpose, or by a format that cannot share vertices, and only the user knows which.
+    """
+    place = coincident_vertices(vertices)
+    differs = np.zeros(len(vertices), dtype=bool)
+    for values in appearance:
+        differs |= (values != values[place]).any(axis=1)
+    if not differs.any():
+        return np.arange(len(vertices))
+    may_be_joined = np.zeros(len(vertices), dtype=bool)
+    may_be_joined[place[differs]] = True
+    edges = boundary_edges(polygons.triangulated(vertices)[0])
+    first, second = _edge_pairs(place[edges])
+    joined = np.stack([edges[first], edges[second, ::-1]], axis=2)
+    is_seam = ((joined[:, :, 0] == joined[:, :, 1]) | may_be_joined[place[joined[:, :, 0]]]).all(axis=1)
+    labels = linked(joined[is_seam].reshape(-1, 2), len(vertices))
+    _, lowest = np.unique(labels, return_index=True)
+    return np.asarray(lowest[labels], dtype=np.int64)
+
+
+def _edge_pairs(edges: Int[np.ndarray, "b 2"]) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """Where in a list of directed edges an edge and its reverse stand, if no third one has the same two ends."""
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    order = np.lexsort((high, low))
+    starts = np.flatnonzero(np.diff(low[order], prepend=-1) | np.diff(high[order], prepend=-1))
+    pairs = starts[np.diff(np.append(starts, len(edges))) == 2]
+    first, second = order[pairs], order[pairs + 1]
+    opposite = (edges[first, 0] == edges[second, 1]) & (edges[first, 0] != edges[first, 1])
+    return first[opposite], second[opposite]
+
+
+def close_seams(
+    faces: Int[np.ndarray, "f 3"], representatives: Int[np.ndarray, " v"]
+) -> tuple[Int[np.ndarray, "g 3"], Bool[np.ndarray, " f"]]:
+    """The triangles over the vertices that stand for their places, and which of the given ones these are, (F,) bool.
+
+    A triangle with three different vertices of which two now are one (the slivers at the poles of a textured globe) has
+    no area and is left out.
+    """
+    closed = representatives[faces]
+    kept = ~repeats_a_vertex(closed) | repeats_a_vertex(faces)
+    return closed[kept], kept
+
+
+def appearance_of(attributes: Mapping[str, Float[np.ndarray, "v _"]]) -> list[Float[np.ndarray, "v _"]]:
+    """Those of a mesh's attributes that a renderer keeps at each vertex."""
+    return [attributes[name] for name in ("uv", "normal", "color") if name in attributes]
+
+
+def without_seams(mesh: TriangleMesh) -> TriangleMesh:
+    """A mesh closed along the edges where texture coordinates, normals or colours differ."""
+    polygons = Polygons.of_triangles(mesh.faces)
+    appearance = appearance_of(mesh.vertex_attributes)
+    closed, _ = close_seams(mesh.faces, seam_representatives(mesh.vertices, polygons, appearance))
+    return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes, labels=mesh.labels)

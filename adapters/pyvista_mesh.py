@@ -14,11 +14,9 @@ from spinor_geom.adapters.extending import (
     repeated,
     triangles_of,
 )
-from spinor_geom.adapters.polygons import Polygons
-from spinor_geom.adapters.seams import without_seams
+from spinor_geom.adapters.polygons import Polygons, without_seams
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 if TYPE_CHECKING:
     import pyvista
@@ -41,11 +39,7 @@ class PyVistaAdapter:
     types = ("pyvista.PolyData", "pyvista.UnstructuredGrid")
 
     def to_mesh(self, obj: pyvista.PolyData | pyvista.UnstructuredGrid) -> TriangleMesh:
-        """The triangles, quads and polygons split, closed along seams.
-
-        Raises:
-            MeshShapeError: the mesh has cells that are neither faces nor points nor lines.
-        """
+        """The triangles, quads split, closed along seams; a MeshShapeError if cells are no faces, points or lines."""
         polygons, vertices = polygons_of(obj), np.asarray(obj.points, dtype=np.float64)
         return without_seams(triangles_of(vertices, polygons.triangulated(vertices)[0], carried_by(obj)))
 
@@ -84,11 +78,7 @@ class PyVistaAdapter:
 
 
 def polygons_of(mesh: pyvista.PolyData | pyvista.UnstructuredGrid) -> Polygons:
-    """The faces of a mesh, quads and polygons whole.
-
-    Raises:
-        MeshShapeError: the mesh has cells that are neither faces nor points nor lines.
-    """
+    """The faces of a mesh, quads and polygons whole; raises as `PyVistaAdapter.to_mesh`."""
     import pyvista
 
     if isinstance(mesh, pyvista.PolyData):

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol, runtime_checkable
 
 from spinor_geom.errors import UnknownMeshTypeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 
 @runtime_checkable
@@ -28,13 +27,7 @@ class Adapter(Protocol):
         ...
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles of `obj`, its vertices all and in its own order.
-
-        Raises:
-            MeshShapeError: V is not (n, 3) real numbers or F not (m, 3) integers.
-            NonFiniteVertexError: a coordinate is NaN or infinite.
-            VertexIndexError: a face names a vertex that does not exist.
-        """
+        """The triangles of `obj`, its vertices all and in its own order; a MeshError if its arrays are no mesh."""
         ...
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:

@@ -62,11 +62,7 @@ def read_stl(data: bytes, path: Path | None) -> FileContents:
 
 
 def encode_stl(contents: FileContents) -> bytes:
-    """An STL file of the triangles of all faces: text if the contents were, else binary and rounded to float32.
-
-    Raises:
-        MeshFileError: a coordinate is too large for float32.
-    """
+    """An STL file of the triangles of all faces: text if the contents were, else binary and rounded to float32."""
     faces, _ = contents.polygons.triangulated(contents.vertices)
     corners = contents.vertices[faces]
     normals = _normals(corners)

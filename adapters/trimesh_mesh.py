@@ -1,16 +1,27 @@
-"""`trimesh.Trimesh`."""
+"""`trimesh.Trimesh`, and `trimesh.Scene`: all its meshes together, each filled in its own place."""
 
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from spinor_geom.adapters.extending import grown_attributes, padded, real_attributes, repeated, triangles_of
-from spinor_geom.adapters.seams import without_seams
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.adapters.contents import unit_vectors
+from spinor_geom.adapters.extending import (
+    check_extension,
+    grown_attributes,
+    padded,
+    parts_of_faces,
+    real_attributes,
+    repeated,
+    triangles_of,
+)
+from spinor_geom.adapters.polygons import without_seams
+from spinor_geom.errors import MeshShapeError
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 if TYPE_CHECKING:
     import trimesh
@@ -110,3 +121,119 @@ def _grown_visual(mesh: trimesh.Trimesh, grown: dict[str, np.ndarray], *, new_fa
     if visual.face_materials is not None:
         visual.face_materials = repeated(np.asarray(visual.face_materials), new_faces)
     return visual
+
+
+_MESHES = TrimeshAdapter()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Part:
+    """One geometry of a scene."""
+
+    geometry: str  # its name
+    mesh: TriangleMesh
+    transform: Float[np.ndarray, "4 4"]  # to the scene, at the first node that shows it
+    start: int  # the number of its first vertex among those of all parts
+    names: dict[str, str]  # what each attribute is called among those of all parts
+
+    def placed(self, faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
+        """Faces in the scene's sense of rotation, or back: turned over where the transform mirrors."""
+        return faces[:, ::-1] if np.linalg.det(self.transform[:3, :3]) < 0 else faces
+
+
+class SceneAdapter:
+    """`trimesh.Scene`: every `Trimesh` in it once, in the scene's coordinates; points and paths are kept as they are.
+
+    A geometry that several nodes show stands where the first of them shows it. Attributes are those that
+    `trimesh.Trimesh` has; where two geometries have different ones of one name, those of the later get its own name as
+    a prefix. At vertices of geometries that lack an attribute it is 0.
+    """
+
+    name = "trimesh.Scene"
+    types = ("trimesh.Scene",)
+
+    def to_mesh(self, obj: trimesh.Scene) -> TriangleMesh:
+        """The triangles of all geometries, one after the other."""
+        parts = _parts(obj)
+        total = sum(len(part.mesh.vertices) for part in parts)
+        vertices = np.zeros((total, 3))
+        attributes: dict[str, np.ndarray] = {}
+        for part in parts:
+            rows = slice(part.start, part.start + len(part.mesh.vertices))
+            vertices[rows] = part.mesh.vertices @ part.transform[:3, :3].T + part.transform[:3, 3]
+            for name, values in part.mesh.vertex_attributes.items():
+                if name == "normal":
+                    values = unit_vectors(values @ np.linalg.inv(part.transform[:3, :3]))
+                attributes.setdefault(part.names[name], np.zeros((total, values.shape[1])))[rows] = values
+        return TriangleMesh(
+            vertices,
+            np.concatenate([np.zeros((0, 3), dtype=np.int64), *(p.placed(p.mesh.faces) + p.start for p in parts)]),
+            vertex_attributes=attributes,
+            labels={part.names[name] for part in parts for name in part.mesh.labels},
+        )
+
+    def extend(self, obj: trimesh.Scene, extension: MeshExtension) -> trimesh.Scene:
+        """A new `Scene` in which the geometries have what was appended to them; all else is copied.
+
+        New faces that join two geometries are a MeshShapeError too.
+        """
+        parts = _parts(obj)
+        grown = obj.copy()
+        old = sum(len(part.mesh.vertices) for part in parts)
+        check_extension(extension, vertices=old, attributes={})
+        if not parts:
+            return grown
+        votes = parts_of_faces(extension, [part.start for part in parts], old)
+        joining = votes[(votes > 0).sum(axis=1) > 1]
+        if len(joining):
+            joined = " and ".join(repr(parts[number].geometry) for number in np.flatnonzero(joining[0])[:2])
+            raise MeshShapeError(f"new faces join the geometries {joined} of the scene; give scene.to_mesh() instead")
+        owner = votes.argmax(axis=1)
+        owner_of_vertex = np.zeros(old + len(extension.vertices), dtype=np.int64)
+        owner_of_vertex[extension.faces] = owner[:, None]
+        for number, part in enumerate(parts):
+            count = len(part.mesh.vertices)
+            faces = owner == number
+            own = np.flatnonzero(owner_of_vertex[old:] == number)
+            new_index = np.zeros(old + len(extension.vertices), dtype=np.int64)
+            new_index[part.start : part.start + count] = np.arange(count)
+            new_index[old + own] = count + np.arange(len(own))
+            back = np.linalg.inv(part.transform)
+            given = extension.vertex_attributes
+            attributes = {name: given[key][own] for name, key in part.names.items() if key in given}
+            if "normal" in attributes:
+                attributes["normal"] = unit_vectors(attributes["normal"] @ part.transform[:3, :3])
+            grown.geometry[part.geometry] = _MESHES.extend(
+                obj.geometry[part.geometry],
+                MeshExtension(
+                    vertices=extension.vertices[own] @ back[:3, :3].T + back[:3, 3],
+                    faces=part.placed(new_index[extension.faces[faces]]),
+                    face_loops=extension.face_loops[faces],
+                    vertex_attributes=attributes,
+                ),
+            )
+        return grown
+
+
+def _parts(scene: trimesh.Scene) -> list[_Part]:
+    import trimesh
+
+    transforms: dict[object, np.ndarray] = {}
+    for node in scene.graph.nodes_geometry:
+        transform, geometry = scene.graph[node]
+        transforms.setdefault(geometry, np.asarray(transform, dtype=np.float64))
+    parts: list[_Part] = []
+    kinds: dict[str, tuple[int, bool]] = {}
+    start = 0
+    for geometry, obj in scene.geometry.items():
+        if not isinstance(obj, trimesh.Trimesh):
+            continue
+        mesh = _MESHES.to_mesh(obj)
+        names = {}
+        for name, values in mesh.vertex_attributes.items():
+            kind = (values.shape[1], name in mesh.labels)
+            names[name] = name if kinds.setdefault(name, kind) == kind else f"{geometry} {name}"
+        transform = transforms.get(geometry, np.eye(4))
+        parts.append(_Part(geometry=geometry, mesh=mesh, transform=transform, start=start, names=names))
+        start += len(mesh.vertices)
+    return parts

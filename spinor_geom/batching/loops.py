@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.adapters.obj_stream import ObjText
+from spinor_geom.adapters.obj import ObjText
 from spinor_geom.adapters.polygons import chained
 from spinor_geom.errors import (
     KnottedLoopError,

@@ -15,8 +15,7 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.contents import FileContents, malformed
 from spinor_geom.adapters.mesh_files import FORMATS, MeshFile
-from spinor_geom.adapters.obj import added_lines
-from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
+from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.batching.loops import NamedLoop, curve_loops, hole_names, refuse_what_bounds_no_disk
 from spinor_geom.batching.names import safe_name
@@ -30,10 +29,9 @@ from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch, stitch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.version import program_version
 

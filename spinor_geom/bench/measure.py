@@ -19,10 +19,9 @@ from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.measures.quality import smallest_angles
-from spinor_geom.mesh.bending import face_normals
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
-from spinor_geom.mesh.operators import face_areas, internal_angles
+from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution

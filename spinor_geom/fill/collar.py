@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
-from spinor_geom.mesh.bending import Bending, crossing_angles, face_normals, unclosed_vertices
-from spinor_geom.mesh.operators import vertex_angles
+from spinor_geom.mesh.operators import Bending, crossing_angles, face_normals, unclosed_vertices, vertex_angles
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch

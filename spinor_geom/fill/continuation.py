@@ -22,8 +22,7 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import unique_edges
 from spinor_geom.errors import DomainError, SingularMatrixError
 from spinor_geom.fill.collar import Bend, Collar
-from spinor_geom.mesh.bending import Bending, crossing_angles, face_normals
-from spinor_geom.mesh.operators import factor_symmetric, mollified_laplacian
+from spinor_geom.mesh.operators import Bending, crossing_angles, face_normals, factor_symmetric, mollified_laplacian
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.remesh import over_domain_of_angles, remesh

@@ -8,8 +8,7 @@ from typing import Any, Literal
 
 from spinor_geom.fill.continuation import Continuation
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.shown import Shown

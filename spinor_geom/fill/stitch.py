@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 
 Middles: TypeAlias = Callable[[Patch, Int[np.ndarray, "c 2"]], Float[np.ndarray, "c 3"]]

@@ -17,16 +17,10 @@ _KINDS = {"real numbers": ("fiu", np.float64), "integers": ("iu", np.int64), "tr
 def frozen(
     values: ArrayLike, kind: Literal["real numbers", "integers", "truth values"], *shape: int | None, name: str
 ) -> np.ndarray:
-    """A read-only C-contiguous copy of an array, as float64, int64 or bool.
+    """A read-only C-contiguous copy of an array, as float64, int64 or bool; a MeshShapeError if it is of another kind.
 
-    Args:
-        values: what to copy; nothing at all fits where the first axis may have any length.
-        kind: what they have to be; integers are real numbers too.
-        shape: length of each axis; None where it does not matter: where that is the second, one row of values will do.
-        name: theirs, for messages.
-
-    Raises:
-        MeshShapeError: of another kind or shape.
+    Integers are real numbers too. Of `shape` None is any length: of the first axis nothing at all fits too, of the
+    second one row of values.
     """
     kinds, dtype = _KINDS[kind]
     wanted = f"{name} must be {kind} of shape ({', '.join('n' if length is None else str(length) for length in shape)})"
@@ -48,12 +42,7 @@ def frozen(
 
 
 def freeze_points(points: ArrayLike, *, name: str) -> Float[np.ndarray, "n 3"]:
-    """A read-only C-contiguous float64 copy of (n, 3) finite coordinates.
-
-    Raises:
-        MeshShapeError: not real numbers of shape (n, 3).
-        NonFiniteVertexError: a coordinate is NaN or infinite.
-    """
+    """A read-only float64 copy of (n, 3) coordinates; raises as `TriangleMesh` where they are others or not finite."""
     copy = frozen(points, "real numbers", None, 3, name=name)
     finite = np.isfinite(copy).all(axis=1)
     if not finite.all():
@@ -64,11 +53,7 @@ def freeze_points(points: ArrayLike, *, name: str) -> Float[np.ndarray, "n 3"]:
 def freeze_attributes(
     attributes: Mapping[str, ArrayLike], *, vertices: int
 ) -> Mapping[str, Float[np.ndarray, "{vertices} _"]]:
-    """Read-only float64 copies of per-vertex values, each of shape (vertices, k); one number a vertex becomes k = 1.
-
-    Raises:
-        MeshShapeError: an attribute is not numeric or has not one row a vertex.
-    """
+    """Read-only float64 copies of per-vertex values, each of shape (vertices, k); one number a vertex becomes k = 1."""
     return {
         name: frozen(values, "real numbers", vertices, None, name=f"vertex attribute {name!r}")
         for name, values in attributes.items()

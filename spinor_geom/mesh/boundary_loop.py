@@ -109,16 +109,12 @@ class BoundaryLoop:
         given = freeze_points(points, name="points")
         if len(given) > 1 and (given[0] == given[-1]).all():
             given = given[:-1]
-        if len(given) < 3:
-            raise LoopTooShortError(points=len(given))
-        require_distinct_neighbours(given)
         # an array of indices compares elementwise, so ask for text first
         automatic = isinstance(corners, str) and corners == "auto"
-        return cls(
-            points=given,
-            vertex_ids=np.arange(len(given)),
-            corners=detect_corners(given) if automatic else _corner_flags(corners, points=len(given)),
-        )
+        flags = detect_corners(given) if automatic else _corner_flags(corners, points=len(given))
+        loop = cls(points=given, vertex_ids=np.arange(len(given)), corners=flags)
+        require_distinct_neighbours(given)
+        return loop
 
     def __len__(self) -> int:
         """The number M of points."""
@@ -138,8 +134,7 @@ class BoundaryLoop:
     @cached_property
     def edge_lengths(self) -> Float[np.ndarray, " m"]:
         """(M,) lengths in mesh units; edge i runs from point i to point i + 1 (mod M)."""
-        lengths: Float[np.ndarray, " m"] = np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1)
-        return lengths
+        return np.asarray(np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1))
 
     @cached_property
     def perimeter(self) -> float:
@@ -160,15 +155,13 @@ class BoundaryLoop:
     def centroid(self) -> Float[np.ndarray, " 3"]:
         """(3,) centre of mass of the polygon's edges, in mesh units; it does not move when an edge is subdivided."""
         # relative to point 0: a loop far from the origin loses no digits
-        centre: Float[np.ndarray, " 3"] = self.points[0] + self._point_weights @ (self.points - self.points[0])
-        return centre
+        return np.asarray(self.points[0] + self._point_weights @ (self.points - self.points[0]))
 
     @cached_property
     def area_vector(self) -> Float[np.ndarray, " 3"]:
         """(3,) ½ Σ P_i × P_{i+1}: the vector area of any surface the loop bounds, in squared mesh units."""
         centred = self.points - self.centroid
-        area: Float[np.ndarray, " 3"] = 0.5 * np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
-        return area
+        return np.asarray(0.5 * np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0))
 
     @cached_property
     def plane(self) -> Plane:
@@ -191,8 +184,7 @@ class BoundaryLoop:
         """(M,) half the length of a point's two edges over the perimeter; sum 1."""
         if self.perimeter == 0:
             return np.full(len(self), 1 / len(self))
-        weights: Float[np.ndarray, " m"] = (self.edge_lengths + np.roll(self.edge_lengths, 1)) / (2 * self.perimeter)
-        return weights
+        return np.asarray((self.edge_lengths + np.roll(self.edge_lengths, 1)) / (2 * self.perimeter))
 
     @cached_property
     def _principal_spread(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
@@ -233,18 +225,12 @@ def turning_angles(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
     directions = np.divide(edges, lengths, out=np.full_like(edges, np.nan), where=lengths > 0)
     before = np.roll(directions, 1, axis=0)
     # not arccos of the scalar product: that loses half the digits at small angles
-    angles: Float[np.ndarray, " m"] = 2 * np.arctan2(
-        np.linalg.norm(directions - before, axis=1), np.linalg.norm(directions + before, axis=1)
-    )
-    return angles
+    sine, cosine = (np.linalg.norm(both, axis=1) for both in (directions - before, directions + before))
+    return np.asarray(2 * np.arctan2(sine, cosine))
 
 
 def require_distinct_neighbours(points: Float[np.ndarray, "m 3"]) -> None:
-    """Checks that no edge of a closed polygon has length 0.
-
-    Raises:
-        RepeatedPointError: two neighbouring points are equal.
-    """
+    """Checks that no edge of a closed polygon has length 0; a RepeatedPointError names one that has."""
     equal = (points == np.roll(points, -1, axis=0)).all(axis=1)
     if equal.any():
         raise RepeatedPointError(index=int(np.argmax(equal)))

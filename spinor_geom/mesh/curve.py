@@ -92,10 +92,8 @@ class BoundaryCurve:
         to 256 vertices its like by arc length, wherever they lie. Otherwise it is a periodic spline, of the degree 3, 5
         or 7 that predicts every second vertex best from as many of the others to either side: smooth loops get the high
         orders, noisy ones the cubic. With corners it is one cubic not-a-knot spline from each corner to the next (from
-        a single corner back to itself); a side of two or one edges is a parabola or a straight line.
-
-        Raises:
-            RepeatedPointError: two neighbouring points of the loop are equal.
+        a single corner back to itself); a side of two or one edges is a parabola or a straight line. A
+        RepeatedPointError tells that two neighbouring points of the loop are equal.
 
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
@@ -171,8 +169,7 @@ class BoundaryCurve:
     def smoothed(self, width: float) -> BoundaryCurve:
         """The cubic spline with the same breaks through vertices averaged along Γ, without corners.
 
-        Args:
-            width: standard deviation of the Gaussian weights, as a share of the whole curve.
+        The weights are Gaussian; their standard deviation is `width`, a share of the whole curve.
         """
         count = len(self.breaks) - 1
         n = SAMPLES_PER_PIECE * count
@@ -196,12 +193,7 @@ class BoundaryCurve:
         return BoundaryCurve(breaks=self.breaks, coefficients=(1 - share) * first + share * last, corners=other.corners)
 
     def placed(self, points: Float[np.ndarray, "m 3"], scale: float) -> BoundaryCurve:
-        """The curve enlarged and moved so that it goes through given points, to the last bit.
-
-        Args:
-            points: its vertices enlarged and moved.
-            scale: ratio of enlargement.
-        """
+        """The curve enlarged by `scale` and moved so that it goes through given points, to the last bit."""
         coefficients = scale * self.coefficients
         coefficients[-1] = points
         slopes = None if self.slopes is None else scale * self.slopes

@@ -67,8 +67,7 @@ def piecewise_cubic(
 ) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "4 m k"]]:
     """The closed interpolating cubic spline through points of any dimension, by chord length, with kinks at corners.
 
-    Returns:
-        Breaks from 0 to 1, and coefficients of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
+    As breaks from 0 to 1, and coefficients of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
     """
     if not corners.any():
         return periodic_cubics(points)
@@ -236,15 +235,10 @@ def analytic(
 ) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d1 m 3"]] | None:
     """The analytic curve through points, as breaks and polynomials; None where splines predict points left out better.
 
-    By equal steps of its parameter that is the trigonometric polynomial. By arc length it is the curve of least norm
-    in the Hilbert space of the Poisson kernel, whose harmonics fall geometrically: it stays near the trigonometric
-    polynomial where points are almost evenly spaced, and does not swing where they are not.
-
-    Args:
-        points: of a closed curve.
-        arcs: their shares of its length, about.
-        error: RMS, that points left out must be nearer than, see `predicting_degree`.
-        even: theirs, by equal steps of the parameter.
+    By equal steps of its parameter that is the trigonometric polynomial. By arc length (about `arcs`) it is the curve
+    of least norm in the Hilbert space of the Poisson kernel, whose harmonics fall geometrically: it stays near the
+    trigonometric polynomial where points are almost evenly spaced, and does not swing where they are not. Points left
+    out must be nearer than the RMS `error` of `predicting_degree`; `even` is theirs by equal steps.
 
     Source: Dubrule, "Cross validation of kriging in a unique neighborhood" (1983), for the points left out.
     """

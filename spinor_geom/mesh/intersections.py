@@ -30,10 +30,7 @@ LEAST_ANGLE, LEAST_DISTANCE = 1e-4, 1e-6
 
 
 def self_intersections(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces that cross, by exact predicates.
-
-    Returns:
-        Face indices, each pair once, smaller index first, sorted; empty for an embedded mesh.
+    """Pairs of faces that cross, by exact predicates: smaller index first, sorted; none for an embedded mesh.
 
     Source: Shewchuk (1997), Adaptive precision floating-point arithmetic and fast robust geometric predicates; Guigue &
     Devillers (2003), Fast and robust triangle-triangle overlap test using orientation predicates.
@@ -55,13 +52,7 @@ def intersections_between(
     other_vertices: Float[np.ndarray, "o 3"],
     other_faces: Int[np.ndarray, "g 3"],
 ) -> Int[np.ndarray, "k 2"]:
-    """Pairs of a face of one mesh and a face of another that cross, by exact predicates.
-
-    Returns:
-        Indices into `faces` and `other_faces`, each pair once, sorted.
-
-    Source: as `self_intersections`.
-    """
+    """Pairs of a face of one mesh and a face of another that cross, as in `self_intersections`."""
     import igl.predicates
 
     if not len(faces) or not len(other_faces):
@@ -82,12 +73,7 @@ def is_graph(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], 
 
     The plane is the one across the mesh's vector area. A projection that keeps all faces' orientation and whose
     boundary is a simple polygon covers each point as often as that polygon winds around it: never or once. A quick
-    test, linear in the number of faces.
-
-    Args:
-        vertices: the boundary's come first, in the order in which it runs.
-        faces: consistently oriented.
-        boundary_size: the number of boundary vertices.
+    test, linear in the number of faces; the boundary's vertices come first, in the order in which it runs.
 
     Source: Volino & Magnenat-Thalmann (1994), Efficient self-collision detection on smoothly discretized surface
     animations using geometrical shape regularity.
@@ -103,17 +89,11 @@ def is_graph(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], 
 
 
 def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
-    """Pairs of edges of a closed polygon that meet where a simple polygon's would not.
+    """Pairs i < j, sorted, of edges of a closed polygon (M, 3) that meet where a simple polygon's would not.
 
-    Edges that are no neighbours meet where their distance is zero to round-off: 1e-12 of the diagonal. Neighbours do
-    where the polygon turns back onto itself. So a point that the polygon passes twice, as two vertices in one place or
-    not, is found through the edges that meet there.
-
-    Args:
-        points: (M, 3) in order, in mesh units; edge i runs from point i to point i + 1 (mod M).
-
-    Returns:
-        Edge indices i < j, sorted; empty for a simple polygon.
+    Edge i runs from point i to point i + 1 (mod M). Edges that are no neighbours meet where their distance is zero to
+    round-off: 1e-12 of the diagonal. Neighbours do where the polygon turns back onto itself. So a point that the
+    polygon passes twice, as two vertices in one place or not, is found through the edges that meet there.
     """
     if is_star(points):
         return np.zeros((0, 2), dtype=np.int64)
@@ -125,15 +105,7 @@ def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
 
 
 def crossings_between(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "k 2"]:
-    """Pairs of an edge of one closed polygon and an edge of another that meet, as in `loop_crossings`.
-
-    Args:
-        points: (M, 3) in order, in mesh units; edge i runs from point i to point i + 1 (mod M).
-        others: (N, 3), likewise.
-
-    Returns:
-        Edge indices, sorted; empty for polygons that keep apart.
-    """
+    """Pairs, sorted, of an edge of one closed polygon and an edge of another that meet, as in `loop_crossings`."""
     starts = np.concatenate([points, others])
     ends = np.concatenate([np.roll(points, -1, axis=0), np.roll(others, -1, axis=0)])
     pairs, _ = _meeting_edges(starts, ends, lambda i, j: (i < len(points)) & (j >= len(points)))
@@ -153,11 +125,7 @@ def _meeting_edges(
 
 
 def require_simple(loop: BoundaryLoop) -> None:
-    """Checks that a loop does not cross or touch itself.
-
-    Raises:
-        SelfCrossingLoopError: it does; the first two edges that meet are named by their vertices.
-    """
+    """Checks that a loop does not meet itself; a SelfCrossingLoopError names the first two edges that do."""
     crossings = loop_crossings(loop.points)
     if len(crossings):
         edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]

@@ -22,12 +22,9 @@ def knot_determinant(points: Float[np.ndarray, "m 3"]) -> float | None:
     """|Δ(−1)| of a closed polygon's Alexander polynomial Δ if Δ shows that the polygon is knotted, else None.
 
     A knot whose total curvature is at most 4π is none (Fáry and Milnor), and so is one that has a view with fewer than
-    three crossings. A polygon that passes these tests is knotted if |Δ| differs from 1 at one of three places on the
-    unit circle. Some knots have Δ = 1, the simplest of them with 11 crossings: they are not found; nor are polygons
-    with more than 1,500 crossings in the view that is taken examined.
-
-    Args:
-        points: (M, 3) in order, in any unit; the polygon must not cross itself.
+    three crossings. A polygon that passes these tests, and does not cross itself, is knotted if |Δ| differs from 1 at
+    one of three places on the unit circle. Some knots have Δ = 1, the simplest of them with 11 crossings: they are not
+    found; nor are polygons with more than 1,500 crossings in the view that is taken examined.
 
     Source: Alexander, "Topological invariants of knots and links", Trans. AMS 30 (1928); Milnor, "On the total
     curvature of knots", Ann. of Math. 52 (1950).

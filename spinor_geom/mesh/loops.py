@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinor_geom.errors import DuplicateVertexError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
-from spinor_geom.mesh.face_defects import FaceDefects
-from spinor_geom.mesh.sheets import Sheets
+from spinor_geom.mesh.sheets import FaceDefects, Sheets
 from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -38,7 +38,7 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
     sheets = Sheets.of(mesh.vertices, mesh.faces)
     if not len(sheets.half_edges.boundary):
         return []
-    rings = _split_at_repeated_vertices(_follow_boundary(sheets))
+    rings = _boundary_rings(sheets)
     points = mesh.vertices[rings.vertices]
     on_own, on_other = _find_overlaps(rings, points)
     if on_other.mean() > SOUP_FRACTION and np.logical_or.reduceat(on_other, rings.starts[:-1]).all():
@@ -80,81 +80,41 @@ class _Rings:
         return successor
 
 
-def _follow_boundary(sheets: Sheets) -> _Rings:
-    """The boundary as rings of vertices, each against most of its half-edges and from its lowest vertex.
+def _boundary_rings(sheets: Sheets) -> _Rings:
+    """The boundary as rings that visit each vertex once, against most of their half-edges and from their lowest vertex.
 
-    Every ring is followed in both directions, each half-edge from its origin and from its target; bow-ties stay. Where
-    sheets end on edges of other faces only, that is no boundary.
+    Where sheets end on edges of other faces only, that is no boundary.
     """
     boundary = np.flatnonzero(sheets.twin < 0)
     position = np.empty(len(sheets.twin), dtype=np.int64)
     position[boundary] = np.arange(len(boundary))
+    # a half-edge can be followed from its origin, which is the even number, and from its target, against it
     half_edge, against = np.repeat(boundary, 2), np.tile([False, True], len(boundary))
     vertex = np.where(against, sheets.half_edges.target[half_edge], sheets.half_edges.origin[half_edge])
-    # a walk leaves each half-edge at its other end
-    reached = sheets.next_ends(half_edge, ~against)
-    following = 2 * position[reached // 2] + reached % 2
-    # by vertex, so that the lowest place in a ring is the lowest vertex of the ring
-    order = np.argsort(vertex, kind="stable")
-    place_of = np.empty(len(order), dtype=np.int64)
-    place_of[order] = np.arange(len(order))
-
-    root, steps_to_root = _order_cycles(place_of[following[order]])
-    lengths = np.bincount(root, minlength=len(order))
-    votes = 2 * np.bincount(root, weights=against[order], minlength=len(order)) - lengths
-    back = root[place_of[order ^ 1]]
-    wanted = (votes[root] > 0) | ((votes[root] == 0) & (root < back))
-    steps = (lengths[root] - steps_to_root) % lengths[root]
-    is_alone = np.zeros(len(sheets.twin), dtype=bool)
-    is_alone[sheets.half_edges.boundary] = True
-    alone = np.bincount(root, weights=is_alone[half_edge[order]], minlength=len(order))
-    chosen = np.flatnonzero(wanted & (alone[root] > 0))
-    chosen = chosen[np.lexsort((steps[chosen], root[chosen]))]
+    reached = sheets.next_ends(half_edge, ~against)  # a walk leaves each half-edge at its other end
+    following = (2 * position[reached // 2] + reached % 2).tolist()
+    is_alone = np.isin(boundary, sheets.half_edges.boundary).tolist()
+    starts, vertices = np.argsort(vertex, kind="stable").tolist(), vertex.tolist()
+    seen = bytearray(len(vertices))
+    rings: list[list[int]] = []
+    for start in starts:
+        ring, at = [], start
+        while not seen[at]:
+            seen[at] = seen[at ^ 1] = True
+            ring.append(at)
+            at = following[at]
+        if any(is_alone[entry // 2] for entry in ring):
+            if 2 * sum(entry % 2 for entry in ring) < len(ring):
+                ring = [entry ^ 1 for entry in reversed(ring)]
+            rings += _simple_rings(vertices, ring)
+    entries = np.array(list(chain.from_iterable(rings)), dtype=np.int64)
     return _Rings(
-        vertices=vertex[order[chosen]],
-        half_edges=half_edge[order[chosen]],
-        starts=np.append(0, np.cumsum(lengths[np.unique(root[chosen])])),
+        vertices=vertex[entries], half_edges=half_edge[entries], starts=np.append(0, np.cumsum(list(map(len, rings))))
     )
 
 
-def _order_cycles(permutation: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The lowest element of each element's cycle, and the number of steps to it, both by pointer doubling."""
-    rounds = int(np.ceil(np.log2(max(len(permutation), 2))))
-    root = np.arange(len(permutation))
-    jump = permutation
-    for _ in range(rounds):
-        root = np.minimum(root, root[jump])
-        jump = jump[jump]
-    at_root = root == np.arange(len(permutation))
-    jump = np.where(at_root, root, permutation)
-    steps = np.where(at_root, 0, 1)
-    for _ in range(rounds):
-        steps = steps + steps[jump]
-        jump = jump[jump]
-    return root, steps
-
-
-def _split_at_repeated_vertices(rings: _Rings) -> _Rings:
-    """Rings that visit each vertex once; a ring that does already is left as it is."""
-    labels = rings.labels
-    order = np.lexsort((rings.vertices, labels))
-    repeated = (np.diff(labels[order]) == 0) & (np.diff(rings.vertices[order]) == 0)
-    if not repeated.any():
-        return rings
-    pinched = set(labels[order[1:][repeated]].tolist())
-    parts: list[Int[np.ndarray, " _"]] = []
-    for ring, entries in enumerate(np.split(np.arange(len(rings.vertices)), rings.starts[1:-1])):
-        parts.extend(_simple_rings(rings.vertices, entries) if ring in pinched else [entries])
-    entries = np.concatenate(parts)
-    return _Rings(
-        vertices=rings.vertices[entries],
-        half_edges=rings.half_edges[entries],
-        starts=np.append(0, np.cumsum([len(part) for part in parts])),
-    )
-
-
-def _simple_rings(vertices: Int[np.ndarray, " n"], entries: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " _"]]:
-    """The entries of one ring cut at its repeated vertices, each part from its lowest vertex.
+def _simple_rings(vertices: list[int], ring: list[int]) -> list[list[int]]:
+    """One ring cut at its repeated vertices, each part from its lowest vertex.
 
     Each time the walk returns to a vertex, the part since then is cut off. On a plane or spherical piece of mesh the
     repeats are nested, and there is no other way to cut.
@@ -162,18 +122,21 @@ def _simple_rings(vertices: Int[np.ndarray, " n"], entries: Int[np.ndarray, " k"
     walk: list[int] = []
     place: dict[int, int] = {}
     parts = []
-    for entry, vertex in zip(entries.tolist(), vertices[entries].tolist(), strict=True):
-        if vertex in place:
-            start = place[vertex]
-            parts.append(np.array(walk[start:], dtype=np.int64))
-            for passed in walk[start + 1 :]:
-                del place[int(vertices[passed])]
+    for entry in _from_lowest(vertices, ring):
+        if vertices[entry] in place:
+            start = place[vertices[entry]]
+            parts.append(walk[start:])
+            for passed in walk[start:]:
+                del place[vertices[passed]]
             del walk[start:]
-        else:
-            place[vertex] = len(walk)
+        place[vertices[entry]] = len(walk)
         walk.append(entry)
-    parts.append(np.array(walk, dtype=np.int64))
-    return [np.roll(part, -int(np.argmin(vertices[part]))) for part in parts]
+    return [_from_lowest(vertices, part) for part in (*parts, walk)]
+
+
+def _from_lowest(vertices: list[int], ring: list[int]) -> list[int]:
+    start = min(range(len(ring)), key=lambda place: (vertices[ring[place]], ring[place]))
+    return ring[start:] + ring[:start]
 
 
 def _find_overlaps(
@@ -223,5 +186,5 @@ def _boundary_loop(
         slit_fraction=float(lengths[on_own[part]].sum()) / perimeter if perimeter else 0.0,
         seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[on_other[part]],
         obstacle=defects.obstacle(rings.half_edges[part]),
-        remarks=defects.remarks(vertices, rings.half_edges[part]),
+        remarks=tuple(defects.remarks(vertices, rings.half_edges[part])),
     )

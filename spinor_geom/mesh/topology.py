@@ -104,16 +104,17 @@ def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
 
     Pieces that touch in single vertices only are different pieces.
     """
-    half_edges = HalfEdges.of(faces)
-    face = half_edges.order // 3
-    edge = np.repeat(np.arange(len(half_edges.counts)), half_edges.counts)
-    same_edge = edge[1:] == edge[:-1]
-    links = coo_array(
-        (np.ones(int(same_edge.sum()), dtype=bool), (face[:-1][same_edge], face[1:][same_edge])),
-        shape=(len(faces), len(faces)),
-    )
-    _, labels = connected_components(links, directed=False)
-    return np.asarray(labels, dtype=np.int64)
+    import igl
+
+    if not len(faces):
+        return np.zeros(0, dtype=np.int64)
+    return np.asarray(igl.facet_components(np.ascontiguousarray(faces, dtype=np.int64))[1], dtype=np.int64)
+
+
+def linked(pairs: Int[np.ndarray, "k 2"], count: int) -> Int[np.ndarray, " {count}"]:
+    """Which of `count` things hang together through pairs of them: the number of each one's group, from 0."""
+    graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def referenced_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> Bool[np.ndarray, " {vertices}"]:

@@ -1,4 +1,4 @@
-"""The one mesh type of the package: vertices, triangles, vertex attributes; frozen and checked."""
+"""The one mesh type of the package, and what a fill adds to a mesh of any type; frozen and checked."""
 
 from __future__ import annotations
 
@@ -83,6 +83,45 @@ class TriangleMesh(Shown):
         return mesh, new_index
 
 
+@dataclass(frozen=True, eq=False, init=False)
+class MeshExtension:
+    """New vertices and faces to be appended to a mesh of V vertices, which itself stays as it is.
+
+    Attributes:
+        vertices: (K, 3) float64 positions of the new vertices, in mesh units; vertex k gets the index V + k.
+        faces: (T, 3) int64 indices into [the V original vertices | the K new ones].
+        vertex_attributes: (K, k) float64 values at the new vertices, under the names of the mesh's own
+            `TriangleMesh.vertex_attributes`.
+        face_loops: (T,) int64, which boundary loop each new face fills.
+
+    Raises:
+        MeshShapeError: an array has the wrong shape or dtype.
+        NonFiniteVertexError: a new vertex is NaN or infinite.
+    """
+
+    vertices: Float[np.ndarray, "k 3"]
+    faces: Int[np.ndarray, "t 3"]
+    face_loops: Int[np.ndarray, " t"]
+    vertex_attributes: Mapping[str, Float[np.ndarray, "k _"]]
+
+    def __init__(
+        self,
+        *,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        face_loops: ArrayLike,
+        vertex_attributes: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
+        points = freeze_points(vertices, name="vertices")
+        corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
+        self.__dict__.update(
+            vertices=points,
+            faces=corners,
+            face_loops=frozen(face_loops, "integers", len(corners), name="face_loops"),
+            vertex_attributes=freeze_attributes(vertex_attributes or {}, vertices=len(points)),
+        )
+
+
 def require_faces(mesh: TriangleMesh) -> None:
     """Checks that vertices are no bare points, and as far from each other as numbers can tell.
 
@@ -100,11 +139,7 @@ def require_faces(mesh: TriangleMesh) -> None:
 
 
 def require_existing_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> None:
-    """Checks that faces name no other than the first so many vertices.
-
-    Raises:
-        VertexIndexError: one does.
-    """
+    """Checks that faces name no other than the first so many vertices; a VertexIndexError names one that does."""
     outside = (faces < 0) | (faces >= vertices)
     if outside.any():
         face, corner = divmod(int(np.flatnonzero(outside)[0]), 3)

@@ -1,4 +1,4 @@
-"""From a solved surface to a triangle mesh whose boundary is the loop or both loops, bit for bit."""
+"""From a surface to a triangle mesh: of a solved one with its loops as the boundary, bit for bit; of any other."""
 
 from __future__ import annotations
 
@@ -12,12 +12,17 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed_surface
 from spinor_geom.domain.delaunay import Rims
+from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
-from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
-from spinor_geom.meshing.size_field import Piece
-from spinor_geom.meshing.triangulate import piece_of, triangulate_pieces
+from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError
+from spinor_geom.meshing.triangulate import Piece, piece_of, triangulate_pieces
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.shown import Shown
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# points at which the length of each piece of the boundary is measured, and the fewest edges of a side between corners
+_FINE = 16
+_FEWEST = 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,6 +42,17 @@ class Patch(Shown):
     boundary_size: int
     points: Complex[np.ndarray, " n"]
     hole_sizes: tuple[int, ...] = ()
+
+    @classmethod
+    def over(cls, plane: PlaneTriangulation, vertices: Float[np.ndarray, "n 3"]) -> Patch:
+        """The patch with given vertices over those of a part of Ω."""
+        return cls(
+            vertices=vertices,
+            faces=plane.faces,
+            boundary_size=plane.boundary_size,
+            points=plane.points,
+            hole_sizes=plane.hole_sizes,
+        )
 
     @property
     def rims(self) -> Rims:
@@ -90,8 +106,7 @@ def mesh_patches(
 ) -> list[Patch | SpinorGeomError]:
     """`mesh_patch` for many surfaces at once, which for small ones is faster; each mesh is the same, to the last bit.
 
-    Returns:
-        For each its mesh, or the error that `mesh_patch` raises for it.
+    In the place of a mesh stands the error that `mesh_patch` raises.
     """
 
     def made(some: Sequence[PlateauSolution]) -> list[Patch]:
@@ -114,10 +129,52 @@ def _patch(solution: PlateauSolution, plane: PlaneTriangulation) -> Patch:
     inner = solution.surface.positions_inside(plane.points[plane.boundary_size :])
     if not np.isfinite(inner).all():
         raise DomainError("the surface is not finite inside its domain: p or q has a pole there")
-    return Patch(
-        vertices=np.concatenate([*(rim.loop.points for rim in solution.rims), inner]),
-        faces=plane.faces,
-        boundary_size=plane.boundary_size,
-        points=plane.points,
-        hole_sizes=plane.hole_sizes,
-    )
+    return Patch.over(plane, np.concatenate([*(rim.loop.points for rim in solution.rims), inner]))
+
+
+def mesh_surface(surface: SpinorSurface, *, vertices: int = 4000) -> Patch:
+    """Meshes a whole surface with edges of about equal lengths in space; every vertex, the rim's too, is on it.
+
+    A patch for a mesh, with the loop's own points as its rim, is `mesh_patch`.
+
+    Args:
+        surface: Over any domain.
+        vertices: About so many.
+
+    Raises:
+        OptionError: Fewer than 3 vertices are asked for.
+        SurfaceError: The surface is not finite on its domain.
+    """
+    if vertices < 3:
+        raise OptionError(f"a mesh needs at least 3 vertices, got {vertices}")
+    area = surface.area()
+    if not 0 < area < np.inf:
+        raise SurfaceError(f"the surface has the area {area}: p or q has a pole in its domain, or both are 0")
+    # of equilateral triangles, two for each vertex
+    target = float(np.sqrt(2 * area / (3**0.5 * vertices)))
+    rims = [_rim(surface, boundary, target) for boundary in (surface.domain.boundary, *surface.domain.holes)]
+    (plane,) = triangulate_pieces([piece_of(surface, rims, target, area)])
+    positions = np.asarray(surface.position(plane.points))
+    if not np.isfinite(positions).all():
+        raise SurfaceError("the surface is not finite inside its domain: p or q has a pole there")
+    return Patch.over(plane, positions)
+
+
+def _rim(surface: SpinorSurface, boundary: Boundary, target: float) -> Complex[np.ndarray, " m"]:
+    """Points of a part of ∂Ω, its corners among them, about `target` apart in space."""
+    pieces = boundary.parameters
+    t = np.append((pieces[:-1, None] + np.diff(pieces)[:, None] * (np.arange(_FINE) / _FINE)).ravel(), 1.0)
+    middle, width = (t[1:] + t[:-1]) / 2, np.diff(t)
+    speed = np.asarray(surface.conformal_factor(boundary.point(middle))) * np.abs(boundary.derivative(middle))
+    length = np.append(0.0, np.cumsum(speed * width))
+    starts = np.flatnonzero(boundary.corners) * _FINE
+    if not len(starts):
+        starts = np.array([0])
+    sides = []
+    for start, end in zip(starts, np.append(starts[1:], starts[0] + len(t) - 1), strict=True):
+        # the last side may run over the end of the parameter
+        from_, to = length[start], length[end % (len(t) - 1)] + (length[-1] if end >= len(t) - 1 else 0.0)
+        count = max(_FEWEST, round((to - from_) / target))
+        at = from_ + (to - from_) * np.arange(count) / count
+        sides.append(np.interp(at % length[-1], length, t))
+    return boundary.point(np.concatenate(sides))

@@ -10,26 +10,16 @@ from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.meshing.size_field import Piece
-from spinor_geom.meshing.triangulate import triangulate_pieces
+from spinor_geom.meshing.triangulate import Piece, triangulate_pieces
 
 # Between far parts of a domain's boundary, in edges.
 _CLEARANCE = 1.5
 
 
 def remesh(patch: Patch, target: float) -> Patch:
-    """Triangulates a patch's domain for the lengths that its edges have in space, and keeps its shape.
+    """Triangulates a patch's domain for edges of a length in space, and keeps its shape and its boundary.
 
-    Args:
-        patch: its faces are counter-clockwise in Ω.
-        target: edge length, in mesh units.
-
-    Returns:
-        A patch over the same domain with the same boundary; its inner vertices lie on the faces of the old one.
-
-    Raises:
-        TooManyPointsError: the edge length asks for more vertices than anyone can use.
-        DomainError: the boundary in Ω is not a simple polygon.
+    The new inner vertices lie on the faces of the old patch. Raises as `triangulate_pieces`.
     """
     faces, m = np.asarray(patch.faces), patch.boundary_size
     flat = flat_coordinates(patch.points)
@@ -41,25 +31,15 @@ def remesh(patch: Patch, target: float) -> Patch:
     piece = Piece(rims=rims, samples=patch.points, factor=stretch, target=target, area=patch.area)
     (plan,) = triangulate_pieces([piece])
     inner = _positions(patch, flat, plan.points[m:])
-    return Patch(
-        vertices=np.concatenate([patch.vertices[:m], inner]),
-        faces=plan.faces,
-        boundary_size=m,
-        points=plan.points,
-        hole_sizes=patch.hole_sizes,
-    )
+    return Patch.over(plan, np.concatenate([patch.vertices[:m], inner]))
 
 
 def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target: float) -> Patch:
-    """A patch over the same loop whose domain has given angles at the loop's points.
+    """A patch over the same loop whose domain has given angles, in radians, at the loop's points.
 
     The domain has the loop's edge lengths too, as nearly as a simple polygon can; what the angles lack to close it, as
-    those of a curved patch do, is spread over its length. The patch is the harmonic map of it.
-
-    Args:
-        patch: over one loop; where the domain must be straightened, it is so by this patch's shape.
-        angles: at the loop's points, in radians.
-        target: edge length, in mesh units.
+    those of a curved patch do, is spread over its length. Where it must be straightened, it is so by the patch's shape.
+    The new patch is the harmonic map of it.
 
     Raises:
         DomainError: no simple domain was found.
@@ -78,7 +58,7 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
     (plan,) = triangulate_pieces([piece])
     vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
-    return Patch(vertices=vertices, faces=plan.faces, boundary_size=m, points=plan.points)
+    return Patch.over(plan, vertices)
 
 
 def _positions(

@@ -1,48 +1,74 @@
-"""The triangulation of a patch in Ω."""
+"""Parts of Ω triangulated for the surface over them: how long edges shall be, and where to start from."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float, Int
 
+from spinor_geom.domain.lattice import lattice_inside
+from spinor_geom.domain.nearest import NearestPoints
+from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
+from spinor_geom.domain.sizes import GROWTH, RegionSizes, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_regions
 from spinor_geom.errors import TooManyPointsError
-from spinor_geom.meshing.seeds import even_seeds, is_unit_disk
-from spinor_geom.meshing.size_field import Piece, size_field
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
+# change of the edge length per unit of distance from the boundary, downwards
+DECAY = 0.5
+# λ below this share of its median counts as this: a branch point must not ask for endless triangles
+SMALLEST_STRETCH = 1e-3
+NEIGHBOURS = 4
+TINY = np.finfo(np.float64).tiny
 # points allowed per boundary vertex, and per equilateral triangle of the target size that fits on the patch's area:
 # several times what a sound size field asks for, so that a wild λ cannot ask for millions
 POINTS_PER_VERTEX = 12
 POINTS_PER_TRIANGLE = 2
 # Of one patch: a mesh that takes gigabytes and minutes to make.
 MOST_POINTS = 10**7
+# A point that the boundary of the flattening goes around once: the sum that tells the number of turns is so near to it,
+# unless the point is nearer to the boundary than its nodes are to each other and sums over them mean nothing.
+_ONCE = 1e-3
+# A flattening so many times as large as the surface tells nothing of distances inside.
+_MOST_STRETCHED = 1.2
+# Points that are taken back to the disk at once: their sums stay in the cache.
+_AT_ONCE = 256
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """A part of Ω that is to be triangulated for the surface over it.
+
+    Attributes:
+        rims: Its boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
+        samples: Points of Ω.
+        factor: λ there, lengths in space per length in Ω.
+        target: Edge length in space.
+        area: Of the surface over it.
+        seeds: Points to start from, and how far each is from its neighbours; if there are any.
+    """
+
+    rims: Sequence[Complex[np.ndarray, " _"]]
+    samples: Complex[np.ndarray, " n"]
+    factor: Float[np.ndarray, " n"]
+    target: float
+    area: float
+    seeds: tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None = None
 
 
 def require_few_points(area: float, target: float) -> None:
-    """Checks that a patch of some area with edges of some length can be made, before any of it is.
-
-    Raises:
-        TooManyPointsError: it has more vertices than anyone can use.
-    """
+    """Checks that a patch of some area with edges of some length can be made; else a TooManyPointsError."""
     points = 2 * area / (np.sqrt(3) * target**2)
     if points > MOST_POINTS:
         raise TooManyPointsError(target=target, area=area, points=points, most=MOST_POINTS)
 
 
 def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
-    """The part of Ω inside a patch's boundaries; angles in space are those in Ω, the surface is conformal.
+    """The part of Ω inside a patch's boundaries, for edges of a length in space; raises as `require_few_points`.
 
-    Args:
-        surface: Gives λ.
-        rims: The patch's boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
-        target: Edge length in space.
-        area: The patch's area in space.
-
-    Raises:
-        TooManyPointsError: The edge length asks for more vertices than anyone can use.
+    The rims are the patch's boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
     """
     require_few_points(area, target)
     mesh = surface.domain.triangulation
@@ -84,3 +110,82 @@ def _triangulated(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
             region=np.repeat(np.arange(len(given)), [len(points) for points, _ in given]),
         )
     return triangulate_regions([piece.rims for piece in pieces], size_field(pieces), seeds=seeds, max_points=most)
+
+
+def size_field(pieces: Sequence[Piece]) -> RegionSizes:
+    """Edge lengths in Ω that give about `target` in space, and the boundary's own edge lengths beside the boundary.
+
+    h(z) = target/λ(z), but within e ± growth·d at a distance d from a boundary vertex with edges of mean length e: it
+    grows by 0.35 and falls by 0.5 per unit of distance. log λ is averaged over the four nearest samples, weighted by
+    the inverse squared distance. A function of points (k,) of Ω and the numbers (k,) of their pieces.
+    """
+    rims = [rim for piece in pieces for rim in piece.rims]
+    owner = np.repeat(np.arange(len(pieces)), [sum(map(len, piece.rims)) for piece in pieces])
+    bounds = size_bounds(np.concatenate(rims), growth=GROWTH, decay=DECAY, rims=tuple(map(len, rims)), region=owner)
+    target = np.array([piece.target for piece in pieces])
+    tree = NearestPoints(
+        np.concatenate([piece.samples for piece in pieces]),
+        np.repeat(np.arange(len(pieces)), [len(piece.samples) for piece in pieces]),
+    )
+    # where a piece has fewer samples than are asked for, the last weighs nothing
+    log_factor = np.concatenate([*(_log_factor(piece.factor) for piece in pieces), [0.0]])
+
+    def size(z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        shortest, longest = bounds(z, region)
+        distance, index = tree.query(z, region, count=NEIGHBOURS)
+        weight = 1 / np.maximum(distance, TINY**0.25) ** 2
+        stretch = np.exp((weight * log_factor[index]).sum(axis=1) / weight.sum(axis=1))
+        return np.asarray(np.minimum(np.maximum(target[region] / stretch, shortest), longest))
+
+    return size
+
+
+def _log_factor(factor: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    finite = np.isfinite(factor)
+    usual = np.median(factor[finite]) if finite.any() else 1.0
+    return np.asarray(np.log(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY))))
+
+
+def is_unit_disk(domain: PlaneDomain) -> bool:
+    """Whether a domain is the unit disk about 0, its boundary by angle."""
+    boundary = domain.boundary
+    return (
+        isinstance(boundary, FourierBoundary)
+        and not domain.holes
+        and np.array_equal(boundary.coefficients, boundary.frequencies == 1)
+    )
+
+
+def even_seeds(
+    stretch: Float[np.ndarray, " n"], target: float, area: float
+) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None:
+    """Points of the unit disk, with spacings, whose images on a flattening of the surface form a triangular lattice.
+
+    The flattening G is conformal and keeps the lengths of the boundary: log |G′| is the harmonic function with the
+    boundary values log λ, given at equal steps from angle 0. Where the surface is curved λ is smaller inside, so the
+    lattice is wider in the plane: it has as many points as cover the surface with neighbours `target` apart. Of parts
+    that the flattening covers more than once there are none, and none at all where the surface is curved so much that
+    its flattening is far larger.
+    """
+    n = len(stretch)
+    # twice as many nodes as samples hold the exponential
+    series = np.fft.fft(np.log(stretch), n) / n
+    series = np.concatenate([series[:1], 2 * series[1 : n // 2]])
+    slope = np.exp(np.fft.ifft(series, 2 * n) * 2 * n)
+    powers = np.fft.fft(slope)[:n] / (2 * n)
+    rim = np.fft.ifft(np.append(0, powers / np.arange(1, n + 1)), 2 * n) * 2 * n
+    circle = np.exp(1j * np.pi * np.arange(2 * n) / n)
+    covered = 0.5 * float((np.conj(rim) * np.roll(rim, -1)).imag.sum())
+    if not covered < _MOST_STRETCHED * area:
+        return None
+    spacing = target * np.sqrt(covered / area)
+    lattice = lattice_inside(rim, spacing)
+    # Cauchy's formula for the inverse of G and its derivative, over that for 1
+    strengths = np.stack([slope * circle, slope * circle**2, circle], axis=1)
+    found = []
+    for some in np.split(lattice, np.arange(_AT_ONCE, len(lattice), _AT_ONCE)):
+        turns, inverse, widening = (1 / (rim - some[:, None]) @ strengths).T
+        once = np.abs(turns / (2 * n) - 1) < _ONCE
+        found.append(np.stack([inverse[once] / turns[once], spacing * np.abs(widening[once] / turns[once])]))
+    points, distance = np.concatenate(found, axis=1)
+    return points, distance.real

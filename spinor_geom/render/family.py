@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, sampled
 from spinor_geom.errors import PeriodError
-from spinor_geom.meshing.surface_mesh import mesh_surface
+from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR
 from spinor_geom.render.layers import Faces, Lines
 from spinor_geom.surface import SpinorSurface, formulas

@@ -19,8 +19,7 @@ from spinor_geom.errors import MeshFileError
 from spinor_geom.fill.result import FillResult
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.mesh.topology import boundary_edges
-from spinor_geom.meshing.embed import Patch, mesh_patch
-from spinor_geom.meshing.surface_mesh import mesh_surface
+from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
 from spinor_geom.optional import require
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR, UNKNOWN_COLOUR, VIRIDIS

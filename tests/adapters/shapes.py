@@ -8,9 +8,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer
-from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 DATA = Path(__file__).parents[2] / "data"
 

@@ -10,13 +10,12 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.adapters import MeshFile, glb_pieces, read_mesh
+from spinor_geom.adapters import MeshFile, glb, read_mesh
 from spinor_geom.adapters.glb import read_glb
 from spinor_geom.adapters.glb_container import GlbContainer
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
-from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.topology import boundary_edges
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from tests.adapters.shapes import extensions, glb_file, is_closed, lid, open_cube
 
 VERTICES, FACES = open_cube(np.float32)
@@ -28,8 +27,8 @@ def parsed(data: bytes) -> MeshFile:
     return MeshFile.of_contents(read_glb(data, Path("a.glb")), path=None)
 
 
-def pieces(data: bytes) -> list[glb_pieces.Piece]:
-    return glb_pieces.scene_pieces(GlbContainer.read(data, None))
+def pieces(data: bytes) -> list[glb.Piece]:
+    return glb.scene_pieces(GlbContainer.read(data, None))
 
 
 def again(file: MeshFile, folder: Path) -> MeshFile:
@@ -454,7 +453,7 @@ def test_meshes_that_are_shown_again_and_again_are_bounded(monkeypatch: pytest.M
         tree["scenes"] = [{"nodes": list(range(30))}]
 
     assert len(parsed(with_tree(GOOD, show)).mesh.vertices) == 240
-    monkeypatch.setattr(glb_pieces, "MOST_ROWS", 2000)
+    monkeypatch.setattr(glb, "MOST_ROWS", 2000)
     with pytest.raises(MeshFileError, match="more than 2,"):
         parsed(with_tree(GOOD, show))
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,12 +104,12 @@ def test_attributes_go_from_obj_to_glb_as_far_as_there_is_a_place(tmp_path: Path
     attributes = read_mesh(tmp_path / "a.glb").mesh.vertex_attributes
     assert np.allclose(attributes["uv"], uv, atol=1e-7)
     assert np.array_equal(attributes["normal"], normals.astype(np.float32))
-    wide = "OFF\n3 1 0\n" + "0 0 0 1 2 3 4 5\n1 0 0 1 2 3 4 5\n0 1 0 1 2 3 4 5\n3 0 1 2\n"
-    (tmp_path / "wide.off").write_text(wide)
-    read_mesh(tmp_path / "wide.off").write(tmp_path / "wide.glb")
+    contents = replace(read_mesh(tmp_path / "a.obj").contents, attributes={"wide": np.ones((8, 5))})
+    wide = MeshFile.of_contents(contents, path=None)
+    wide.write(tmp_path / "wide.glb")
     assert dict(read_mesh(tmp_path / "wide.glb").mesh.vertex_attributes) == {}
-    read_mesh(tmp_path / "wide.off").write(tmp_path / "wide.ply")
-    assert sorted(read_mesh(tmp_path / "wide.ply").mesh.vertex_attributes) == [f"extra_{k}" for k in range(5)]
+    wide.write(tmp_path / "wide.ply")
+    assert sorted(read_mesh(tmp_path / "wide.ply").mesh.vertex_attributes) == [f"wide_{k}" for k in range(5)]
 
 
 def test_failed_writing_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

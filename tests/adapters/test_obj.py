@@ -111,6 +111,16 @@ def test_round_trip_is_bit_exact(
         assert np.array_equal(back.mesh.vertex_attributes["color"], grown.mesh.vertex_attributes["color"])
 
 
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("end", ["", "\\", "\n", "\\\n"])
+def test_a_last_line_of_any_end_is_not_continued_by_what_is_added(tmp_path: Path, newline: str, end: str) -> None:
+    text = (TRIANGLE + "f 1 2 3" + end).replace("\n", newline)
+    one = type(lid())(vertices=[[5.0, 5, 5]], faces=[[1, 0, 3]], face_loops=[0])
+    closed = again(parsed(text).extended(one), tmp_path)
+    assert (tmp_path / "again.obj").read_bytes().startswith(text.encode())
+    assert closed.mesh.faces.tolist() == [[0, 1, 2], [1, 0, 3]]
+
+
 def test_second_extension_follows_the_first(tmp_path: Path) -> None:
     half = lid()
     first = type(half)(vertices=half.vertices, faces=half.faces[:2], face_loops=half.face_loops[:2])
@@ -256,7 +266,7 @@ def test_nothing_that_the_file_names_is_opened(tmp_path: Path, monkeypatch: pyte
         (TRIANGLE + "# a \\\n b\n\nf 1 2 7\n", "line 7: '7' names"),
         (TRIANGLE + "l 1\n", "line 4: a curve needs two vertices"),
         (TRIANGLE + "l 1 9\n", "line 4: '9' names"),
-        (b"\x7fELF\x00\x01", "byte 4: a zero byte"),
+        (b"\x7fELF\x00\x01", "line 1: a zero byte"),
     ],
 )
 def test_malformed_files_name_the_place(text: str | bytes, said: str) -> None:

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.adapters import obj_stream
-from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
+from spinor_geom.adapters import obj
+from spinor_geom.adapters.obj import ObjText, read_obj_stream
 from spinor_geom.errors import MeshFileError
 
 LINES = (
@@ -77,7 +77,7 @@ def test_blocks_of_any_size_give_the_same(lines: list[str], size: int, newline: 
     text = newline.join(["v 0 0 0 1 1 1", *lines]) + (newline if ended else "")
     whole = read(text)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(obj_stream, "BLOCK_SIZE", size)
+        patch.setattr(obj, "BLOCK_SIZE", size)
         blocks = read(text)
     if isinstance(whole, str):
         # which of several mistakes is told may differ, a line's number must not
@@ -90,14 +90,14 @@ def test_blocks_of_any_size_give_the_same(lines: list[str], size: int, newline: 
 
 def test_a_mistake_has_its_line_in_every_block(monkeypatch: pytest.MonkeyPatch) -> None:
     text = "v 0 0 0\n" * 3 + "f 1 2 3\n" * 50 + "# a \\\n b\n\nf 1 2 4\n"
-    monkeypatch.setattr(obj_stream, "BLOCK_SIZE", 16)
+    monkeypatch.setattr(obj, "BLOCK_SIZE", 16)
     assert "a.obj, line 57: '4' names a vertex that does not exist, the file has 3" in str(read(text))
     assert "a.obj, line 57: 'x' is no corner" in str(read(text.replace("4", "x")))
-    assert "byte 300: a zero byte" in str(read(text[:300] + "\0"))
+    assert "line 38: a zero byte" in str(read(text[:300] + "\0"))
 
 
 def test_vertices_may_follow_the_faces_that_use_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(obj_stream, "BLOCK_SIZE", 8)
+    monkeypatch.setattr(obj, "BLOCK_SIZE", 8)
     text = read("f 1 2 3\nl 1 2\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -1 -2 -3\n")
     assert isinstance(text, ObjText)
     assert text.contents.polygons.rows() == [[0, 1, 2], [2, 1, 0]]
@@ -113,13 +113,13 @@ def test_objects_and_groups_name_what_follows() -> None:
 
 
 def test_a_line_without_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(obj_stream, "BLOCK_SIZE", 1 << 10)
-    monkeypatch.setattr(obj_stream, "LONGEST_LINE", 1 << 14)
+    monkeypatch.setattr(obj, "BLOCK_SIZE", 1 << 10)
+    monkeypatch.setattr(obj, "LONGEST_LINE", 1 << 14)
     assert "a line of more than" in str(read("v 0 0 0\n" + "l" + " 1" * (1 << 14)))
 
 
 def test_the_words_of_a_large_file_are_never_in_memory_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(obj_stream, "BLOCK_SIZE", 1 << 17)
+    monkeypatch.setattr(obj, "BLOCK_SIZE", 1 << 17)
 
     class Endless(io.RawIOBase):
         """Vertices as they are asked for."""

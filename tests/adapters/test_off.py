@@ -88,6 +88,8 @@ def test_colors_under_the_plain_keyword_and_unknown_columns(tmp_path: Path) -> N
     extra = parsed(CUBE.replace(".0\n", ".0 4.5\n", 8))
     assert extra.mesh.vertex_attributes["extra"].shape == (8, 1)
     assert is_closed(again(extra.extended(lid_for(extra.mesh)), tmp_path).mesh)
+    two = parsed(CUBE.replace(".0\n", ".0 4.5 6\n", 8)).mesh.vertex_attributes
+    assert [two[name][0].tolist() for name in ("extra_0", "extra_1")] == [[4.5], [6]]
 
 
 def test_normal_seam_is_no_boundary() -> None:
@@ -118,21 +120,27 @@ def test_agrees_with_trimesh(tmp_path: Path) -> None:
         ("OFF BINARY\n8 5 0\n", "line 1: 'OFF BINARY' is no kind"),
         ("4OFF\n8 5 0\n", "line 1: '4OFF' is no kind"),
         ("OFF\nfoo bar\n", "line 2: the counts"),
-        ("OFF\n0 0 0\n", "line 2: has 0 vertices and 0 faces"),
-        ("OFF\n8 5 0\n" + POINTS, "line 2: announces 8 vertices and 5 faces, but only 8 lines follow"),
-        ("OFF\n999999999999 5 0\n" + POINTS, "line 2: announces 999999999999"),
+        ("OFF\n0 0 0\n", "line 2: the counts of vertices and faces are missing or zero"),
+        ("OFF\n8 5 0\n" + POINTS, "element 'face': the header announces 5, but the file ends within number 0"),
+        (
+            "OFF\n999999999999 5 0\n" + POINTS,
+            "element 'vertex': the header announces 999999999999, but the file ends within number 8",
+        ),
         (CUBE.replace("0.0 0.0 0.0\n", "0.0 0.0\n"), "line 3: a vertex with 2 numbers"),
-        (CUBE.replace("0.0 0.0 1.0\n", "0.0 0.0\n"), "line 4: a vertex with 2 numbers, the first has 3"),
-        (CUBE.replace("0.0 0.0 1.0\n", "0.0 0.0 x\n"), "line 4: 'x' is no number"),
+        (CUBE.replace("0.0 0.0 1.0\n", "0.0 0.0\n"), "line 4: cannot read vertex 1 from '0.0 0.0'"),
+        (CUBE.replace("0.0 0.0 1.0\n", "0.0 0.0 x\n"), "line 4: cannot read vertex 1 from '0.0 0.0 x'"),
         (CUBE.replace("OFF", "NOFF"), "line 3: a vertex with 3 numbers does not fit"),
         (CUBE.replace("OFF", "COFF"), "line 3: a vertex with 3 numbers does not fit"),
-        (CUBE.replace("4 0 1 3 2", "4 0 1 3"), "line 11: a face needs"),
-        (CUBE.replace("4 0 1 3 2", "2 0 1"), "line 11: a face needs"),
-        (CUBE.replace("4 0 1 3 2", "4 0 1 3 q"), "line 11: 'q' is no index"),
-        (CUBE.replace("4 0 1 3 2", "4 0 1 3 99999999999999999999"), "line 11: '99999999999999999999' is no index"),
-        (CUBE.replace("4 0 1 3 2", "k 0 1 3 2"), "line 11: 'k' is no index"),
-        (CUBE.replace("4 0 1 3 2", "-4 0 1 3 2"), "line 11: a face needs"),
-        (CUBE.replace("4 0 1 3 2", "4 0 1 3 8"), "line 11: names vertex 8, but the file has vertices 0 to 7"),
+        (CUBE.replace("4 0 1 3 2", "4 0 1 3"), "line 11: cannot read face 0 from '4 0 1 3'"),
+        (CUBE.replace("4 0 1 3 2", "2 0 1"), "line 11, face 0: has 2 corners, a face needs three"),
+        (CUBE.replace("4 0 1 3 2", "4 0 1 3 q"), "line 11: cannot read face 0 from '4 0 1 3 q'"),
+        (
+            CUBE.replace("4 0 1 3 2", "4 0 1 3 99999999999999999999"),
+            "line 11: cannot read face 0 from '4 0 1 3 99999999999999999999'",
+        ),
+        (CUBE.replace("4 0 1 3 2", "k 0 1 3 2"), "line 11: cannot read face 0 from 'k 0 1 3 2'"),
+        (CUBE.replace("4 0 1 3 2", "-4 0 1 3 2"), "line 11: cannot read face 0 from '-4 0 1 3 2'"),
+        (CUBE.replace("4 0 1 3 2", "4 0 1 3 8"), "line 11, face 0: names vertex 8, but the file has vertices 0 to 7"),
         (b"OFF\n\0", "byte 4: a zero byte"),
     ],
 )

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
-from spinor_geom.adapters.ply import read_ply
-from spinor_geom.adapters.ply_records import read_records
+from spinor_geom.adapters.ply import read_ply, read_records
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
@@ -122,6 +121,11 @@ def test_colors_are_rounded_to_bytes(tmp_path: Path) -> None:
     assert file.contents.color_scale == 255.0
     closed = again(file.extended(lid(color=np.array([[0.6, 254.7, -9.0, 999.0]]))), tmp_path)
     assert closed.mesh.vertex_attributes["color"][8].tolist() == [1, 255, 0, 255]
+
+
+def test_real_colors_of_255_are_told_by_any_channel() -> None:
+    extra = {name: ("float", np.full(8, value)) for name, value in (("red", 0), ("green", 0), ("blue", 255))}
+    assert parsed(ply("ascii", CUBE_POINTS, QUADS, extra=extra)).contents.color_scale == 255.0
 
 
 def test_other_elements_and_comments_stay(tmp_path: Path) -> None:

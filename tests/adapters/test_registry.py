@@ -11,8 +11,7 @@ import torch
 
 from spinor_geom.adapters import extend, known_types, register, to_mesh
 from spinor_geom.errors import UnknownMeshTypeError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from tests.adapters.shapes import lid, open_cube
 
 ROOT = Path(__file__).parents[2]

@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 
-from spinor_geom.adapters.obj_stream import read_obj_stream
+from spinor_geom.adapters.obj import read_obj_stream
 from spinor_geom.batching.loops import NamedLoop, curve_loops
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.task import open_file

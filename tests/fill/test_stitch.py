@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from spinor_geom.fill.stitch import LoopPatch, RimEdges, fit_to_rim, patch_chords, split_chords, stitch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.extension import MeshExtension
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import as_mesh, cone, fan, folded_quad, on_circle, tube, undirected_edges
 from tests.strategies import holed_disks, ragged_meshes

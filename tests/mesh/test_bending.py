@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from spinor_geom.mesh.bending import Bending, crossing_angles, face_normals, unclosed_vertices
+from spinor_geom.mesh.operators import Bending, crossing_angles, face_normals, unclosed_vertices
 from spinor_geom.mesh.topology import HalfEdges
 
 

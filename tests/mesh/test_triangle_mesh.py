@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import MeshShapeError, NonFiniteVertexError, VertexIndexError
-from spinor_geom.mesh.extension import MeshExtension
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 1, 2]])

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinor_geom.meshing.size_field import Piece, size_field
+from spinor_geom.meshing.triangulate import Piece, size_field
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
 

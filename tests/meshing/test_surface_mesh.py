@@ -8,7 +8,7 @@ import pytest
 from spinor_geom import gallery
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery.known import KnownSurface
-from spinor_geom.meshing.surface_mesh import mesh_surface
+from spinor_geom.meshing.embed import mesh_surface
 
 KNOWN = [gallery.enneper(1.2), gallery.catenoid(), gallery.helicoid(2.0, both_sides=True), gallery.henneberg()]
 

@@ -19,7 +19,7 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import MissingPackageError, OptionError, PeriodError, SurfaceError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.meshing.surface_mesh import mesh_surface
+from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.render.family import GAUSS, associate_family, grid_lines
 from spinor_geom.render.layers import Faces, turned
 from spinor_geom.render.morph import SUFFIXES, morph
