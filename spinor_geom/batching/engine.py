@@ -16,10 +16,9 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
 from spinor_geom.batching.inputs import SMALL, Inputs, Listing, Source
-from spinor_geom.batching.journal import Journal, opened_journal
-from spinor_geom.batching.limits import Limits
-from spinor_geom.batching.options import BatchOptions, Format, What, require_positive
+from spinor_geom.batching.options import BatchOptions, Format, Limits, What, require_positive
 from spinor_geom.batching.records import failure
+from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.worker import run_block
 from spinor_geom.errors import BatchError, OptionError
 from spinor_geom.fill.continuity import Continuity
@@ -168,9 +167,9 @@ def batch(
     if workers is not None and workers < 1:
         raise OptionError(f"workers must be at least 1, not {workers}")
     named = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output, limits=limits)
-    with opened_journal(output, options, resume=resume) as journal, TemporaryFile("w+", encoding="ascii") as file:
+    with opened_store(output, options, resume=resume) as store, TemporaryFile("w+", encoding="ascii") as file:
         sources = Listing(named, file)
-        run = _Run(journal, options, limits, len(sources), on_progress)
+        run = _Run(store, options, limits, len(sources), on_progress)
         left = run.incomplete(sources)
         first = next(left, None)
         if first is not None:
@@ -180,8 +179,8 @@ def batch(
         from spinor_geom.batching.summary import write_summary
 
         progress = run.progress()
-        paths = write_summary(journal, sources, options, asdict(progress))
-    return BatchResult(output=Path(journal.store.output), progress=progress, log=journal.log, **paths)
+        paths = write_summary(store, sources, options, asdict(progress))
+    return BatchResult(output=Path(store.output), progress=progress, log=store.log, **paths)
 
 
 def _checked_limits(time_limit: float, memory_limit: int, retries: int) -> Limits:
@@ -197,13 +196,13 @@ class _Run:
 
     def __init__(
         self,
-        journal: Journal,
+        store: Store,
         options: BatchOptions,
         limits: Limits,
         total: int,
         on_progress: Callable[[BatchProgress], None] | None,
     ) -> None:
-        self._journal, self._options, self._limits = journal, options, limits
+        self._store, self._options, self._limits = store, options, limits
         self._total, self._on_progress = total, on_progress
         self._files = self._failed = self._before = self._loops = self._loops_failed = 0
         self._start = perf_counter()
@@ -211,7 +210,7 @@ class _Run:
     def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
         """The sources that are still to be done; those that are complete are counted."""
         for source in sources:
-            one = self._journal.completed(source)
+            one = self._store.completed(source)
             if one is None:
                 yield source
             else:
@@ -246,7 +245,7 @@ class _Run:
         job = {
             "sources": [source.to_dict() for source in block],
             "options": self._options.to_dict(),
-            "store": asdict(self._journal.store),
+            "store": asdict(self._store),
         }
         return client.submit(run_block, job, asdict(self._limits), pure=False)
 
@@ -269,14 +268,14 @@ class _Run:
         tries = []
         for source in block:
             # what the workers had finished before they died need not be done again
-            one = self._journal.completed(source)
+            one = self._store.completed(source)
             if one is not None:
                 self._finish(one)
             elif len(block) == 1:
                 record = failure(
                     source.key, "every worker that tried it was killed; look at their logs", status="fault"
                 )
-                self._finish(self._journal.store.commit(source, record, {}))
+                self._finish(self._store.commit(source, record, {}))
             else:
                 tries.append([source])
         return tries
@@ -287,7 +286,8 @@ class _Run:
         self._loops_failed += one["loops_failed"]
         if one["status"] != "done":
             self._failed += 1
-            self._journal.log_failure(one)
+            with self._store.log.open("a", encoding="utf-8") as file:
+                file.write(log_line(one))
         if self._on_progress is not None:
             self._on_progress(self.progress())
 

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import IO, Any
 
 from spinor_geom.batching.archives import Member, is_archive
-from spinor_geom.batching.limits import Limits, fault_reason
-from spinor_geom.batching.names import safe_name
+from spinor_geom.batching.options import Limits, fault_reason
 from spinor_geom.errors import BatchError
+from spinor_geom.files import safe_name
 from spinor_geom.isolate import FaultError, Process
 
-LISTER = "spinor_geom.batching.lister"
+LISTER = "spinor_geom.batching.archives"
 SUFFIX = ".obj"
 MANIFESTS = (".csv", ".jsonl")
 # The last part of the key of what is no OBJ file: such a part has no suffix, so that no file's key can be the same.

@@ -1,4 +1,4 @@
-"""What every file of a batch is treated with; cheap to import, and JSON on its way to other processes."""
+"""What every file of a batch is treated with, and what it may cost; cheap to import, JSON on its way to others."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError
 from spinor_geom.fill.continuity import CONTINUITY, Continuity
+from spinor_geom.isolate import FaultError
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
 Format: TypeAlias = Literal["obj", "ply", "glb", "npz"]
@@ -15,6 +16,9 @@ Format: TypeAlias = Literal["obj", "ply", "glb", "npz"]
 WHAT: tuple[What, ...] = get_args(What)
 FORMAT: tuple[Format, ...] = get_args(Format)
 OF_CURVES = ("obj", "npz")
+# A file with so many loops that take as long as they may is done to its end.
+HARDEST_LOOPS = 100
+ADVICE = {"time": "; raise the limit", "memory": "; raise the limit, or split the file"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,3 +74,28 @@ def require_positive(name: str, value: Any) -> None:
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
         raise OptionError(f"{name} must be a positive number, not {value!r}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What one file may cost.
+
+    Attributes:
+        seconds: for reading it, and for each of its loops; 100 times as long as a whole.
+        memory: of the process that solves, in bytes.
+        retries: how often a file is tried again after its process died.
+    """
+
+    seconds: float
+    memory: int
+    retries: int
+
+    @property
+    def whole_seconds(self) -> float:
+        """For a file, however many loops it has."""
+        return HARDEST_LOOPS * self.seconds
+
+
+def fault_reason(fault: FaultError) -> str:
+    """What ended a process, and what to do."""
+    return f"{fault}{ADVICE.get(fault.kind, '')}"

@@ -19,11 +19,11 @@ from spinor_geom.adapters.obj import added_lines
 from spinor_geom.adapters.obj_stream import ObjText, read_obj_stream
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.batching.loops import NamedLoop, curve_loops, hole_names, refuse_what_bounds_no_disk
-from spinor_geom.batching.names import safe_name
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.records import worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
+from spinor_geom.files import safe_name
 from spinor_geom.fill.many_loops import fill_loops
 from spinor_geom.fill.one_loop import Answer, FillOptions, refuse_what_is_no_hole, unfilled
 from spinor_geom.fill.result import LoopOutcome

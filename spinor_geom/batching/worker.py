@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from spinor_geom.batching.inputs import Source
-from spinor_geom.batching.limits import Limits, fault_reason
+from spinor_geom.batching.options import Limits, fault_reason
 from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store
 from spinor_geom.errors import BatchError
