@@ -16,12 +16,12 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
 from spinor_geom.batching.inputs import SMALL, Inputs, Listing, Source
-from spinor_geom.batching.options import BatchOptions, Format, Limits, What, require_positive
+from spinor_geom.batching.options import BatchOptions, Format, Limits, What
 from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.worker import run_block
 from spinor_geom.errors import BatchError, OptionError
-from spinor_geom.fill.continuity import Continuity
+from spinor_geom.fill.options import Continuity, require_positive
 from spinor_geom.optional import require
 
 if TYPE_CHECKING:

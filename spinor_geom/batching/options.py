@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError
-from spinor_geom.fill.continuity import CONTINUITY, Continuity
+from spinor_geom.fill.options import CONTINUITY, Continuity, require_positive
 from spinor_geom.isolate import FaultError
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
@@ -64,16 +64,6 @@ class BatchOptions:
     def to_dict(self) -> dict[str, Any]:
         """The options in JSON's types."""
         return asdict(self)
-
-
-def require_positive(name: str, value: Any) -> None:
-    """Checks an option.
-
-    Raises:
-        OptionError: the value is not a positive finite number.
-    """
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise OptionError(f"{name} must be a positive number, not {value!r}")
 
 
 @dataclass(frozen=True, kw_only=True)

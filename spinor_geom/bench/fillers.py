@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.bench.holes import Hole
-from spinor_geom.fill.continuity import Continuity
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.options import Continuity
 
 OURS, SMOOTH = "spinor-fill", "spinor-fill-c1"
 OUR_FILLERS = (OURS, SMOOTH)

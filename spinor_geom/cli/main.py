@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
-from spinor_geom.fill.continuity import CONTINUITY
+from spinor_geom.fill.options import CONTINUITY
 
 EPILOG = """exit status: 0 all was done as asked, 1 it was done, but some of it deserves a look and is named on standard
 error, 2 the arguments or the input cannot be used, or a file not be written, 130 interrupted; what 0 and 1 mean for a

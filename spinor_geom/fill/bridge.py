@@ -32,12 +32,7 @@ Islands: TypeAlias = Literal["join", "ignore"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Joins:
-    """What is joined to what.
-
-    Attributes:
-        others: for the first place of each bridge all others.
-        notes: of the loops of whose gaps something is to be said.
-    """
+    """What is joined to what: for the first place of each bridge all others, and what is to be said of some gaps."""
 
     others: dict[int, tuple[int, ...]] = field(default_factory=dict)
     notes: dict[int, str] = field(default_factory=dict)
@@ -65,12 +60,12 @@ def planned_joins(
             raise OptionError(
                 f"a bridge joins two loops or more, got {len(bridge)}; name another, or fill it by itself"
             )
-        twice = [place for place in bridge if list(bridge).count(place) > 1]
-        if twice:
-            raise OptionError(
-                f"a bridge joins different loops, got loop {twice[0]} twice; fill it by itself, or name another"
-            )
         first, *others = sorted(bridge)
+        twice = next((place for place in bridge if list(bridge).count(place) > 1), None)
+        if twice is not None:
+            raise OptionError(
+                f"a bridge joins different loops, got loop {twice} twice; fill it by itself, or name another"
+            )
         return Joins(others={first: tuple(others)})
     joins = Joins()
     for hole, pieces in find_islands(mesh, loops).items():

@@ -41,12 +41,7 @@ class FacesAround:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bend:
-    """The angle between the normals of a patch and of the mesh along their common edges.
-
-    Attributes:
-        largest: in degrees.
-        rms: root mean square along the rim's length, in degrees.
-    """
+    """The angle between the normals of a patch and of the mesh along their common edges, in degrees; RMS by length."""
 
     largest: float
     rms: float
@@ -92,13 +87,7 @@ class Collar:
 
 
 def collar_of(around: FacesAround, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
-    """The collar of a patch that has no edge which the mesh has too, other than the rim's.
-
-    Args:
-        around: the mesh's faces at its vertices.
-        rim: mesh vertices of the patch's boundary vertices.
-        patch: the patch.
-    """
+    """The collar of a patch that has no edge which the mesh has too, other than the rim's; `rim` are mesh vertices."""
     mesh, m = around.mesh, len(rim)
     rings = [around.at(rim)]
     for _ in range(1, _RINGS):

@@ -37,7 +37,7 @@ def fill_loops(
         loops: all of its loops.
         answers: for each loop that is to be filled by itself, in order, its exact patch, or why it has none.
         options: of the call.
-        on_loop: is called after each loop that was asked for, with its outcome and their number.
+        on_loop: as for `fill_hole`.
         left_open: outcomes of the loops that nothing is tried for, by their places.
         joins: what is joined to what; by default nothing.
     """
@@ -77,13 +77,8 @@ def minimal_patches(
 ) -> Iterator[Answer]:
     """For each loop in order its surface and that one's mesh, or why there is none; small ones are made side by side.
 
-    Between the points of rough loops Γ is free.
-
-    Args:
-        loops: any, also of several meshes.
-        options: of the call.
-        is_rim: whether they are rims of meshes, whose corners are those of triangles.
-        device: of the linear algebra.
+    Between the points of rough loops Γ is free. Loops may be of several meshes; the corners of rims are those of
+    triangles.
     """
     found = solve_plateau_batch(
         (free_rim(loop, tolerance=options.tolerance) for loop in loops) if is_rim else loops,
