@@ -29,7 +29,7 @@ _LONG = 60
 
 
 def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
-    """The discrete minimal surface over a loop, and what it is, in words; else its triangulation without inner vertices.
+    """The discrete minimal surface over a loop, else a triangulation without inner vertices; and what it is, in words.
 
     Args:
         loop: any loop.

@@ -47,7 +47,7 @@ Solved: TypeAlias = PlateauSolution | SpinorGeomError
 
 
 class Answer(NamedTuple):
-    """What is known of a loop before it is filled: its surface and the mesh of that, or why it has none, and its time."""
+    """What is known of a loop before it is filled: its surface and the mesh of that, or why it has none; seconds."""
 
     found: Solved
     made: MadePatch | SpinorGeomError

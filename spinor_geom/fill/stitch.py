@@ -110,7 +110,7 @@ class RimEdges:
 
 
 def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], middles: Middles) -> Patch:
-    """Puts a new vertex, at the patch's end, in the middle (in Ω) of each chord, and divides its two triangles there."""
+    """Puts a new vertex, after the others, in the middle (in Ω) of each chord, and divides its two triangles there."""
     points = patch.points[chords].mean(axis=1)
     faces = np.asarray(patch.faces)
     for count, chord in enumerate(chords):

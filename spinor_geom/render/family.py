@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import igl
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.domain.panels import Panels
-from spinor_geom.domain.plane_domain import PlaneDomain, sampled
 from spinor_geom.errors import PeriodError
+from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.meshing.surface_mesh import mesh_surface
 from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR
 from spinor_geom.render.layers import Faces, Lines
@@ -18,8 +19,7 @@ from spinor_geom.surface import SpinorSurface, formulas
 
 GAUSS = "Gauss curvature"
 VERTICES = 4000
-# lines of the grid across the longer side of Ω, and points on each
-GRID_LINES, _LINE_POINTS = 16, 240
+GRID_LINES = 16  # across the longer side of Ω
 # a period larger than this share of the boundary's length is no error of the quadrature
 _LARGEST_PERIOD = 1e-6
 
@@ -42,47 +42,38 @@ def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> tup
     if not surface.domain.holes:  # around those `associate` looks itself
         _check_periods(surface)
     mesh = mesh_surface(surface, vertices=vertices)
-    ends, lines = grid_lines(surface.domain)
-    points = np.concatenate([mesh.points, ends])
-    own = np.concatenate([mesh.vertices, np.asarray(surface.position(ends)).reshape(-1, 3)])
-    conjugate = np.asarray(surface.associate(np.pi / 2).position(points))
+    turned, gauss = surface.associate(np.pi / 2).position(mesh.points), surface.gauss_curvature(mesh.points)
+    known = np.column_stack([mesh.vertices, turned, gauss])
+    ends, lines = grid_lines(mesh.points, mesh.faces, known)
+    own, conjugate, gauss = np.split(np.concatenate([known, ends]), [3, 6], axis=1)
     places: dict[str, Any] = {"vertices": own, "conjugate": conjugate - conjugate.mean(axis=0) + own.mean(axis=0)}
-    fields = {GAUSS: np.asarray(surface.gauss_curvature(points))}
+    fields = {GAUSS: gauss[:, 0]}
     rim = np.arange(mesh.boundary_size)
     return (
         Faces(**places, faces=mesh.faces, colour=FRONT_COLOUR, inside=BACK_COLOUR, fields=fields),
-        Lines(**places, edges=lines + len(mesh.points), colour=GRID_COLOUR, width=0.75),
+        Lines(**places, edges=lines + len(known), colour=GRID_COLOUR, width=0.75),
         Lines(**places, edges=np.stack([rim, np.roll(rim, -1)], axis=1), width=2.5),
     )
 
 
 def grid_lines(
-    domain: PlaneDomain, count: int = GRID_LINES
-) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "l 2"]]:
-    """Points on the lines of a square grid inside Ω, and the pairs of them that are neighbours on a line.
+    z: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"], values: Float[np.ndarray, "n k"]
+) -> tuple[Float[np.ndarray, "p k"], Int[np.ndarray, "l 2"]]:
+    """Where the lines of a square grid in Ω cross the edges of a mesh of it, and the pairs that a triangle joins.
 
     Args:
-        domain: Ω.
-        count: lines across the longer side of its bounding box.
+        z: vertices of the mesh.
+        faces: its triangles.
+        values: at the vertices, such as positions; they are interpolated.
     """
-    v = sampled(domain.boundary, 8)
-    low, size = complex(v.real.min(), v.imag.min()), complex(np.ptp(v.real), np.ptp(v.imag))
-    step, along = max(size.real, size.imag) / count, np.linspace(0, 1, _LINE_POINTS)
-    upright = low.real + size.real / 2 + step * _places(size.real / step)
-    level = low.imag + size.imag / 2 + step * _places(size.imag / step)
-    z = np.concatenate(
-        [upright[:, None] + 1j * (low.imag + size.imag * along), (low.real + size.real * along) + 1j * level[:, None]]
-    )
-    inside = domain.contains(z)
-    number = np.cumsum(inside.ravel()).reshape(z.shape) - 1
-    both = inside[:, 1:] & inside[:, :-1]
-    return z[inside], np.stack([number[:, :-1][both], number[:, 1:][both]], axis=1)
-
-
-def _places(across: float) -> Float[np.ndarray, " k"]:
-    """Places of lines one apart, one of them in the middle, on a length that begins and ends on none."""
-    most = int(np.ceil(across / 2 - 1e-9)) - 1
-    return np.arange(-most, most + 1, dtype=np.float64)
+    most = GRID_LINES // 2 - 1
+    step = max(np.ptp(z.real), np.ptp(z.imag)) / GRID_LINES
+    points, edges = np.zeros((0, values.shape[1])), np.zeros((0, 2), dtype=np.int64)
+    for x in (z.real.copy(), z.imag.copy()):
+        levels = (x.min() + x.max()) / 2 + step * np.arange(-most, most + 1)
+        ends, pairs, _ = igl.isolines(*igl_arrays(values, faces), x, levels)
+        points, edges = np.concatenate([points, ends]), np.concatenate([edges, pairs + len(points)])
+    return points, edges
 
 
 def _check_periods(surface: SpinorSurface) -> None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import igl
 import numpy as np
 import trimesh
 from jaxtyping import Complex, Float, Int
@@ -22,9 +21,9 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.measures.hausdorff import distances_to_mesh
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
-from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR
+from spinor_geom.render.family import grid_lines
 from spinor_geom.render.layers import ALWAYS, Camera, Dots, Faces, Layer, Lines
 from spinor_geom.render.scene import facing, whole_mesh
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -35,7 +34,6 @@ EXACT = "mean curvature of the surface"
 WIREFRAME, GRID, NORMALS = "wireframe", "conformal grid", "normals"
 # triangles of a mesh that are shown; of a larger one those nearest to its loops
 MOST_FACES = 120_000
-_GRID_LINES = 14  # across the longer side of Ω
 _NORMAL_LENGTH = 0.8  # in edges of the loop
 _BALL = 0.97  # its radius: below the triangles between unit normals
 _GRID_COLOUR, _NORMAL_COLOUR, _P_COLOUR, _Q_COLOUR = "#303c4f", "#2f7d4f", "#000000", "#ffffff"
@@ -70,13 +68,7 @@ class LoopViews:
 
     def _grid(self, vertices: Float[np.ndarray, "n 3"], *, switch: str | None = None, loop: str = ALWAYS) -> Lines:
         """The image of a square grid in Ω on the patch with its vertices at some place."""
-        z, most = self.patch.points, _GRID_LINES // 2 - 1
-        step = max(np.ptp(z.real), np.ptp(z.imag)) / _GRID_LINES
-        points, edges = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
-        for x in (z.real.copy(), z.imag.copy()):
-            levels = (x.min() + x.max()) / 2 + step * np.arange(-most, most + 1)
-            ends, pairs, _ = igl.isolines(*igl_arrays(vertices, self.patch.faces), x, levels)
-            points, edges = np.concatenate([points, ends]), np.concatenate([edges, pairs + len(points)])
+        points, edges = grid_lines(self.patch.points, self.patch.faces, vertices)
         return Lines(
             vertices=points, edges=edges, colour="#ffffff", halo=_GRID_COLOUR, width=1.6, switch=switch, loop=loop
         )
