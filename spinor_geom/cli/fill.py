@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.text import Text
 
 from spinor_geom.adapters.mesh_files import known_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
-from spinor_geom.cli.source import read_surface
-from spinor_geom.errors import MeshFileError, SpinorGeomError
+from spinor_geom.cli.source import read_surface, require_writable
+from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import write_json
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.result import FillResult, LoopOutcome
@@ -82,19 +80,6 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         write_page(result, arguments.html, comparisons=comparisons)
     good = result.closed and result.intersection_free and (result.complete or not arguments.strict)
     return ExitStatus.DONE if good else ExitStatus.IMPERFECT
-
-
-def require_writable(path: Path) -> None:
-    """Checks that a file can be put at a path, its folders being made on the way; makes none.
-
-    Raises:
-        MeshFileError: the path is a folder, or the nearest folder above it that exists may not be written to.
-    """
-    if path.is_dir():
-        raise MeshFileError(f"{path}: is a folder; name a file in it", path=path)
-    above = next(folder for folder in path.absolute().parents if folder.exists())
-    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
-        raise MeshFileError(f"{path}: cannot be written, {above} is not a folder that may be written to", path=path)
 
 
 def add_comparisons(

@@ -17,6 +17,8 @@ from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 from spinor_geom.fill.options import CONTINUITY
 
+# commands of one module
+_TOGETHER = dict.fromkeys(("view", "render", "morph"), "pictures")
 EPILOG = """exit status: 0 all was done as asked, 1 it was done, but some of it deserves a look and is named on standard
 error, 2 the arguments or the input cannot be used, or a file not be written, 130 interrupted; what 0 and 1 mean for a
 command stands in its own help"""
@@ -39,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # the process ends, takes half a second
     gc.disable()
     # only now: the commands import torch, scipy and libigl
-    command = importlib.import_module(f"spinor_geom.cli.{arguments.command}")
+    command = importlib.import_module(f"spinor_geom.cli.{_TOGETHER.get(arguments.command, arguments.command)}")
     console = importlib.import_module("spinor_geom.cli.console")
     gc.freeze()
     gc.enable()
