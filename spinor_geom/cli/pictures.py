@@ -13,8 +13,7 @@ from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import RenderError
 from spinor_geom.optional import require
-from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR
-from spinor_geom.render.layers import Faces, Lines, View
+from spinor_geom.render.layers import INSIDE_COLOUR, MESH_COLOUR, Faces, Lines, View
 from spinor_geom.render.png import draw_apart
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from spinor_geom.domain.panels import Panels
 from spinor_geom.errors import PeriodError
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.meshing.surface_mesh import mesh_surface
-from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR
-from spinor_geom.render.layers import Faces, Lines
+from spinor_geom.render.layers import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR, Faces, Lines
 from spinor_geom.surface import SpinorSurface, formulas
 
 GAUSS = "Gauss curvature"

@@ -8,8 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.render.colours import PLAIN_COLOUR, RIM_COLOUR
-
+# The colours that meshes, patches, rims and values have in every picture.
+MESH_COLOUR, INSIDE_COLOUR, PATCH_COLOUR, RIM_COLOUR = "#c9ced6", "#8d7f73", "#f28e2b", "#1f3b73"
+# of a surface by itself: its two sides, and the image of Ω's grid
+FRONT_COLOUR, BACK_COLOUR, GRID_COLOUR = "#f6bd68", "#86b3dd", "#5a4a3c"
+PLAIN_COLOUR, UNKNOWN_COLOUR = "#8fb3d9", "#bebebe"
+# from low to high, perceptually uniform
+VIRIDIS = (
+    *("#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c"),
+    *("#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"),
+)
 # share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
 _TAIL = 0.03
 # name of the loop choice for what is shown for every loop
@@ -78,13 +86,7 @@ class Dots(Layer):
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """What the ends of the colour scale stand for.
-
-    Attributes:
-        low: value of the violet end.
-        high: value of the yellow end.
-        unit: of the values.
-    """
+    """Values at the violet and the yellow end of the colour scale, and their unit."""
 
     low: float
     high: float
@@ -103,9 +105,9 @@ class Camera:
     """A parallel projection.
 
     Attributes:
-        focus: (3,) the point in the middle of the picture, in mesh units.
-        direction: (3,) unit vector from the focus to the eye.
-        up: (3,) unit vector that points up in the picture.
+        focus: the point in the middle of the picture, in mesh units.
+        direction: unit vector from the focus to the eye.
+        up: unit vector that points up in the picture.
         radius: half the height that is shown, in mesh units.
     """
 
@@ -117,14 +119,7 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """A picture.
-
-    Attributes:
-        layers: what is in it.
-        camera: from where it is looked at; in a window the reader says.
-        title: above it.
-        labels: texts at points.
-    """
+    """A picture; without a camera it is looked at in a window. The labels are texts at points."""
 
     layers: Sequence[Layer]
     camera: Camera | None = None

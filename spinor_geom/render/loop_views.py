@@ -22,9 +22,18 @@ from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.measures.hausdorff import distances_to_mesh
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR
 from spinor_geom.render.family import grid_lines
-from spinor_geom.render.layers import ALWAYS, Camera, Dots, Faces, Layer, Lines
+from spinor_geom.render.layers import (
+    ALWAYS,
+    INSIDE_COLOUR,
+    MESH_COLOUR,
+    PATCH_COLOUR,
+    Camera,
+    Dots,
+    Faces,
+    Layer,
+    Lines,
+)
 from spinor_geom.render.scene import facing, whole_mesh
 from spinor_geom.surface.spinor_surface import SpinorSurface
 

@@ -25,31 +25,14 @@ DRAWING, WINDOW = "spinor_geom.render.draw", "VTK_DEFAULT_OPENGL_WINDOW"  # a mo
 
 
 def write_png(views: Sequence[View], path: str | os.PathLike[str]) -> None:
-    """Draws views off-screen, side by side.
-
-    Args:
-        views: from left to right.
-        path: the PNG, replaced as a whole.
-
-    Raises:
-        MissingPackageError: pyvista is not installed.
-        RenderError: the drawing failed.
-    """
+    """Draws views off-screen, side by side, as `drawn`; the file is replaced as a whole."""
     with drawn(views, size=(WIDTH, HEIGHT)) as (picture,), atomic_path(path) as target:
         shutil.copyfile(picture, target)
 
 
 @contextmanager
 def drawn(views: Sequence[View], *, size: tuple[int, int], angles: Sequence[float] = (0.0,)) -> Iterator[list[Path]]:
-    """Draws views side by side.
-
-    Args:
-        views: from left to right.
-        size: width and height in pixels.
-        angles: of the associate family, a picture for each.
-
-    Yields:
-        The PNGs; they go with the block.
+    """Draws views side by side: a PNG for each angle of the associate family; they go with the block.
 
     Raises:
         MissingPackageError: pyvista is not installed.
@@ -62,13 +45,9 @@ def drawn(views: Sequence[View], *, size: tuple[int, int], angles: Sequence[floa
 
 
 def draw_apart(*job: Any, time_limit: float) -> None:
-    """Draws in a process of its own, with what it takes to draw without a display.
+    """Draws in a process of its own, with what it takes to draw without a display; the job is the arguments of `draw`.
 
     Where the system has no OpenGL library the drawing package ends its process instead of raising.
-
-    Args:
-        job: the arguments of `draw`.
-        time_limit: in seconds.
 
     Raises:
         RenderError: it failed, or took longer.

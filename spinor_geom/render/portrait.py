@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike
 
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.topology import boundary_edges
-from spinor_geom.render.colours import BACK_COLOUR, FRONT_COLOUR
 from spinor_geom.render.family import VERTICES, associate_family
-from spinor_geom.render.layers import Faces, Layer, Lines, View, turned
+from spinor_geom.render.layers import BACK_COLOUR, FRONT_COLOUR, Faces, Layer, Lines, View, turned
 from spinor_geom.render.png import drawn
 from spinor_geom.render.scene import upright, whole_mesh
 from spinor_geom.surface import SpinorSurface
@@ -30,21 +29,13 @@ _ALONG = 0.999
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Portrait:
-    """What a picture shows.
-
-    Attributes:
-        layers: surfaces and lines; those with a conjugate can turn through their family.
-    """
+    """What a picture shows: surfaces and lines; those with a conjugate can turn through their family."""
 
     layers: tuple[Layer, ...]
 
     @classmethod
     def of(cls, surface: SpinorSurface, *, vertices: int = VERTICES) -> Portrait:
-        """A surface and its family, with its boundary and the image of a square grid in Ω.
-
-        Args:
-            surface: what to draw.
-            vertices: of its mesh.
+        """A surface, meshed with so many vertices, and its family, with its boundary and the image of a grid in Ω.
 
         Raises:
             PeriodError: see `associate_family`.
@@ -83,19 +74,9 @@ class Portrait:
     def frames(
         self, angles: Sequence[float], *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE
     ) -> Iterator[list[Path]]:
-        """Draws members of the family, all at one scale.
+        """Draws members of the family as `write` does, all at one scale: a PNG for each angle θ, in radians.
 
-        Args:
-            angles: θ of each, in radians; without a conjugate only 0.
-            eye: see `write`.
-            size: see `write`.
-
-        Yields:
-            A PNG for each; they go with the block.
-
-        Raises:
-            MissingPackageError: pyvista is not installed.
-            RenderError: the drawing failed.
+        They go with the block. Without a conjugate there is only the angle 0.
         """
         direction = np.asarray(eye, dtype=np.float64) / np.linalg.norm(eye)
         # the second axis is upwards for a view along the third

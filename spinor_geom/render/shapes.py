@@ -22,8 +22,18 @@ from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.meshing.surface_mesh import mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR, UNKNOWN_COLOUR, VIRIDIS
-from spinor_geom.render.layers import Faces, Layer, Lines, Scale
+from spinor_geom.render.layers import (
+    INSIDE_COLOUR,
+    MESH_COLOUR,
+    PATCH_COLOUR,
+    RIM_COLOUR,
+    UNKNOWN_COLOUR,
+    VIRIDIS,
+    Faces,
+    Layer,
+    Lines,
+    Scale,
+)
 from spinor_geom.render.page import document
 from spinor_geom.render.viewer import STYLE, Scene, Views
 from spinor_geom.surface.spinor_surface import SpinorSurface

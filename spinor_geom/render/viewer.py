@@ -13,8 +13,7 @@ from importlib.resources import files
 import numpy as np
 
 from spinor_geom.errors import RenderError
-from spinor_geom.render.colours import UNKNOWN_COLOUR, VIRIDIS
-from spinor_geom.render.layers import Camera, Dots, Faces, Layer, Lines, Scale
+from spinor_geom.render.layers import UNKNOWN_COLOUR, VIRIDIS, Camera, Dots, Faces, Layer, Lines, Scale
 
 STYLE = """figure.view { width: 282px }
 figure.view canvas { width: 280px; height: 280px; border: 1px solid var(--faint); display: block; touch-action: none }

@@ -92,7 +92,7 @@ def test_without_a_display_view_says_what_to_do(
 def test_a_display_that_does_not_answer_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if not view.sys.platform.startswith("linux"):
+    if not pictures.sys.platform.startswith("linux"):
         pytest.skip("displays have names on X only")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("DISPLAY", ":4711")
