@@ -23,18 +23,7 @@ ADVICE = {"time": "; raise the limit", "memory": "; raise the limit, or split th
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions:
-    """What the results depend on.
-
-    Attributes:
-        what: "fill" for the triangulation of each loop, and of a file with faces the filled mesh; "surface" for the
-            triangulation and the spinor surface of each loop; "loops" for the loops alone, nothing is solved.
-        format: of the meshes.
-        edge_length: of the triangulations, in mesh units, or "auto" for each loop's mean edge.
-        tolerance: RMS boundary residual per mean loop edge.
-        continuity: "C0" for minimal surfaces, "C1" for patches of holes that go on with the mesh around.
-        closing: an open curve whose ends are at most so many of its mean edges apart counts as closed.
-        compare: whether each surface is compared with a discrete minimal surface.
-        device: of the batched linear algebra.
+    """What the results depend on: options of `batch`, which says what they mean.
 
     Raises:
         OptionError: a value is not allowed.

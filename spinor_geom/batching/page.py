@@ -19,10 +19,15 @@ from spinor_geom.files import atomic_path
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.page import document, table
-from spinor_geom.render.thumbnail import thumbnail
 
 # How many of each are shown; all of them are in the table.
 FIRST, WORST, FAILED, REASONS = 12, 12, 48, 40
+SIZE = 160
+MARGIN = 8
+# More triangles than a small picture can show: the outline alone is drawn.
+MOST_FACES = 3000
+TILT = np.radians(35.0)  # against the plane of the points, so that the shape shows
+DARK, LIGHT = np.array([28, 78, 128]), np.array([196, 222, 245])
 STYLE = """.loops { display: flex; flex-wrap: wrap; gap: 1rem }
 .loops figure { margin: 0; width: 170px; font-size: 12px; overflow-wrap: anywhere }
 svg { border: 1px solid var(--faint); background: #fff }"""
@@ -72,41 +77,27 @@ class PageParts:
 
 
 def write_page(parts: PageParts, store: Store, settings: dict[str, Any], path: Path) -> None:
-    """Writes the page.
-
-    Args:
-        parts: what it shows.
-        store: where the results are.
-        settings: of the run, shown as they are.
-        path: the page.
-    """
-    failed = "".join(_figure(store, loop) for loop in parts.failed)
+    """Writes the page; the settings of the run are shown as they are."""
+    shown = [
+        ("The first of them", parts.failed),
+        ("Farthest from their curves", parts.worst),
+        ("The first loops", parts.first),
+    ]
     body = [
         "<h1>spinor-geom batch</h1>",
         "<p>All loops: <a href=loops.csv>loops.csv</a>, <a href=loops.parquet>loops.parquet</a>.</p>",
         "<h2>Files</h2>" + _table(parts.files.items(), ("status", "files")),
         "<h2>Loops</h2>" + _table(parts.loops.items(), ("status", "loops")),
         "<h2>Options</h2>" + _table(settings.items(), ("option", "value")),
-        *(
-            [
-                "<h2>Failures</h2>" + _table(parts.reasons.most_common(), ("reason", "times")),
-                f"<h2>The first of them</h2><div class=loops>{failed}</div>",
-            ]
-            if parts.failed
-            else []
-        ),
+        *(["<h2>Failures</h2>" + _table(parts.reasons.most_common(), ("reason", "times"))] if parts.failed else []),
         *(
             f"<h2>{title}</h2><div class=loops>{''.join(_figure(store, loop) for loop in loops)}</div>"
-            for title, loops in (("Farthest from their curves", parts.worst), ("The first loops", parts.first))
+            for title, loops in shown
             if loops
         ),
     ]
     with atomic_path(path) as temporary:
-        temporary.write_text(
-            document("spinor-geom batch", body, style=STYLE),
-            encoding="utf-8",
-            errors="replace",
-        )
+        temporary.write_text(document("spinor-geom batch", body, style=STYLE), encoding="utf-8", errors="replace")
 
 
 def _kind(reason: str) -> str:
@@ -161,3 +152,43 @@ def _shape(
         rim = find_boundary_loops(mesh)[0].vertex_ids
         curves = [np.append(rim, rim[0])]
     return np.asarray(mesh.vertices), np.asarray(mesh.faces), curves[0]
+
+
+def thumbnail(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], outline: Int[np.ndarray, " k"]) -> str:
+    """A surface, shaded, and its rim (the points of the outline in order), or a curve alone, as one `svg` element."""
+    turned = _seen(points)
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    extent = float((high - low)[:2].max())
+    scale = (SIZE - 2 * MARGIN) / extent if extent > np.finfo(np.float64).tiny else 1.0
+    flat = SIZE / 2 + (turned - 0.5 * (low + high)) * scale * [1, -1, 1]
+    shapes = []
+    if 0 < len(faces) <= MOST_FACES:
+        shapes += _triangles(flat, faces)
+    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat[outline, :2].tolist())
+    shapes.append(f'<polyline points="{path}" fill="none" stroke="#d0021b" stroke-width="1.5"/>')
+    return f'<svg viewBox="0 0 {SIZE} {SIZE}" width="{SIZE}" height="{SIZE}">{"".join(shapes)}</svg>'
+
+
+def _seen(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """The points with their plane almost across the line of sight, the third coordinate towards the eye."""
+    centred = points - points.mean(axis=0)
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    if len(axes) < 3 or np.linalg.det(axes) < 0:
+        axes = np.vstack([axes[:2], np.cross(axes[0], axes[1])]) if len(axes) > 1 else np.eye(3)
+    x, y, z = (centred @ axes.T).T
+    return np.stack([x, np.cos(TILT) * y + np.sin(TILT) * z, np.cos(TILT) * z - np.sin(TILT) * y], axis=1)
+
+
+def _triangles(flat: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> list[str]:
+    corners = flat[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    shade = np.abs(normals[:, 2]) / np.where(lengths > 0, lengths, 1.0)
+    colors = (DARK + shade[:, None] * (LIGHT - DARK)).astype(int)
+    order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
+    return [
+        f'<path d="M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}L{e:.1f} {f:.1f}Z" fill="#{red:02x}{green:02x}{blue:02x}"/>'
+        for (a, b, c, d, e, f), (red, green, blue) in zip(
+            corners[order, :, :2].reshape(-1, 6).tolist(), colors[order].tolist(), strict=True
+        )
+    ]

@@ -57,11 +57,7 @@ TABLE, TABLE_CSV, PAGE = "loops.parquet", "loops.csv", "summary.html"
 def write_summary(
     store: Store, sources: Iterable[Source], options: BatchOptions, progress: dict[str, Any]
 ) -> dict[str, Path]:
-    """Writes tables, page and log from the records, one after the other.
-
-    Returns:
-        Where the tables and the page are, by the names of `BatchResult`.
-    """
+    """Writes tables, page and log from the records, and tells where they are by the names of `BatchResult`."""
     root = Path(store.output)
     parts = PageParts()
 
@@ -105,18 +101,11 @@ def rows_of(record: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def write_tables(records: Iterable[dict[str, Any]], parquet: Path, text: Path) -> None:
-    """Writes both tables, each whole or not at all.
-
-    Args:
-        records: of the files, in order.
-        parquet: the one file.
-        text: the other, CSV with a header; lists of notes are joined by semicolons.
-    """
+    """Writes both tables, Parquet and CSV, each whole or not at all."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    types = {TEXT: pa.string(), WHOLE: pa.int64(), REAL: pa.float64()}
-    schema = pa.schema([(name, types[kind]) for name, kind in COLUMNS.items()])
+    schema = pa.schema([(name, pa.type_for_alias(kind)) for name, kind in COLUMNS.items()])
     rows = (row for record in records for row in rows_of(record))
     with (
         atomic_path(parquet) as parquet_path,

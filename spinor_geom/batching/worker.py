@@ -20,11 +20,7 @@ _own = threading.local()
 
 
 def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
-    """Does a job for the driver; whatever its sources do to the process that solves, each gets a record.
-
-    Args:
-        job: as for `solver.work`.
-        limits: the fields of `Limits`.
+    """Does a job, as for `solver.work`; whatever its sources do to the process that solves, each gets a record.
 
     Returns:
         "finished": a summary for each source; "stop": why nothing can be written, or "".
