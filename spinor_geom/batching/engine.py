@@ -161,7 +161,11 @@ def batch(
         compare=compare,
         device=device,
     )
-    limits = _checked_limits(time_limit, memory_limit, retries)
+    require_positive("time_limit", time_limit)
+    require_positive("memory_limit", memory_limit)
+    if retries < 0:
+        raise OptionError(f"retries must be a number from 0 on, not {retries}")
+    limits = Limits(seconds=float(time_limit), memory=int(memory_limit), retries=retries)
     if scheduler is not None and workers is not None:
         raise OptionError("workers are those of the scheduler's cluster; give one of workers and scheduler")
     if workers is not None and workers < 1:
@@ -183,14 +187,6 @@ def batch(
     return BatchResult(output=Path(store.output), progress=progress, log=store.log, **paths)
 
 
-def _checked_limits(time_limit: float, memory_limit: int, retries: int) -> Limits:
-    require_positive("time_limit", time_limit)
-    require_positive("memory_limit", memory_limit)
-    if retries < 0:
-        raise OptionError(f"retries must be a number from 0 on, not {retries}")
-    return Limits(seconds=float(time_limit), memory=int(memory_limit), retries=retries)
-
-
 class _Run:
     """A batch on its way."""
 
@@ -203,8 +199,9 @@ class _Run:
         on_progress: Callable[[BatchProgress], None] | None,
     ) -> None:
         self._store, self._options, self._limits = store, options, limits
-        self._total, self._on_progress = total, on_progress
-        self._files = self._failed = self._before = self._loops = self._loops_failed = 0
+        self._on_progress = on_progress
+        self._counts = dict.fromkeys(("files", "files_failed", "files_before", "loops", "loops_failed"), 0)
+        self._counts["files_total"] = total
         self._start = perf_counter()
 
     def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
@@ -214,7 +211,7 @@ class _Run:
             if one is None:
                 yield source
             else:
-                self._before += 1
+                self._counts["files_before"] += 1
                 self._finish(one)
 
     def solve(self, client: Client, sources: Iterator[Source]) -> None:
@@ -281,11 +278,11 @@ class _Run:
         return tries
 
     def _finish(self, one: dict[str, Any]) -> None:
-        self._files += 1
-        self._loops += one["loops"]
-        self._loops_failed += one["loops_failed"]
+        self._counts["files"] += 1
+        self._counts["files_failed"] += one["status"] != "done"
+        for name in ("loops", "loops_failed"):
+            self._counts[name] += one[name]
         if one["status"] != "done":
-            self._failed += 1
             with self._store.log.open("a", encoding="utf-8") as file:
                 file.write(log_line(one))
         if self._on_progress is not None:
@@ -293,22 +290,11 @@ class _Run:
 
     def progress(self) -> BatchProgress:
         """How far it is."""
-        return BatchProgress(
-            files=self._files,
-            files_failed=self._failed,
-            files_total=self._total,
-            files_before=self._before,
-            loops=self._loops,
-            loops_failed=self._loops_failed,
-            seconds=perf_counter() - self._start,
-        )
+        return BatchProgress(**self._counts, seconds=perf_counter() - self._start)
 
 
 def _blocks(sources: Iterator[Source], threads: Callable[[], int]) -> Iterator[list[Source]]:
-    """Sources in blocks to be solved together: small files, and fewer as the end comes near.
-
-    What is together with what makes no difference to the results.
-    """
+    """Sources in blocks to be solved together: small files, and fewer as the end comes near."""
     ahead: deque[Source] = deque()
     ended = False
     while True:
@@ -353,7 +339,7 @@ def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iter
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": limits.retries, **SHORT_LOGS}),
         LocalCluster(
-            n_workers=workers or _cores(),
+            n_workers=workers,  # or as many as there are cores for this process
             threads_per_worker=1,
             memory_limit=0,  # the processes that solve have a limit of their own
             host="127.0.0.1",
@@ -378,7 +364,3 @@ def _deafness() -> Any:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     return Deaf()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -51,12 +51,7 @@ LARGEST_COORDINATE = 1e70
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Results:
-    """What is left of a file.
-
-    Attributes:
-        record: JSON-ready; all that may differ between two runs is under the keys "seconds".
-        files: what writes each of the files, by name.
-    """
+    """What is left of a file: its record, JSON-ready, and what writes each of its files, by name."""
 
     record: dict[str, Any]
     files: dict[str, Writer]
@@ -67,15 +62,10 @@ class OpenedFile:
     """An OBJ file that was read, with what is to be solved.
 
     Attributes:
-        key: its name in the batch.
         stream: its bytes, to be copied.
-        text: what was read.
         mesh: of its faces, or a mesh without faces for its curves.
-        surroundings: what patches must not have and what they cross.
         loops: holes, then curves.
         problem: why its holes could not be looked for, if so.
-        seconds: it took to read.
-        options: of the batch.
     """
 
     key: str
@@ -173,12 +163,7 @@ def fill_options(options: BatchOptions) -> FillOptions:
 
 
 def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
-    """The results of a file.
-
-    Args:
-        opened: the file.
-        answers: for each loop that is `wanted` in order its exact patch, or why it has none.
-    """
+    """The results of a file from the exact patch of each loop that is `wanted`, in order, or why it has none."""
     start = perf_counter()
     files: dict[str, Writer] = {}
     filled: dict[str, Any] | None = None
