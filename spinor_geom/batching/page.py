@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 from collections import Counter
 from collections.abc import Iterable
 from html import escape
@@ -43,8 +42,8 @@ class PageParts:
         self.reasons: Counter[str] = Counter()
         self.first: list[dict[str, Any]] = []
         self.failed: list[dict[str, Any]] = []
-        self._worst: list[tuple[float, int, dict[str, Any]]] = []
-        self._count = 0
+        # farthest from their curves, the farthest first, earlier ones first where they are equally far
+        self.worst: list[dict[str, Any]] = []
 
     def add(self, record: dict[str, Any]) -> None:
         """Takes a file's record."""
@@ -53,15 +52,12 @@ class PageParts:
             self._fail({**record, "loop": None, "name": "", "outline": None})
         for loop in record["loops"]:
             self.loops[loop["status"]] += 1
-            self._count += 1
             if loop["status"] == "failed":
                 self._fail(loop)
             elif len(self.first) < FIRST:
                 self.first.append(loop)
             if loop["residual_rms_per_edge"] is not None and loop["files"]:
-                # earlier loops first where residuals are equal
-                entry = (loop["residual_rms_per_edge"], -self._count, loop)
-                (heapq.heappush if len(self._worst) < WORST else heapq.heappushpop)(self._worst, entry)
+                self.worst = sorted([*self.worst, loop], key=lambda one: -one["residual_rms_per_edge"])[:WORST]
 
     def _fail(self, entry: dict[str, Any]) -> None:
         # reasons differ in their numbers; a few of each length are enough
@@ -69,11 +65,6 @@ class PageParts:
             self.reasons[_kind(entry["reason"])] += 1
         if len(self.failed) < FAILED:
             self.failed.append(entry)
-
-    @property
-    def worst(self) -> list[dict[str, Any]]:
-        """The loops farthest from their curves, the farthest first."""
-        return [loop for _, _, loop in sorted(self._worst, key=lambda entry: (-entry[0], -entry[1]))]
 
 
 def write_page(parts: PageParts, store: Store, settings: dict[str, Any], path: Path) -> None:

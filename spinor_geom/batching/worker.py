@@ -35,14 +35,11 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
             fault = _attempt({**job, "sources": block}, allowed, done)
             finished = {one["key"] for one in done}
             waiting = {entry["key"]: entry for entry in block if entry["key"] not in finished}
-            if fault is None:
-                # none where all went well; else one of several made it give up
-                blocks.extend([entry] for entry in waiting.values())
-                continue
             # the file that was being read did it, or the only one
-            guilty = fault.last.get("reading", "") if len(waiting) > 1 else next(iter(waiting), "")
-            if guilty not in waiting:
-                # any of them may have done it
+            last = {} if fault is None else fault.last
+            guilty = last.get("reading", "") if len(waiting) > 1 else next(iter(waiting), "")
+            if fault is None or guilty not in waiting:
+                # any of them may have done it, or made it give up; none are left where all went well
                 blocks.extend([entry] for entry in waiting.values())
                 continue
             entry = waiting.pop(guilty)

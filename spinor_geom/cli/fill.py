@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.text import Text
@@ -20,7 +19,6 @@ from spinor_geom.optional import require
 if TYPE_CHECKING:
     from spinor_geom.comparison import Comparison
 
-COLUMNS = ("loop", "kind", "points", "perimeter", "residual/edge", "area", "stability", "new faces", "seconds")
 _OPEN = {True: ("open", "red"), False: ("left open", "dim")}
 # columns more, where there are some: RMS angle between patch and mesh along the rim, of the film and continued
 BEND, CROSSINGS = "bend", "crossings"
@@ -107,12 +105,9 @@ def add_comparisons(
 def show_result(result: FillResult) -> None:
     """The table of loops on a terminal; on standard error what is not filled as asked and what patches cross."""
     if result.loops:
-        more = {
-            BEND: any(outcome.continuation is not None for outcome in result.loops),
-            CROSSINGS: not result.intersection_free,
-        }
-        columns = (*COLUMNS, *(name for name, is_shown in more.items() if is_shown))
-        show_table(columns, [row(outcome, columns) for outcome in result.loops], piped=False)
+        rows = [row(outcome) for outcome in result.loops]
+        columns = [name for name in rows[0] if name not in (BEND, CROSSINGS) or any(str(cells[name]) for cells in rows)]
+        show_table(columns, [[cells[name] for name in columns] for cells in rows], piped=False)
     else:
         show_lines("no boundary loops: the mesh is closed, nothing to fill", piped=False)
     for note in result.notes:
@@ -127,12 +122,12 @@ def show_result(result: FillResult) -> None:
         complain(said)
 
 
-def row(outcome: LoopOutcome, columns: Sequence[str]) -> list[str | Text]:
-    """An outcome as a line of the table with these columns."""
+def row(outcome: LoopOutcome) -> dict[str, str | Text]:
+    """An outcome as a line of the table, by columns."""
     entry = outcome.to_dict()
     residual, area, stability = entry["residual_rms_per_edge"], entry["area"], entry["stability"]
     bend = outcome.continuation
-    cells: dict[str, str | Text] = {
+    return {
         "loop": str(outcome.index),
         "kind": _kind(outcome),
         "points": str(len(outcome.loop)),
@@ -145,7 +140,6 @@ def row(outcome: LoopOutcome, columns: Sequence[str]) -> list[str | Text]:
         BEND: "" if bend is None else f"{bend.before.rms:.0f}° to {bend.after.rms:.0f}°",
         CROSSINGS: Text(str(outcome.intersections or ""), style="red"),
     }
-    return [cells[name] for name in columns]
 
 
 def _kind(outcome: LoopOutcome) -> Text:

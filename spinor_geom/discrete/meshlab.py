@@ -22,13 +22,7 @@ def remeshed(
     """A disk whose inner edges MeshLab has made about equally long; the boundary and its edges stay as they are.
 
     It splits, collapses and flips edges away from the boundary's triangles, then only flips, everywhere. A disk that
-    has no other triangles is left alone.
-
-    Args:
-        vertices: the boundary's first, in order.
-        faces: of a disk.
-        boundary_size: number of boundary vertices.
-        size: edge length inside.
+    has no other triangles is left alone. The boundary's vertices come first, in order.
 
     Raises:
         FirstFillError: MeshLab fails, moves the boundary or tears the disk.

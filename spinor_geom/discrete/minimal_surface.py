@@ -134,13 +134,7 @@ def discrete_minimal_surface(
 def relaxed_surface(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
 ) -> DiscreteMinimalSurface:
-    """The discrete minimal surface that `descend_area` reaches from a mesh, on the same triangles.
-
-    Args:
-        vertices: the boundary's first, which stay.
-        faces: triangles.
-        boundary_size: number of boundary vertices.
-    """
+    """The discrete minimal surface that `descend_area` reaches from a mesh, on the same triangles."""
     start = time.perf_counter()
     disk = descend_area(vertices, faces, boundary_size, relative_change=FINE_CHANGE)
     return _result(disk, vertices[:boundary_size], start=start)
@@ -220,11 +214,7 @@ def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
 
 
 def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | SpinorGeomError]:
-    """`first_disk` for many curves at once, which for short ones is faster; each disk is the same, to the last bit.
-
-    Returns:
-        For each its disk, or the error that `first_disk` raises for it.
-    """
+    """`first_disk` for many curves at once, which for short ones is faster, or its error; the same to the last bit."""
 
     def made(some: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk]:
         polygons = [unfolded_loop(points) for points in some]

@@ -6,7 +6,7 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, overload
 
 import numpy as np
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 MeshT = TypeVar("MeshT")
+_Path: TypeAlias = str | os.PathLike[str]
 _MOST_TOLD = 5  # shortcomings in one warning
 
 
@@ -53,19 +54,11 @@ class _Rest(TypedDict, total=False):
 
 @overload
 def fill_hole(
-    mesh: str | os.PathLike[str],
-    loop: LoopChoice = "all",
-    *,
-    return_report: Literal[False] = False,
-    **options: Unpack[_Rest],
+    mesh: _Path, loop: LoopChoice = "all", *, return_report: Literal[False] = False, **options: Unpack[_Rest]
 ) -> MeshFile: ...
 @overload
 def fill_hole(
-    mesh: str | os.PathLike[str],
-    loop: LoopChoice = "all",
-    *,
-    return_report: Literal[True],
-    **options: Unpack[_Rest],
+    mesh: _Path, loop: LoopChoice = "all", *, return_report: Literal[True], **options: Unpack[_Rest]
 ) -> tuple[MeshFile, FillResult]: ...
 @overload
 def fill_hole(

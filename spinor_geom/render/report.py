@@ -14,7 +14,7 @@ from matplotlib.image import imsave
 
 from spinor_geom.adapters import MeshFile
 from spinor_geom.comparison import Comparison
-from spinor_geom.files import atomic_path
+from spinor_geom.files import write_text
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.render.domain_colouring import domain_colours
@@ -111,8 +111,7 @@ def report(
         style=STYLE + _PAGE_STYLE,
     )
     if path is not None:
-        with atomic_path(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(path, text)
     return text
 
 

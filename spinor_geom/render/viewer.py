@@ -75,17 +75,13 @@ class Views:
         points = np.concatenate([layer.vertices for layer in scene.layers])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         data = {
+            **{name: getattr(scene, name) for name in ("title", "panel", "unit", "flat", "spins")},
             "place": place,
-            "title": scene.title,
             "layers": [self._layer(layer) for layer in scene.layers],
             "middle": middle.tolist(),
             "reach": max(farthest(layer, middle) for layer in scene.layers) or 1.0,
             "scales": {name: vars(scale) for name, scale in scene.scales.items()},
-            "panel": scene.panel,
             "cameras": {loop: _camera(camera) for loop, camera in scene.cameras.items()},
-            "unit": scene.unit,
-            "flat": scene.flat,
-            "spins": scene.spins,
         }
         self._views.append(data)
         return f'<figure class="view {scene.shape}" id="{place}"></figure>'
