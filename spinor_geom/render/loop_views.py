@@ -22,7 +22,6 @@ from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.measures.hausdorff import distances_to_mesh
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.render.family import grid_lines
 from spinor_geom.render.layers import (
     ALWAYS,
     INSIDE_COLOUR,
@@ -34,6 +33,7 @@ from spinor_geom.render.layers import (
     Layer,
     Lines,
 )
+from spinor_geom.render.portrait import grid_lines
 from spinor_geom.render.scene import facing, whole_mesh
 from spinor_geom.surface.spinor_surface import SpinorSurface
 

@@ -12,10 +12,9 @@ import numpy as np
 from spinor_geom.errors import OptionError
 from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
-from spinor_geom.render.family import GAUSS, associate_family
 from spinor_geom.render.layers import Scale
 from spinor_geom.render.page import document
-from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.portrait import GAUSS, Portrait, associate_family
 from spinor_geom.render.viewer import STYLE, Scene, Views
 from spinor_geom.surface import SpinorSurface
 

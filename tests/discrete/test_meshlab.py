@@ -7,7 +7,7 @@ import pytest
 from spinor_geom import gallery
 from spinor_geom.discrete import discrete_minimal_surface, meshlab, minimal_surface
 from spinor_geom.errors import FirstFillError
-from spinor_geom.measures.quality import smallest_angles
+from spinor_geom.measures.mean_curvature import smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.loops import L_SHAPE, is_disk_on, noisy_ellipse, planar
 
