@@ -18,7 +18,10 @@ from spinor_geom.experiments import NAMES as EXPERIMENTS
 from spinor_geom.fill.options import CONTINUITY
 
 # commands of one module
-_TOGETHER = dict.fromkeys(("view", "render", "morph"), "pictures")
+_TOGETHER = {
+    **dict.fromkeys(("view", "render", "morph"), "pictures"),
+    **dict.fromkeys(("batch", "bench", "reproduce"), "runs"),
+}
 EPILOG = """exit status: 0 all was done as asked, 1 it was done, but some of it deserves a look and is named on standard
 error, 2 the arguments or the input cannot be used, or a file not be written, 130 interrupted; what 0 and 1 mean for a
 command stands in its own help"""
