@@ -76,10 +76,7 @@ class Store:
     def commit(
         self, source: Source, record: dict[str, Any], files: Mapping[str, Callable[[Path], None]]
     ) -> dict[str, Any]:
-        """Writes the results of a source: all of them, or none.
-
-        Returns:
-            The summary of the record; of one that says why where only this source's results cannot be written.
+        """Writes the results of a source, all or none; gives the summary, or one that says why they cannot be written.
 
         Raises:
             BatchError: another run has the folder now, links lead out of it, or it takes no more files.
@@ -142,12 +139,9 @@ def log_line(one: dict[str, Any]) -> str:
 
 @contextmanager
 def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resume: bool) -> Iterator[Store]:
-    """An output folder, which no other run can have at the same time.
+    """An output folder, made if it does not exist, which no other run can have at the same time.
 
-    Args:
-        output: the folder; is made if it does not exist.
-        options: of the run.
-        resume: whether a run that was begun there goes on; else the folder must be empty.
+    A run that was begun there goes on, or the folder must be empty.
 
     Raises:
         BatchError: another run has the folder, or holds something already, or the run there has other options.

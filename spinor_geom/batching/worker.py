@@ -57,10 +57,7 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
 
 
 def _attempt(job: dict[str, Any], allowed: Limits, done: list[dict[str, Any]]) -> FaultError | None:
-    """Has the process that solves do a job; the summaries of what it finishes join those that are done.
-
-    Returns:
-        What ended the process, if so.
+    """Has the process that solves do a job: what it finishes joins what is done, and what ended it is returned.
 
     Raises:
         BatchError: nothing can be written, or the process cannot start.

@@ -31,14 +31,7 @@ standard error), 2 the arguments or the input cannot be used, or a file not be w
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line.
-
-    Args:
-        argv: the arguments without the program's name; those of the process by default.
-
-    Returns:
-        The exit status.
-    """
+    """Runs the command line (`argv` without the program's name; the process's by default); gives the exit status."""
     arguments = build_parser().parse_args(argv)
     # what the modules make stays until the end: looking through it for garbage, as they are imported and once more when
     # the process ends, takes half a second

@@ -10,11 +10,7 @@ from spinor_geom.errors import MeshFileError
 
 
 def read_surface(path: Path, *, merge: bool) -> MeshFile:
-    """A mesh file with faces.
-
-    Args:
-        path: the file.
-        merge: makes vertices of equal position one.
+    """A mesh file with faces; with `merge` vertices of equal position are one.
 
     Raises:
         MeshFileError: the file is missing, malformed, or has no faces.

@@ -49,7 +49,6 @@ class Faces(Layer):
     """A surface in a view.
 
     Attributes:
-        faces: triangles.
         inside: colour of the side that faces run clockwise on; that of the other side if none is given.
         fields: values at the vertices that it may be coloured by, by name; NaN is grey.
         edges: whether the triangles' edges are drawn, or the switch of the view's panel that says so.
@@ -64,13 +63,7 @@ class Faces(Layer):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lines(Layer):
-    """Straight pieces of lines in a view.
-
-    Attributes:
-        edges: pairs of vertices.
-        width: in pixels; in a picture 500 high.
-        halo: colour of their edges, where they are to be seen on light and on dark.
-    """
+    """Straight pieces of lines, of a width in pixels in a picture 500 high; a halo shows them on light and on dark."""
 
     edges: Int[np.ndarray, "e 2"]
     width: float = 1.5
@@ -102,14 +95,7 @@ class Scale:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
-    """A parallel projection.
-
-    Attributes:
-        focus: the point in the middle of the picture, in mesh units.
-        direction: unit vector from the focus to the eye.
-        up: unit vector that points up in the picture.
-        radius: half the height that is shown, in mesh units.
-    """
+    """A parallel projection; the unit direction is to the eye, the radius half the height that is shown."""
 
     focus: Float[np.ndarray, "3"]
     direction: Float[np.ndarray, "3"]

@@ -54,9 +54,6 @@ class LoopViews:
     """What is shown of a filled loop.
 
     Attributes:
-        outcome: the loop's.
-        patch: its mesh.
-        surface: its surface.
         fields: values at the patch's vertices by name, NaN where there are none.
         baseline_figures: of the discrete minimal surface beside it; a reason where there is none.
         normals: of the surface at the patch's vertices, on the side of the patch's faces.
@@ -145,11 +142,7 @@ class LoopViews:
         return Camera(focus=np.zeros(3), direction=direction, up=up, radius=1.0)
 
     def functions(self, pixels: int) -> dict[str, Complex[np.ndarray, "h w"]]:
-        """p, q, f = −2q² and g = −p/q at the middles of square cells over Ω; NaN outside.
-
-        Args:
-            pixels: cells along the longer side.
-        """
+        """p, q, f = −2q² and g = −p/q at the middles of square cells over Ω, so many along its longer side, or NaN."""
         domain = self.surface.domain
         low, high = self._plane.min(axis=0), self._plane.max(axis=0)
         step = float((high - low).max()) / pixels

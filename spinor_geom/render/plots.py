@@ -20,15 +20,10 @@ def log_log(
     slopes: Mapping[str, int] | None = None,
     linear_x: bool = False,
 ) -> Figure:
-    """Lines on logarithmic axes.
+    """Lines, (x, y) by label, on logarithmic axes.
 
-    Args:
-        lines: (x, y) by label.
-        x: label of the axis.
-        y: label of the axis.
-        slopes: by label of a line, that of a straight line for comparison through the line's first point; the points
-            of the first line are then marked on the axis.
-        linear_x: whether x is not logarithmic.
+    With slopes, by label of a line, a straight line for comparison goes through that line's first point, and the points
+    of the first line are marked on the axis.
     """
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.add_subplot()

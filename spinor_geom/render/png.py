@@ -88,14 +88,10 @@ def _explanation(fault: FaultError) -> str:
 def draw(
     views: Sequence[View], size: tuple[int, int], angles: Sequence[float], folder: str | None, title: str = ""
 ) -> None:
-    """Draws views side by side, or opens a window with them and waits until it is closed.
+    """Draws views side by side, or without a folder opens a window with them and waits until it is closed.
 
-    Args:
-        views: from left to right.
-        size: in pixels.
-        angles: of the associate family, in radians; a picture for each.
-        folder: of the pictures 0000.png, 0001.png, …; without one there is a window.
-        title: of the window and its scale of colours.
+    The pictures are 0000.png, 0001.png, …, one for each angle of the associate family, in radians. The title is that of
+    the window and of its scale of colours.
     """
     import pyvista
 

@@ -47,14 +47,9 @@ _FRAME_STYLE = "body { margin: .3rem auto } figure.view { margin: 0 } figure.wid
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
-    """Triangles with values at their vertices.
+    """Triangles with values at their vertices, (n,) or (n, k) by name, as `Shown` tells them.
 
-    Attributes:
-        vertices: positions.
-        faces: triangles.
-        values: (n,) or (n, k) by name; see `Shown`.
-        curvature: the name of the one that colours tell.
-        patch_faces: which faces are patches, in another colour.
+    Colours tell the one that `curvature` names; `patch_faces` have another.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -104,11 +99,7 @@ class Shape:
 
 
 def shape_of(shown: Any) -> Shape:
-    """The triangles of anything that has some.
-
-    Args:
-        shown: a `SpinorSurface`, `PlateauSolution`, `Patch`, `DiscreteMinimalSurface` or `FillResult` (the filled
-            mesh), or any mesh type that `fill_hole` takes.
+    """The triangles of a surface, a solution, a patch or a fill (its filled mesh), or of any mesh `fill_hole` takes.
 
     Raises:
         SurfaceError: the surface is not finite on its domain.

@@ -38,8 +38,6 @@ class Scene:
     """Surfaces, lines and points to be looked at together.
 
     Attributes:
-        title: below which it stands.
-        layers: what is shown.
         scales: of the layers' fields, by name; without the panel the view has a list of them, the first shown first.
         panel: whether it follows the page's controls, see `panel`.
         cameras: from where it is looked at first, by loop of the panel; `ALWAYS` for the others.
@@ -134,13 +132,10 @@ class Views:
 
 
 def panel(*, colours: Mapping[str, str], switches: Sequence[str], loops: Mapping[str, str]) -> str:
-    """Controls that the views of a page follow whose scenes say so.
+    """Controls that the views of a page follow whose scenes say so; the first colour and the first loop are chosen.
 
-    Args:
-        colours: labels by name of the field that surfaces are coloured by; the first, "" for none, is chosen.
-        switches: of layers, which are not shown at first.
-        loops: labels by name of the loop that is shown; the first is chosen. Parts of the page with `data-loop` another
-            loop are hidden.
+    Colours and loops are labels by name of the field or loop; parts of the page with `data-loop` another loop are
+    hidden. The switches are of layers that are not shown at first.
     """
     radios = (_choice("radio", "colour", field, label, k == 0) for k, (field, label) in enumerate(colours.items()))
     boxes = (_choice("checkbox", "show", switch, switch, False) for switch in switches)
