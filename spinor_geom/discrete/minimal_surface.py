@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -22,7 +22,11 @@ from spinor_geom.domain.triangulation import MOST_POINTS, one_by_one_on_error, t
 from spinor_geom.errors import DomainError, FirstFillError, OptionError, SpinorGeomError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian
+from spinor_geom.mesh.topology import face_components, is_watertight
 from spinor_geom.shown import Shown
+
+if TYPE_CHECKING:
+    import pymeshlab
 
 DiscreteMethod = Literal["libigl", "pymeshlab"]
 # The first mesh only has to be near enough for its flattening to be right.
@@ -31,6 +35,7 @@ FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
 # Of the mean stretch from the plane: beyond, a target edge length is not kept.
 _MOST_STRETCHED = 4.0
+_STEPS = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,8 +127,6 @@ def discrete_minimal_surface(
     target = None if length is None else length / loop.diagonal
     disk = _stationary_disk(unit, relative_change, target)
     if method == "pymeshlab" and target is not None:
-        from spinor_geom.discrete.meshlab import remeshed
-
         # n equilateral pairs of triangles of edge h have the area n·h²·√3/2
         shortest = math.sqrt(2 * disk.areas[-1] / (math.sqrt(3) * MOST_POINTS))
         vertices, faces = remeshed(disk.vertices, disk.faces, len(loop), max(target, shortest))
@@ -276,3 +279,70 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
         return np.asarray(np.minimum(graded(z), target / stretch[near]))
 
     return size
+
+
+def remeshed(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int, size: float
+) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "t 3"]]:
+    """A disk whose inner edges MeshLab has made about equally long; the boundary and its edges stay as they are.
+
+    It splits, collapses and flips edges away from the boundary's triangles, then only flips, everywhere. A disk that
+    has no other triangles is left alone. The boundary's vertices come first, in order.
+
+    Raises:
+        FirstFillError: MeshLab fails, moves the boundary or tears the disk.
+    """
+    import pymeshlab
+
+    m, meshes = boundary_size, _mesh_set(vertices, faces)
+    meshes.compute_selection_from_mesh_border()
+    meshes.apply_selection_inverse(invfaces=True)
+    if not meshes.current_mesh().selected_face_number():
+        return vertices, faces
+    ours = {"iterations": _STEPS, "targetlen": pymeshlab.PureValue(size), "featuredeg": 180.0}
+    ours |= {"checksurfdist": False, "reprojectflag": False}
+    try:
+        _remesh(meshes, **ours, selectedonly=True)
+        _remesh(meshes, **ours, splitflag=False, collapseflag=False)
+        mesh = meshes.current_mesh()
+        new, new_faces = mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)
+    except pymeshlab.PyMeshLabException as error:
+        raise FirstFillError(f"MeshLab did not fill a loop of {m} points: {error}") from error
+    finally:
+        # it would use our options in the caller's next calls
+        _remesh(_mesh_set(np.eye(3), np.array([[0, 1, 2]])))
+    if not np.array_equal(new[:m], vertices[:m]) or not _is_disk(new_faces, vertices=len(new), boundary_size=m):
+        raise FirstFillError(f"MeshLab's remeshing tore the fill of a loop of {m} points")
+    return new, new_faces
+
+
+def _remesh(meshes: pymeshlab.MeshSet, **options: Any) -> None:
+    """MeshLab's remeshing with its own defaults: it remembers options from call to call, so each is given."""
+    import pymeshlab
+
+    defaults = {"iterations": 10, "adaptive": False, "selectedonly": False, "targetlen": pymeshlab.PercentageValue(100)}
+    defaults |= {"featuredeg": 30.0, "checksurfdist": True, "splitflag": True, "collapseflag": True, "swapflag": True}
+    defaults |= {"smoothflag": True, "reprojectflag": True}
+    meshes.meshing_isotropic_explicit_remeshing(**defaults | options)
+
+
+def _mesh_set(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> pymeshlab.MeshSet:
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
+    return meshes
+
+
+def _is_disk(faces: Int[np.ndarray, "f 3"], *, vertices: int, boundary_size: int) -> bool:
+    """Whether faces are one disk on all vertices whose boundary runs 0, 1, … boundary_size − 1."""
+    here = np.arange(boundary_size)
+    # a cone over the boundary closes a disk, and nothing else, to a sphere
+    cone = np.stack([np.roll(here, -1), here, np.full(boundary_size, vertices)], axis=1)
+    closed = np.concatenate([faces, cone])
+    return bool(
+        len(np.unique(closed)) == vertices + 1
+        and 2 * (vertices + 1) - len(closed) == 4  # Euler's formula for triangles without a boundary
+        and is_watertight(closed)
+        and face_components(closed).max() == 0
+    )

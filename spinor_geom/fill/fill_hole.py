@@ -12,10 +12,9 @@ import numpy as np
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError
-from spinor_geom.fill.bridge import Islands, planned_joins
 from spinor_geom.fill.discrete_patch import refuse_long_border
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
-from spinor_geom.fill.many_loops import fill_loops, minimal_patches
+from spinor_geom.fill.many_loops import Islands, fill_loops, minimal_patches, planned_joins
 from spinor_geom.fill.one_loop import Clock, FillOptions, refuse_what_is_no_hole, unfilled
 from spinor_geom.fill.options import Continuity, require_positive
 from spinor_geom.fill.result import FillResult, LoopOutcome

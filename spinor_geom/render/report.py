@@ -17,7 +17,6 @@ from spinor_geom.comparison import Comparison
 from spinor_geom.files import write_text
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.mesh.topology import referenced_vertices
-from spinor_geom.render.domain_colouring import domain_colours
 from spinor_geom.render.layers import Scale
 from spinor_geom.render.loop_views import (
     DISTANCE,
@@ -33,7 +32,7 @@ from spinor_geom.render.loop_views import (
     surroundings,
 )
 from spinor_geom.render.page import cell, document, picture, table
-from spinor_geom.render.plots import inline_svg, log_log
+from spinor_geom.render.plots import domain_colours, inline_svg, log_log
 from spinor_geom.render.scene import camera_on, shown_loop
 from spinor_geom.render.viewer import STYLE, Scene, Views, panel
 
