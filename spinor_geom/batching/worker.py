@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from collections.abc import Mapping
 from typing import Any
 
 from spinor_geom.batching.inputs import Source
@@ -46,7 +45,8 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
             deaths[guilty] += 1
             # what a limit ended would only cost as much once more
             if fault.kind != "death" or deaths[guilty] > allowed.retries:
-                done.append(_write_fault(job, entry, fault))
+                record = failure(guilty, fault_reason(fault), status="fault")
+                done.append(Store(**job["store"]).commit(Source.from_dict(entry), record, {}))
             else:
                 blocks.append([entry])
             if waiting:
@@ -80,11 +80,6 @@ def _attempt(job: dict[str, Any], allowed: Limits, done: list[dict[str, Any]]) -
     if stop:
         raise BatchError(stop)
     return None
-
-
-def _write_fault(job: Mapping[str, Any], entry: dict[str, Any], fault: FaultError) -> dict[str, Any]:
-    record = failure(entry["key"], fault_reason(fault), status="fault")
-    return Store(**job["store"]).commit(Source.from_dict(entry), record, {})
 
 
 def solver() -> Process:

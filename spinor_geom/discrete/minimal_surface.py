@@ -178,7 +178,10 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
         domain = unfolded_loop(points)
         first = _fill(domain, points, relative_change=_FIRST_CHANGE)
     except (DomainError, FirstFillError) as error:
-        domain, failure = _round_domain(points), f"it started from a round domain: {error}"
+        # on the unit circle, by a mean of the points' numbers and their places along the curve
+        length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+        domain = np.exp(1j * np.cumsum(np.pi * (length / length.sum() + 1 / len(points))))
+        failure = f"it started from a round domain: {error}"
         first = _fill(domain, points, relative_change=_FIRST_CHANGE)
     try:
         flat = flatten(first.vertices, first.faces, len(points)).boundary
@@ -195,13 +198,6 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
             vertices=points, faces=faces, areas=(area,), converged=False, reason="no inner vertices lowered its area"
         )
     return replace(disk, reason=disk.reason or failure)
-
-
-def _round_domain(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]:
-    """A vertex on the unit circle for each point, by a mean of their numbers and their places along the curve."""
-    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    step = np.pi * (length / length.sum() + 1 / len(points))
-    return np.exp(1j * np.cumsum(step))
 
 
 def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:

@@ -12,7 +12,6 @@ from time import perf_counter
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
@@ -152,23 +151,19 @@ def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int,
     if (own == own[0]).all():
         return {}
     lows, highs = (np.array([limit(loop.points, axis=0) for loop in loops]) for limit in (np.min, np.max))
+    reach = np.linalg.norm(highs - lows, axis=1)[:, None]
     found: dict[int, list[int]] = {}
     # loops come longest first
     for piece in np.unique(own, return_index=True)[1].tolist():
-        around = np.flatnonzero(_boxes_around(lows, highs, piece) & (own != own[piece]))
+        # loops whose boxes, made wider, hold the centre of the piece's
+        centre = (lows[piece] + highs[piece]) / 2
+        boxes_around = ((lows - reach <= centre) & (centre <= highs + reach)).all(axis=1)
+        around = np.flatnonzero(boxes_around & (own != own[piece]))
         for hole in around[around < piece][::-1].tolist():
             if _lies_in(loops[piece], loops[hole]):
                 found.setdefault(hole, []).append(piece)
                 break
     return {hole: tuple(pieces) for hole, pieces in found.items()}
-
-
-def _boxes_around(
-    lows: Float[np.ndarray, "l 3"], highs: Float[np.ndarray, "l 3"], piece: int
-) -> Bool[np.ndarray, " l"]:
-    """Which loops' boxes, made wider, hold the centre of another loop's."""
-    centre, reach = (lows[piece] + highs[piece]) / 2, np.linalg.norm(highs - lows, axis=1)[:, None]
-    return np.asarray(((lows - reach <= centre) & (centre <= highs + reach)).all(axis=1))
 
 
 def _lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
