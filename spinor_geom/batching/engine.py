@@ -230,21 +230,18 @@ class _Run:
                 block = again.popleft() if again else next(blocks, None)
                 if block is None:
                     break
-                running[self._submitted(client, block)] = block
+                job = {
+                    "sources": [source.to_dict() for source in block],
+                    "options": self._options.to_dict(),
+                    "store": asdict(self._store),
+                }
+                running[client.submit(run_block, job, asdict(self._limits), pure=False)] = block
             if not running:
                 return
             for future in wait(list(running), return_when="FIRST_COMPLETED").done:
                 block = running.pop(future)
                 again.extend(self._taken(future, block))
                 future.release()
-
-    def _submitted(self, client: Client, block: list[Source]) -> Future:
-        job = {
-            "sources": [source.to_dict() for source in block],
-            "options": self._options.to_dict(),
-            "store": asdict(self._store),
-        }
-        return client.submit(run_block, job, asdict(self._limits), pure=False)
 
     def _taken(self, future: Future, block: list[Source]) -> list[list[Source]]:
         """Takes what a worker has done; gives what has to be tried again, file by file."""

@@ -192,7 +192,10 @@ def fill_hole(
     )
     if return_report:
         return filled, result
-    _warn_of(result.shortcomings)
+    if said := result.shortcomings:
+        more = [f"and {len(said) - _MOST_TOLD} more"] if len(said) > _MOST_TOLD else []
+        told = "; ".join([*said[:_MOST_TOLD], *more])
+        warnings.warn(f"fill_hole: {told} (return_report=True has all of it)", ImperfectFillWarning, stacklevel=2)
     return filled
 
 
@@ -205,13 +208,3 @@ def _refusal(loop: BoundaryLoop, surroundings: Surroundings, options: FillOption
     except SpinorGeomError as error:
         return error
     return None
-
-
-def _warn_of(shortcomings: Sequence[str]) -> None:
-    if not shortcomings:
-        return
-    more = len(shortcomings) - _MOST_TOLD
-    told = [*shortcomings[:_MOST_TOLD], *([f"and {more} more"] if more > 0 else [])]
-    warnings.warn(
-        f"fill_hole: {'; '.join(told)} (return_report=True has all of it)", ImperfectFillWarning, stacklevel=3
-    )

@@ -31,10 +31,9 @@ from spinor_geom.render.loop_views import (
     patch_faces,
     surroundings,
 )
-from spinor_geom.render.page import cell, document, picture, table
+from spinor_geom.render.page import Scene, Views, cell, document, panel, picture, table
 from spinor_geom.render.plots import domain_colours, inline_svg, log_log
 from spinor_geom.render.scene import camera_on, shown_loop
-from spinor_geom.render.viewer import STYLE, Scene, Views, panel
 
 # of how many filled loops, the longest first, Ω and its functions are shown
 MOST_LOOPS = 8
@@ -107,7 +106,7 @@ def report(
             f'<div class="all">{_loop_table(result.loops)}</div>',
             views.script(),
         ],
-        style=STYLE + _PAGE_STYLE,
+        style=_PAGE_STYLE,
     )
     if path is not None:
         write_text(path, text)

@@ -34,8 +34,7 @@ from spinor_geom.render.layers import (
     Lines,
     Scale,
 )
-from spinor_geom.render.page import document
-from spinor_geom.render.viewer import STYLE, Scene, Views
+from spinor_geom.render.page import Scene, Views, document
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 GAUSS, MEAN, NORMAL = "gauss_curvature", "mean_curvature", "normal"
@@ -150,7 +149,7 @@ def shape_page(shape: Shape, *, title: str) -> str:
     scales = {name: Scale.of(curvature)} if np.isfinite(curvature).any() else {}
     views = Views()
     scene = Scene(title=title, layers=layers, scales=scales, unit="units", shape="wide")
-    return document(title, [views.figure(scene), views.script()], style=STYLE + _FRAME_STYLE)
+    return document(title, [views.figure(scene), views.script()], style=_FRAME_STYLE)
 
 
 def _minimal(patch: Patch, surface: SpinorSurface) -> Shape:

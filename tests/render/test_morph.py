@@ -22,8 +22,8 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.meshing.surface_mesh import mesh_surface
 from spinor_geom.render.layers import Faces, turned
 from spinor_geom.render.morph import SUFFIXES, morph
+from spinor_geom.render.page import farthest
 from spinor_geom.render.portrait import GAUSS, GRID_LINES, associate_family, grid_lines
-from spinor_geom.render.viewer import farthest
 from spinor_geom.surface import SpinorSurface
 from tests.browser import browser, visit
 
