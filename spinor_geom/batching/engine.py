@@ -317,11 +317,7 @@ def _threads(client: Client) -> int:
 
 @contextmanager
 def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iterator[Client]:
-    """A client of a cluster: of this machine's own, which ends with the block, or of one at an address.
-
-    Raises:
-        BatchError: there is none at the address.
-    """
+    """A client of this machine's own cluster, which ends with the block, or of one at an address, if it answers."""
     import dask
     from distributed import Client, LocalCluster
 

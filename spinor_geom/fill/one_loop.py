@@ -277,14 +277,11 @@ def _made(solution: PlateauSolution, patch: Patch | SpinorGeomError) -> MadePatc
 
 
 def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
-    """Checks that a loop bounds a hole, before anything is solved.
+    """Checks, before anything is solved, that a loop bounds a hole.
 
     Raises:
+        LoopError: it does not: a slit, a seam, the outline of one face, or points on a line.
         NonManifoldEdgeError: one of its edges has several faces already.
-        ZeroWidthSlitError: all of it lies on the loop's own other side.
-        SeamError: edges of it lie on edges of another loop.
-        LoneFaceError: it is the outline of a single face.
-        NoAreaError: its points lie on a line.
     """
     if loop.obstacle is not None:
         raise loop.obstacle

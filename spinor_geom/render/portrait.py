@@ -110,13 +110,9 @@ def plain_portrait(
 def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> tuple[Faces, Lines, Lines]:
     """All surfaces with φ turned into e^{iθ}φ: they are isometric and have the same normals and Gauss curvature.
 
-    Args:
-        surface: over a domain around which ∮ φ dz = 0, as around every one without poles of p and q.
-        vertices: of the mesh.
-
-    Returns:
-        The surface with its Gauss curvature as a field, the image of a square grid in Ω, and the boundary, all on the
-        same vertices, those of the boundary first. Their conjugates have the same mean as they.
+    They are those of a surface over a domain around which ∮ φ dz = 0, as around every one without poles of p and q: the
+    surface with its Gauss curvature as a field, the image of a square grid in Ω, and the boundary, all on the same
+    vertices, those of the boundary first. Their conjugates have the same mean as they.
 
     Raises:
         PeriodError: the conjugate surface does not close around ∂Ω or a hole, so that it has no mesh on this domain.
