@@ -134,8 +134,9 @@ class Inputs:
                 yield from self._of_file(path, parts)
             elif path != output:
                 try:
-                    names = sorted(_wanted_names(path), reverse=True)
-                    waiting += [(os.path.join(path, name), [*parts, name]) for name in names]
+                    with os.scandir(path) as found:
+                        names = [one.name for one in found if one.is_dir(follow_symlinks=False) or _is_wanted(one.path)]
+                    waiting += [(os.path.join(path, name), [*parts, name]) for name in sorted(names, reverse=True)]
                 except OSError as error:
                     problem = f"cannot be read ({error.strerror})"
                     yield _problem([*parts, PROBLEM], path, problem, "check the access rights")
@@ -230,13 +231,6 @@ def _fitting(pattern: str) -> Iterator[str]:
 
 def _is_wanted(name: str) -> bool:
     return (name.lower().endswith(SUFFIX) or is_archive(name)) and not os.path.isdir(name)
-
-
-def _wanted_names(folder: str) -> Iterator[str]:
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            if entry.is_dir(follow_symlinks=False) or _is_wanted(entry.path):
-                yield entry.name
 
 
 def _csv_rows(file: Iterable[str]) -> Iterator[tuple[int, str]]:
