@@ -38,39 +38,25 @@ STYLE = """.loops { display: flex; flex-wrap: wrap; gap: 1rem }
 svg { border: 1px solid var(--faint); background: #fff }"""
 NO_RESULTS = "has no results: they could not be written, or were removed; resume the batch"
 ROWS_AT_ONCE = 10_000
-TEXT, WHOLE, REAL = "string", "int64", "double"
-COLUMNS: dict[str, str] = {
-    "source": TEXT,
-    "loop": WHOLE,
-    "name": TEXT,
-    "kind": TEXT,
-    "status": TEXT,
-    "reason": TEXT,
-    "notes": TEXT,
-    "vertices": WHOLE,
-    "perimeter": REAL,
-    "elongation": REAL,
-    "corners": WHOLE,
-    "residual_rms_per_edge": REAL,
-    "residual_max_per_edge": REAL,
-    "area": REAL,
-    "stability": TEXT,
-    "stability_index": WHOLE,
-    "route": TEXT,
-    "patch_vertices": WHOLE,
-    "patch_faces": WHOLE,
-    "self_intersections": WHOLE,
-    "mesh_intersections": WHOLE,
-    "patch_intersections": WHOLE,
-    "hausdorff_max": REAL,
-    "hausdorff_mean": REAL,
-    "patch": TEXT,
-    "surface": TEXT,
-    "curve": TEXT,
-    "filled": TEXT,
-    "seconds": REAL,
-    "version": TEXT,
-}
+# Of the columns, in order.
+_TYPES = (
+    ("string", "source"),
+    ("int64", "loop"),
+    ("string", "name kind status reason notes"),
+    ("int64", "vertices"),
+    ("double", "perimeter elongation"),
+    ("int64", "corners"),
+    ("double", "residual_rms_per_edge residual_max_per_edge area"),
+    ("string", "stability"),
+    ("int64", "stability_index"),
+    ("string", "route"),
+    ("int64", "patch_vertices patch_faces self_intersections mesh_intersections patch_intersections"),
+    ("double", "hausdorff_max hausdorff_mean"),
+    ("string", "patch surface curve filled"),
+    ("double", "seconds"),
+    ("string", "version"),
+)
+COLUMNS = {name: kind for kind, names in _TYPES for name in names.split()}
 TABLE, TABLE_CSV, PAGE = "loops.parquet", "loops.csv", "summary.html"
 
 
