@@ -1,17 +1,24 @@
-"""Files that are either completely written or not touched at all."""
+"""Files that are either completely written or not touched at all, and names that are harmless on every system."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
+import re
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+_LONGEST_PART, _LONGEST_NAME = 180, 700
+# What no name has by itself: a % stands before two digits, or at an end.
+NUMBERED = "%~"
+_UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
 
 
 @contextmanager
@@ -123,6 +130,29 @@ def finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [finite(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def safe_name(parts: Iterable[str]) -> str:
+    """A relative path of harmless parts.
+
+    What a file system may take amiss is written as % and two hexadecimal digits a byte, so different names stay
+    different; names that are too long end in %~ and a checksum instead of their rest.
+    """
+    *folders, last = map(_safe_part, parts)
+    # folders of results are named after files: one inside the other would be removed with it
+    name = "/".join([*(f"{part}%" if part.lower().endswith(".obj") else part for part in folders), last])
+    return name if len(os.fsencode(name)) <= _LONGEST_NAME else _shortened(name, _LONGEST_PART)
+
+
+def _safe_part(part: str) -> str:
+    safe = _UNSAFE.sub(lambda found: "".join(f"%{byte:02X}" for byte in os.fsencode(found.group())), part) or "%"
+    return safe if len(os.fsencode(safe)) <= _LONGEST_PART else _shortened(safe, _LONGEST_PART - 20)
+
+
+def _shortened(name: str, length: int) -> str:
+    digest = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
+    start = os.fsencode(name.replace("/", "%2F"))[:length].decode("utf-8", "ignore")
+    return f"{start}{NUMBERED}{digest}"
 
 
 def _flush(path: Path) -> None:

@@ -22,6 +22,7 @@ from typing import IO, Any, Literal, TypeAlias
 
 Event: TypeAlias = dict[str, Any]
 Tell: TypeAlias = Callable[[Event], None]
+Kind: TypeAlias = Literal["start", "death", "time", "memory"]
 
 # Seconds for the imports of a process, which are not the first job's fault.
 START_LIMIT = 600.0
@@ -44,9 +45,7 @@ class FaultError(Exception):
         said: the end of what was written to standard output and error during the job.
     """
 
-    def __init__(
-        self, reason: str, *, kind: Literal["start", "death", "time", "memory"], last: Event, said: str
-    ) -> None:
+    def __init__(self, reason: str, *, kind: Kind, last: Event, said: str) -> None:
         super().__init__(reason)
         self.kind, self.last, self.said = kind, last, said
 
@@ -55,12 +54,7 @@ class Process:
     """A process that runs a module whose main program calls `serve`; started when needed, and again after it ended."""
 
     def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
-        """Starts nothing yet.
-
-        Args:
-            module: its name; packages are looked for where this process looks.
-            environment: variables that it has beside those of this process.
-        """
+        """Starts nothing yet; the variables are beside those of this process, which tells where packages are, too."""
         self._module, self._environment = module, {**(environment or {})}
         self._process: subprocess.Popen[str] | None = None
 
@@ -183,7 +177,7 @@ class Process:
         line = next((line.strip() for line in reversed(self._said().split("\n")) if line.strip()), "")
         return self._fault(f"died {how}{f': {line[:300]}' if line else ''}", "death")
 
-    def _fault(self, what: str, kind: Literal["death", "time", "memory"]) -> FaultError:
+    def _fault(self, what: str, kind: Kind) -> FaultError:
         return FaultError(f"its process {what}", kind=kind, last=self._last, said=self._said())
 
     def _said(self) -> str:

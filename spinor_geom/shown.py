@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spinor_geom.optional import require
 
 if TYPE_CHECKING:
     import pyvista
     import torch
     import trimesh
+
+    from spinor_geom.render.shapes import Shape
 
 
 class Shown:
@@ -19,11 +25,14 @@ class Shown:
     at the boundary) of a mesh, and a mesh's own attributes.
     """
 
+    def _shape(self) -> Shape:
+        from spinor_geom.render.shapes import shape_of
+
+        return shape_of(self)
+
     def _repr_html_(self) -> str:
         """The shape in a frame of its own, to turn and to zoom; Jupyter calls it."""
-        from spinor_geom.render.shapes import framed, shape_of
-
-        return framed(shape_of(self), title=type(self).__name__)
+        return self._shape().framed(title=type(self).__name__)
 
     def to_pyvista(self) -> pyvista.PolyData:
         """A `pyvista.PolyData` with the values at the vertices as point data.
@@ -31,21 +40,36 @@ class Shown:
         Raises:
             MissingPackageError: pyvista is not installed.
         """
-        from spinor_geom.render.shapes import as_pyvista, shape_of
+        require("pyvista", extra="render")
+        import pyvista
 
-        return as_pyvista(shape_of(self))
+        shape = self._shape()
+        made: pyvista.PolyData = pyvista.PolyData.from_regular_faces(np.array(shape.vertices), np.array(shape.faces))
+        for name, values in shape.values.items():
+            made.point_data[name] = np.array(values)
+        return made
 
     def to_trimesh(self) -> trimesh.Trimesh:
         """A `trimesh.Trimesh` with the same vertices and faces, none merged, and vertex attributes."""
-        from spinor_geom.render.shapes import as_trimesh, shape_of
+        import trimesh
 
-        return as_trimesh(shape_of(self))
+        shape = self._shape()
+        values: dict[str, Any] = {name: np.array(own) for name, own in shape.values.items()}
+        return trimesh.Trimesh(
+            vertices=np.array(shape.vertices),
+            faces=np.array(shape.faces),
+            vertex_normals=values.pop("normal", None),
+            vertex_colors=values.pop("color", None),
+            vertex_attributes=values,
+            process=False,
+        )
 
     def to_torch(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Vertices (V, 3) float64 and faces (F, 3) int64 as tensors."""
-        from spinor_geom.render.shapes import as_tensors, shape_of
+        import torch
 
-        return as_tensors(shape_of(self))
+        shape = self._shape()
+        return torch.tensor(np.array(shape.vertices)), torch.tensor(np.array(shape.faces))
 
     def to_gltf(self, path: str | os.PathLike[str]) -> None:
         """Writes a binary glTF file whose vertex colours tell the curvature, in viridis from low to high.
@@ -58,6 +82,4 @@ class Shown:
         Raises:
             MeshFileError: another suffix, or the file cannot be written.
         """
-        from spinor_geom.render.shapes import shape_of, write_gltf
-
-        write_gltf(shape_of(self), path)
+        self._shape().write_gltf(path)

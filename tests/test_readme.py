@@ -68,7 +68,7 @@ def test_commands_in_the_text_run(clone: Path, monkeypatch: pytest.MonkeyPatch) 
     (clone / "scans" / "curve.obj").symlink_to(ROOT / "data" / "squiggle_on_sphere.obj")
     # a window, and what takes minutes or a day
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr("spinor_geom.cli.view.draw_apart", lambda *_, **__: None)
+    monkeypatch.setattr("spinor_geom.cli.pictures.draw_apart", lambda *_, **__: None)
     monkeypatch.setattr("spinor_geom.bench.runner.run_isolated", not_measured)
     monkeypatch.setattr("spinor_geom.experiments.experiment.reproduce", lambda *_, **__: ())
     ran = [words[0] for words in map(shlex.split, inline) if main([w.replace("MESH", MESH) for w in words]) in (0, 1)]

@@ -1,10 +1,12 @@
-"""Tar and zip archives: listed without being unpacked, refused as a whole where something in them is dishonest."""
+"""Tar and zip archives: listed without being unpacked, refused as a whole where something in them is dishonest.
+
+The main program is the process that lists them: lists that would fill the memory end there.
+"""
 
 from __future__ import annotations
 
-import bz2
 import errno
-import gzip
+import json
 import lzma
 import os
 import stat
@@ -12,13 +14,17 @@ import struct
 import tarfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, BinaryIO, cast
 
 from spinor_geom.errors import ArchiveError
+from spinor_geom.files import NUMBERED, safe_name
+from spinor_geom.isolate import Tell, serve
 
 SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 # A member of more bytes than this may not be so many times larger than it is packed: text packs 3 to 20 times.
@@ -49,11 +55,8 @@ DAMAGE = (
     zlib.error,
 )
 
-_OPENERS: tuple[tuple[bytes, Callable[[str], Any]], ...] = (
-    (b"\x1f\x8b", gzip.GzipFile),
-    (b"BZh", bz2.BZ2File),
-    (b"\xfd7zXZ\x00", lzma.LZMAFile),
-)
+# How packed tar archives begin.
+_PACKED = {b"\x1f\x8b": "gz", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +110,7 @@ class ArchiveReader:
     def __init__(self) -> None:
         """Opens nothing yet."""
         self._key: tuple[str, int, int] | None = None
-        self._open: zipfile.ZipFile | BinaryIO | None = None
+        self._open: zipfile.ZipFile | tarfile.TarFile | None = None
 
     def open(self, path: str, member: Member) -> BinaryIO:
         """A member's bytes as a stream from its start.
@@ -121,60 +124,22 @@ class ArchiveReader:
             key = (path, status.st_size, status.st_mtime_ns)
             if key != self._key:
                 self.close()
-                self._open = zipfile.ZipFile(path) if path.lower().endswith(".zip") else _unpacked(path)
+                self._open = zipfile.ZipFile(path) if path.lower().endswith(".zip") else _opened_tar(path)
                 self._key = key
             if isinstance(self._open, zipfile.ZipFile):
                 part: Any = self._open.open(self._open.infolist()[member.place])
             else:
-                part = _Part(cast(BinaryIO, self._open), member)
-                part.seek(0)
-            return cast(BinaryIO, _Checked(part, path, member.name))
+                entry = tarfile.TarInfo(member.name)
+                entry.size, entry.offset_data = member.size, member.place
+                part = cast(tarfile.TarFile, self._open).extractfile(entry)
+        checked = _damage_of(path, member.name)
+        return cast(BinaryIO, SimpleNamespace(read=checked(part.read), seek=checked(part.seek), close=part.close))
 
     def close(self) -> None:
         """Closes the archive that is open."""
         if self._open is not None:
             self._open.close()
         self._open = self._key = None
-
-
-class _Checked:
-    """A member as a stream whose damage is told where it is met."""
-
-    def __init__(self, part: Any, path: str, name: str) -> None:
-        self._part, self._path, self._name = part, path, name
-
-    def read(self, size: int = -1) -> bytes:
-        with _damage_of(self._path, self._name):
-            return bytes(self._part.read(size))
-
-    def seek(self, place: int) -> int:
-        with _damage_of(self._path, self._name):
-            return int(self._part.seek(place))
-
-    def close(self) -> None:
-        self._part.close()
-
-
-class _Part:
-    """A member of a tar archive as a stream, which may be read again from its start."""
-
-    def __init__(self, file: BinaryIO, member: Member) -> None:
-        self._file, self._member, self._place = file, member, 0
-
-    def read(self, size: int = -1) -> bytes:
-        left = self._member.size - self._place
-        data = self._file.read(left if size < 0 else min(size, left))
-        if not data and left and size:
-            raise EOFError("the archive ends in this member")
-        self._place += len(data)
-        return data
-
-    def seek(self, place: int) -> int:
-        self._place = place
-        return self._file.seek(self._member.place + place) - self._member.place
-
-    def close(self) -> None:
-        """The archive stays open."""
 
 
 def _zip_members(path: Path) -> Iterator[Member]:
@@ -195,19 +160,16 @@ def _zip_members(path: Path) -> Iterator[Member]:
 
 
 def _tar_members(path: Path) -> Iterator[Member]:
-    with _unpacked(os.fspath(path)) as unpacked, _stream(unpacked, path) as archive:
-        for entry in archive:
+    packed = path.stat().st_size
+    with _opened_tar(os.fspath(path)) as archive:
+        while (entry := archive.next()) is not None:
             _require_plain_name(path, entry.name)
             if not (entry.isreg() or entry.isdir()) or entry.issparse():
                 raise _refused(path, f"'{entry.name}', a link, device or sparse file", "pack the files themselves")
+            _require_ratio(path, entry.name, entry.offset_data + entry.size, packed)
             if entry.isreg():
                 yield Member(name=entry.name, size=entry.size, place=entry.offset_data)
             cast(Any, archive).members.clear()  # which tarfile never does by itself
-
-
-def _stream(unpacked: BinaryIO, path: Path) -> tarfile.TarFile:
-    stream = cast(BinaryIO, _Counted(unpacked, path))
-    return tarfile.open(os.fspath(path), mode="r|", fileobj=stream, tarinfo=_Header)
 
 
 class _Header(tarfile.TarInfo):
@@ -229,24 +191,11 @@ class _Header(tarfile.TarInfo):
         return cast(Any, super())._proc_member(archive)
 
 
-def _unpacked(path: str) -> BinaryIO:
+def _opened_tar(path: str) -> tarfile.TarFile:
     with open(path, "rb") as file:
         start = file.read(8)
-    opener: Callable[..., Any] = next((opener for magic, opener in _OPENERS if start.startswith(magic)), open)
-    return cast(BinaryIO, opener(path, "rb"))
-
-
-class _Counted:
-    """A stream that stops where it has given much more than the file that it comes from holds."""
-
-    def __init__(self, file: BinaryIO, path: Path) -> None:
-        self._file, self._path, self._packed, self._given = file, path, path.stat().st_size, 0
-
-    def read(self, size: int) -> bytes:
-        data = self._file.read(size)
-        self._given += len(data)
-        _require_ratio(self._path, "the whole", self._given, self._packed)
-        return data
+    kind = next((kind for magic, kind in _PACKED.items() if start.startswith(magic)), "")
+    return cast(tarfile.TarFile, cast(Any, tarfile).open(path, f"r:{kind}", tarinfo=_Header))
 
 
 def _require_ratio(path: Path, name: str, size: int, packed: int) -> None:
@@ -264,3 +213,33 @@ def _require_plain_name(path: Path, name: str) -> None:
 
 def _refused(path: Path, what: str, advice: str) -> ArchiveError:
     return ArchiveError(f"{path}: the archive holds {what}; {advice}")
+
+
+def list_members(job: dict[str, Any], tell: Tell) -> None:
+    """Lists an archive.
+
+    Args:
+        job: "archive", its path; "suffix" of the names that are wanted; "parts" of their keys, before those of their
+            own names; "listing", the file that takes a line of JSON for each: its key, and the fields of its `Member`.
+        tell: is called with "listed" after each member, and with "problem" where the archive cannot be used.
+    """
+    seen: Counter[str] = Counter()
+    try:
+        with open(job["listing"], "w", encoding="ascii") as file:
+            for member in members(Path(job["archive"])):
+                if member.name.lower().endswith(job["suffix"]):
+                    inner = (part for part in member.name.replace("\\", "/").split("/") if part not in ("", "."))
+                    key = safe_name([*job["parts"], *inner])
+                    # some file systems see no difference between A and a
+                    seen[key.lower()] += 1
+                    key += f"{NUMBERED}{seen[key.lower()]}" if seen[key.lower()] > 1 else ""
+                    file.write(json.dumps([key, asdict(member)]) + "\n")
+                tell({"listed": member.place})
+    except ArchiveError as error:
+        tell({"problem": str(error)})
+    except OSError as error:
+        tell({"problem": f"{job['archive']}: cannot be read ({error.strerror}); check the access rights"})
+
+
+if __name__ == "__main__":
+    serve(list_members)

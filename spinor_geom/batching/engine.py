@@ -16,13 +16,12 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
 from spinor_geom.batching.inputs import SMALL, Inputs, Listing, Source
-from spinor_geom.batching.journal import Journal, opened_journal
-from spinor_geom.batching.limits import Limits
-from spinor_geom.batching.options import BatchOptions, Format, What, require_positive
+from spinor_geom.batching.options import BatchOptions, Format, Limits, What
 from spinor_geom.batching.records import failure
+from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.worker import run_block
 from spinor_geom.errors import BatchError, OptionError
-from spinor_geom.fill.continuity import Continuity
+from spinor_geom.fill.options import Continuity, require_positive
 from spinor_geom.optional import require
 
 if TYPE_CHECKING:
@@ -162,15 +161,19 @@ def batch(
         compare=compare,
         device=device,
     )
-    limits = _checked_limits(time_limit, memory_limit, retries)
+    require_positive("time_limit", time_limit)
+    require_positive("memory_limit", memory_limit)
+    if retries < 0:
+        raise OptionError(f"retries must be a number from 0 on, not {retries}")
+    limits = Limits(seconds=float(time_limit), memory=int(memory_limit), retries=retries)
     if scheduler is not None and workers is not None:
         raise OptionError("workers are those of the scheduler's cluster; give one of workers and scheduler")
     if workers is not None and workers < 1:
         raise OptionError(f"workers must be at least 1, not {workers}")
     named = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output, limits=limits)
-    with opened_journal(output, options, resume=resume) as journal, TemporaryFile("w+", encoding="ascii") as file:
+    with opened_store(output, options, resume=resume) as store, TemporaryFile("w+", encoding="ascii") as file:
         sources = Listing(named, file)
-        run = _Run(journal, options, limits, len(sources), on_progress)
+        run = _Run(store, options, limits, len(sources), on_progress)
         left = run.incomplete(sources)
         first = next(left, None)
         if first is not None:
@@ -180,16 +183,8 @@ def batch(
         from spinor_geom.batching.summary import write_summary
 
         progress = run.progress()
-        paths = write_summary(journal, sources, options, asdict(progress))
-    return BatchResult(output=Path(journal.store.output), progress=progress, log=journal.log, **paths)
-
-
-def _checked_limits(time_limit: float, memory_limit: int, retries: int) -> Limits:
-    require_positive("time_limit", time_limit)
-    require_positive("memory_limit", memory_limit)
-    if retries < 0:
-        raise OptionError(f"retries must be a number from 0 on, not {retries}")
-    return Limits(seconds=float(time_limit), memory=int(memory_limit), retries=retries)
+        paths = write_summary(store, sources, options, asdict(progress))
+    return BatchResult(output=Path(store.output), progress=progress, log=store.log, **paths)
 
 
 class _Run:
@@ -197,25 +192,26 @@ class _Run:
 
     def __init__(
         self,
-        journal: Journal,
+        store: Store,
         options: BatchOptions,
         limits: Limits,
         total: int,
         on_progress: Callable[[BatchProgress], None] | None,
     ) -> None:
-        self._journal, self._options, self._limits = journal, options, limits
-        self._total, self._on_progress = total, on_progress
-        self._files = self._failed = self._before = self._loops = self._loops_failed = 0
+        self._store, self._options, self._limits = store, options, limits
+        self._on_progress = on_progress
+        self._counts = dict.fromkeys(("files", "files_failed", "files_before", "loops", "loops_failed"), 0)
+        self._counts["files_total"] = total
         self._start = perf_counter()
 
     def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
         """The sources that are still to be done; those that are complete are counted."""
         for source in sources:
-            one = self._journal.completed(source)
+            one = self._store.completed(source)
             if one is None:
                 yield source
             else:
-                self._before += 1
+                self._counts["files_before"] += 1
                 self._finish(one)
 
     def solve(self, client: Client, sources: Iterator[Source]) -> None:
@@ -234,21 +230,18 @@ class _Run:
                 block = again.popleft() if again else next(blocks, None)
                 if block is None:
                     break
-                running[self._submitted(client, block)] = block
+                job = {
+                    "sources": [source.to_dict() for source in block],
+                    "options": self._options.to_dict(),
+                    "store": asdict(self._store),
+                }
+                running[client.submit(run_block, job, asdict(self._limits), pure=False)] = block
             if not running:
                 return
             for future in wait(list(running), return_when="FIRST_COMPLETED").done:
                 block = running.pop(future)
                 again.extend(self._taken(future, block))
                 future.release()
-
-    def _submitted(self, client: Client, block: list[Source]) -> Future:
-        job = {
-            "sources": [source.to_dict() for source in block],
-            "options": self._options.to_dict(),
-            "store": asdict(self._journal.store),
-        }
-        return client.submit(run_block, job, asdict(self._limits), pure=False)
 
     def _taken(self, future: Future, block: list[Source]) -> list[list[Source]]:
         """Takes what a worker has done; gives what has to be tried again, file by file."""
@@ -269,46 +262,36 @@ class _Run:
         tries = []
         for source in block:
             # what the workers had finished before they died need not be done again
-            one = self._journal.completed(source)
+            one = self._store.completed(source)
             if one is not None:
                 self._finish(one)
             elif len(block) == 1:
                 record = failure(
                     source.key, "every worker that tried it was killed; look at their logs", status="fault"
                 )
-                self._finish(self._journal.store.commit(source, record, {}))
+                self._finish(self._store.commit(source, record, {}))
             else:
                 tries.append([source])
         return tries
 
     def _finish(self, one: dict[str, Any]) -> None:
-        self._files += 1
-        self._loops += one["loops"]
-        self._loops_failed += one["loops_failed"]
+        self._counts["files"] += 1
+        self._counts["files_failed"] += one["status"] != "done"
+        for name in ("loops", "loops_failed"):
+            self._counts[name] += one[name]
         if one["status"] != "done":
-            self._failed += 1
-            self._journal.log_failure(one)
+            with self._store.log.open("a", encoding="utf-8") as file:
+                file.write(log_line(one))
         if self._on_progress is not None:
             self._on_progress(self.progress())
 
     def progress(self) -> BatchProgress:
         """How far it is."""
-        return BatchProgress(
-            files=self._files,
-            files_failed=self._failed,
-            files_total=self._total,
-            files_before=self._before,
-            loops=self._loops,
-            loops_failed=self._loops_failed,
-            seconds=perf_counter() - self._start,
-        )
+        return BatchProgress(**self._counts, seconds=perf_counter() - self._start)
 
 
 def _blocks(sources: Iterator[Source], threads: Callable[[], int]) -> Iterator[list[Source]]:
-    """Sources in blocks to be solved together: small files, and fewer as the end comes near.
-
-    What is together with what makes no difference to the results.
-    """
+    """Sources in blocks to be solved together: small files, and fewer as the end comes near."""
     ahead: deque[Source] = deque()
     ended = False
     while True:
@@ -334,11 +317,7 @@ def _threads(client: Client) -> int:
 
 @contextmanager
 def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iterator[Client]:
-    """A client of a cluster: of this machine's own, which ends with the block, or of one at an address.
-
-    Raises:
-        BatchError: there is none at the address.
-    """
+    """A client of this machine's own cluster, which ends with the block, or of one at an address, if it answers."""
     import dask
     from distributed import Client, LocalCluster
 
@@ -353,7 +332,7 @@ def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iter
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": limits.retries, **SHORT_LOGS}),
         LocalCluster(
-            n_workers=workers or _cores(),
+            n_workers=workers,  # or as many as there are cores for this process
             threads_per_worker=1,
             memory_limit=0,  # the processes that solve have a limit of their own
             host="127.0.0.1",
@@ -378,7 +357,3 @@ def _deafness() -> Any:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     return Deaf()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import IO, Any
 
 from spinor_geom.batching.archives import Member, is_archive
-from spinor_geom.batching.limits import Limits, fault_reason
-from spinor_geom.batching.names import safe_name
+from spinor_geom.batching.options import Limits, fault_reason
 from spinor_geom.errors import BatchError
+from spinor_geom.files import safe_name
 from spinor_geom.isolate import FaultError, Process
 
-LISTER = "spinor_geom.batching.lister"
+LISTER = "spinor_geom.batching.archives"
 SUFFIX = ".obj"
 MANIFESTS = (".csv", ".jsonl")
 # The last part of the key of what is no OBJ file: such a part has no suffix, so that no file's key can be the same.
@@ -41,7 +41,7 @@ class Source:
         path: the file, or the archive that it is in.
         member: where it is in the archive.
         size: in bytes.
-        modified: the time of its last change, in nanoseconds.
+        modified: in nanoseconds.
         problem: why it cannot be read, if that is known already.
     """
 
@@ -75,11 +75,8 @@ class Inputs:
     ) -> None:
         """Gives every input a name of its own; reads nothing yet.
 
-        Args:
-            inputs: files, patterns, folders, manifests, archives; their names are held in memory, what is in them not,
-                but for the names in one folder, or that fit one pattern, at a time.
-            output: a folder that is not searched: results are no inputs.
-            limits: for the list of an archive.
+        Their names are held in memory, what is in them not, but for the names in one folder, or that fit one pattern,
+        at a time. The output folder is not searched; the limits are for the list of an archive.
         """
         self._output, self._limits = os.path.realpath(output), limits
         self._roots: list[tuple[str, str]] = []
@@ -137,13 +134,12 @@ class Inputs:
                 yield from self._of_file(path, parts)
             elif path != output:
                 try:
-                    names = sorted(_wanted_names(path), reverse=True)
+                    with os.scandir(path) as found:
+                        names = [one.name for one in found if one.is_dir(follow_symlinks=False) or _is_wanted(one.path)]
+                    waiting += [(os.path.join(path, name), [*parts, name]) for name in sorted(names, reverse=True)]
                 except OSError as error:
-                    yield _problem(
-                        [*parts, PROBLEM], path, f"cannot be read ({error.strerror})", "check the access rights"
-                    )
-                    continue
-                waiting += [(os.path.join(path, name), [*parts, name]) for name in names]
+                    problem = f"cannot be read ({error.strerror})"
+                    yield _problem([*parts, PROBLEM], path, problem, "check the access rights")
 
     def _of_file(self, path: str, parts: Sequence[str]) -> Iterator[Source]:
         """An OBJ file, or those in an archive."""
@@ -186,27 +182,21 @@ class Inputs:
             with path.open(encoding="utf-8-sig", newline="") as file:
                 rows = _csv_rows(file) if path.suffix.lower() == ".csv" else _json_rows(file)
                 for number, entry in rows:
-                    if not entry:
-                        yield _problem(
-                            [label, f"{number}", PROBLEM], str(path), f"row {number} names no path", "complete it"
-                        )
-                        continue
-                    named = os.path.abspath(path.parent / entry)
-                    # a file may be listed twice
-                    yield from self._of_file(
-                        named, [label, f"{number}", *entry.replace("\\", "/").strip("/").split("/")]
-                    )
+                    own = [label, f"{number}"]  # a file may be listed twice
+                    if entry:
+                        parts = [*own, *entry.replace("\\", "/").strip("/").split("/")]
+                        yield from self._of_file(os.path.abspath(path.parent / entry), parts)
+                    else:
+                        yield _problem([*own, PROBLEM], str(path), f"row {number} names no path", "complete it")
         except (OSError, csv.Error, ValueError, RecursionError) as error:
-            yield _problem(
-                [label, PROBLEM], str(path), f"cannot be read as a manifest ({error})", "give a column 'path'"
-            )
+            problem = f"cannot be read as a manifest ({error})"
+            yield _problem([label, PROBLEM], str(path), problem, "give a column 'path'")
 
 
 class Listing:
-    """The sources of a batch, listed once: a line each in a file."""
+    """The sources of a batch, listed once: a line each in a file; one iteration at a time."""
 
     def __init__(self, sources: Iterable[Source], file: IO[str]) -> None:
-        """Goes through the sources, and writes them to the file."""
         self._file, self._count = file, 0
         for source in sources:
             self._file.write(json.dumps(source.to_dict()) + "\n")
@@ -216,7 +206,6 @@ class Listing:
         return self._count
 
     def __iter__(self) -> Iterator[Source]:
-        """The sources in order; one iteration at a time."""
         self._file.seek(0)
         while line := self._file.readline():
             yield Source.from_dict(json.loads(line))
@@ -242,13 +231,6 @@ def _fitting(pattern: str) -> Iterator[str]:
 
 def _is_wanted(name: str) -> bool:
     return (name.lower().endswith(SUFFIX) or is_archive(name)) and not os.path.isdir(name)
-
-
-def _wanted_names(folder: str) -> Iterator[str]:
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            if entry.is_dir(follow_symlinks=False) or _is_wanted(entry.path):
-                yield entry.name
 
 
 def _csv_rows(file: Iterable[str]) -> Iterator[tuple[int, str]]:

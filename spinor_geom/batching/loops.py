@@ -31,9 +31,8 @@ class NamedLoop:
     """A loop of a file, or what should have been one.
 
     Attributes:
-        kind: whether it is a hole of the mesh or a curve.
         name: of the object and group that it belongs to; "" where the file has none.
-        points: (k, 3) of the loop, or of what was found in its place.
+        points: of the loop, or of what was found in its place.
         loop: the loop; None where it could not be made.
         error: why no surface over it is looked for, if so.
         notes: what was repaired.
@@ -50,12 +49,8 @@ class NamedLoop:
 def curve_loops(text: ObjText, *, closing: float) -> list[NamedLoop]:
     """The curves of a file as loops, in its order.
 
-    Ends of open curves that are at most `closing` mean edges apart are joined where no third end is as near. Points
-    that are equal to their predecessor are dropped.
-
-    Args:
-        text: the file.
-        closing: in mean edges of the shorter-edged of the two curves.
+    Ends of open curves that are at most `closing` mean edges (of the shorter-edged of the two) apart are joined where
+    no third end is as near. Points that are equal to their predecessor are dropped.
     """
     vertices = text.contents.vertices
     return [
@@ -80,14 +75,7 @@ def refuse_what_bounds_no_disk(loop: BoundaryLoop) -> None:
 def hole_names(
     mesh: TriangleMesh, face_names: Int[np.ndarray, " f"], names: Sequence[str], loops: Sequence[BoundaryLoop]
 ) -> list[str]:
-    """For each hole the name that most of the faces beside it have.
-
-    Args:
-        mesh: the mesh.
-        face_names: of each of its faces, as a number among the names.
-        names: the names.
-        loops: the holes.
-    """
+    """For each hole the name that most of the faces beside it have, which are given as numbers among the names."""
     if not loops or len(names) == 1:
         return [names[0]] * len(loops)
     size = len(mesh.vertices)

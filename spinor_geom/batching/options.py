@@ -1,4 +1,4 @@
-"""What every file of a batch is treated with; cheap to import, and JSON on its way to other processes."""
+"""What every file of a batch is treated with, and what it may cost; cheap to import, JSON on its way to others."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError
-from spinor_geom.fill.continuity import CONTINUITY, Continuity
+from spinor_geom.fill.options import CONTINUITY, Continuity, require_positive
+from spinor_geom.isolate import FaultError
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
 Format: TypeAlias = Literal["obj", "ply", "glb", "npz"]
@@ -15,22 +16,14 @@ Format: TypeAlias = Literal["obj", "ply", "glb", "npz"]
 WHAT: tuple[What, ...] = get_args(What)
 FORMAT: tuple[Format, ...] = get_args(Format)
 OF_CURVES = ("obj", "npz")
+# A file with so many loops that take as long as they may is done to its end.
+HARDEST_LOOPS = 100
+ADVICE = {"time": "; raise the limit", "memory": "; raise the limit, or split the file"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions:
-    """What the results depend on.
-
-    Attributes:
-        what: "fill" for the triangulation of each loop, and of a file with faces the filled mesh; "surface" for the
-            triangulation and the spinor surface of each loop; "loops" for the loops alone, nothing is solved.
-        format: of the meshes.
-        edge_length: of the triangulations, in mesh units, or "auto" for each loop's mean edge.
-        tolerance: RMS boundary residual per mean loop edge.
-        continuity: "C0" for minimal surfaces, "C1" for patches of holes that go on with the mesh around.
-        closing: an open curve whose ends are at most so many of its mean edges apart counts as closed.
-        compare: whether each surface is compared with a discrete minimal surface.
-        device: of the batched linear algebra.
+    """What the results depend on: options of `batch`, which says what they mean.
 
     Raises:
         OptionError: a value is not allowed.
@@ -62,11 +55,26 @@ class BatchOptions:
         return asdict(self)
 
 
-def require_positive(name: str, value: Any) -> None:
-    """Checks an option.
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What one file may cost.
 
-    Raises:
-        OptionError: the value is not a positive finite number.
+    Attributes:
+        seconds: for reading it, and for each of its loops; 100 times as long as a whole.
+        memory: of the process that solves, in bytes.
+        retries: how often a file is tried again after its process died.
     """
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise OptionError(f"{name} must be a positive number, not {value!r}")
+
+    seconds: float
+    memory: int
+    retries: int
+
+    @property
+    def whole_seconds(self) -> float:
+        """For a file, however many loops it has."""
+        return HARDEST_LOOPS * self.seconds
+
+
+def fault_reason(fault: FaultError) -> str:
+    """What ended a process, and what to do."""
+    return f"{fault}{ADVICE.get(fault.kind, '')}"

@@ -1,22 +1,26 @@
-"""The output folder of a batch as every process of it sees it: where results go, and who may write them."""
+"""The output folder of a batch: where results go, who may write them, and what is complete; nothing else survives."""
 
 from __future__ import annotations
 
 import errno
 import json
 import os
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+import secrets
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from spinor_geom.batching.inputs import Source
+from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.records import RECORD, failure, summary
 from spinor_geom.errors import BatchError
-from spinor_geom.files import atomic_folder, atomic_path, json_text
+from spinor_geom.files import atomic_folder, atomic_path, json_text, write_json
+from spinor_geom.version import program_version
 
-RUN = "run.json"
+RUN, LOCK, LOG = "run.json", ".lock", "failures.log"
 RESULTS, STAGING, ROOM = "files", ".staging", "room"
 # A disk that takes no more, or only small files.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -54,13 +58,25 @@ class Store:
             return None
         return record if isinstance(record, dict) else None
 
+    @property
+    def log(self) -> Path:
+        """The file of failures."""
+        return Path(self.output, LOG)
+
+    def completed(self, source: Source) -> dict[str, Any] | None:
+        """The summary of a source whose results are all there, and still those of the source as it is now."""
+        record = self.record(source.key)
+        if record is None or record.get("status") == "fault" or record.get("input") != stamp(source):
+            return None
+        try:
+            return summary(record)
+        except (KeyError, TypeError):
+            return None
+
     def commit(
         self, source: Source, record: dict[str, Any], files: Mapping[str, Callable[[Path], None]]
     ) -> dict[str, Any]:
-        """Writes the results of a source: all of them, or none.
-
-        Returns:
-            The summary of the record; of one that says why where only this source's results cannot be written.
+        """Writes the results of a source, all or none; gives the summary, or one that says why they cannot be written.
 
         Raises:
             BatchError: another run has the folder now, links lead out of it, or it takes no more files.
@@ -113,3 +129,62 @@ class Store:
 def stamp(source: Source) -> list[int | str]:
     """What tells whether a source has changed, or why it cannot be read."""
     return [source.size, source.modified, source.problem]
+
+
+def log_line(one: dict[str, Any]) -> str:
+    """A failure as a line: what became of which source, and why."""
+    parts = (one["status"], one["key"], one["reason"] or one["first"])
+    return "\t".join(" ".join(str(part).split()) for part in parts) + "\n"
+
+
+@contextmanager
+def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resume: bool) -> Iterator[Store]:
+    """An output folder, made if it does not exist, which no other run can have at the same time.
+
+    A run that was begun there goes on, or the folder must be empty.
+
+    Raises:
+        BatchError: another run has the folder, or holds something already, or the run there has other options.
+        OSError: the folder cannot be made or written to.
+    """
+    import filelock
+
+    root = Path(os.path.realpath(output))
+    root.mkdir(parents=True, exist_ok=True)
+    lock = filelock.FileLock(root / LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except filelock.Timeout:
+        raise BatchError(f"{output}: another batch is writing to this folder; wait for it or name another") from None
+    try:
+        settings = {"options": options.to_dict(), "version": program_version()}
+        _require_same(root, settings, resume=resume)
+        store = Store(output=str(root), token=secrets.token_hex(16))
+        write_json(root / RUN, {**settings, "token": store.token})
+        # what a run that was cut off has left half written
+        shutil.rmtree(root / STAGING, ignore_errors=True)
+        yield store
+        shutil.rmtree(root / STAGING, ignore_errors=True)
+    finally:
+        lock.release()
+
+
+def _require_same(root: Path, settings: dict[str, Any], *, resume: bool) -> None:
+    held = {entry.name for entry in root.iterdir()} - {LOCK, STAGING}
+    # a run that did not get as far as to a result has left nothing to be careful with
+    if held <= {RUN, LOG}:
+        return
+    if RUN not in held:
+        raise BatchError(f"{root}: holds other things ({min(held)}); name a new folder")
+    if not resume:
+        raise BatchError(f"{root}: holds a batch already; resume it (--resume, resume=True) or name a new folder")
+    try:
+        before = json.loads((root / RUN).read_bytes())
+    except ValueError as error:
+        raise BatchError(f"{root / RUN}: is damaged ({error}); name a new folder") from error
+    for kind in ("options", "version"):
+        if before.get(kind) != settings[kind]:
+            raise BatchError(
+                f"{root}: was begun with other {'options' if kind == 'options' else 'versions of this program'} "
+                f"({before.get(kind)}, not {settings[kind]}); use the same, or name a new folder"
+            )

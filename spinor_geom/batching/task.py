@@ -18,11 +18,11 @@ from spinor_geom.adapters.mesh_files import FORMATS, MeshFile
 from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.batching.loops import NamedLoop, curve_loops, hole_names, refuse_what_bounds_no_disk
-from spinor_geom.batching.names import safe_name
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.records import worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
+from spinor_geom.files import safe_name
 from spinor_geom.fill.many_loops import fill_loops
 from spinor_geom.fill.one_loop import Answer, FillOptions, refuse_what_is_no_hole, unfilled
 from spinor_geom.fill.result import LoopOutcome
@@ -49,12 +49,7 @@ LARGEST_COORDINATE = 1e70
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Results:
-    """What is left of a file.
-
-    Attributes:
-        record: JSON-ready; all that may differ between two runs is under the keys "seconds".
-        files: what writes each of the files, by name.
-    """
+    """What is left of a file: its record, JSON-ready, and what writes each of its files, by name."""
 
     record: dict[str, Any]
     files: dict[str, Writer]
@@ -65,15 +60,10 @@ class OpenedFile:
     """An OBJ file that was read, with what is to be solved.
 
     Attributes:
-        key: its name in the batch.
         stream: its bytes, to be copied.
-        text: what was read.
         mesh: of its faces, or a mesh without faces for its curves.
-        surroundings: what patches must not have and what they cross.
         loops: holes, then curves.
         problem: why its holes could not be looked for, if so.
-        seconds: it took to read.
-        options: of the batch.
     """
 
     key: str
@@ -171,12 +161,7 @@ def fill_options(options: BatchOptions) -> FillOptions:
 
 
 def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
-    """The results of a file.
-
-    Args:
-        opened: the file.
-        answers: for each loop that is `wanted` in order its exact patch, or why it has none.
-    """
+    """The results of a file from the exact patch of each loop that is `wanted`, in order, or why it has none."""
     start = perf_counter()
     files: dict[str, Writer] = {}
     filled: dict[str, Any] | None = None

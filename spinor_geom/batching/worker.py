@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from collections.abc import Mapping
 from typing import Any
 
 from spinor_geom.batching.inputs import Source
-from spinor_geom.batching.limits import Limits, fault_reason
+from spinor_geom.batching.options import Limits, fault_reason
 from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store
 from spinor_geom.errors import BatchError
@@ -20,11 +19,7 @@ _own = threading.local()
 
 
 def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
-    """Does a job for the driver; whatever its sources do to the process that solves, each gets a record.
-
-    Args:
-        job: as for `solver.work`.
-        limits: the fields of `Limits`.
+    """Does a job, as for `solver.work`; whatever its sources do to the process that solves, each gets a record.
 
     Returns:
         "finished": a summary for each source; "stop": why nothing can be written, or "".
@@ -39,21 +34,19 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
             fault = _attempt({**job, "sources": block}, allowed, done)
             finished = {one["key"] for one in done}
             waiting = {entry["key"]: entry for entry in block if entry["key"] not in finished}
-            if fault is None:
-                # none where all went well; else one of several made it give up
-                blocks.extend([entry] for entry in waiting.values())
-                continue
             # the file that was being read did it, or the only one
-            guilty = fault.last.get("reading", "") if len(waiting) > 1 else next(iter(waiting), "")
-            if guilty not in waiting:
-                # any of them may have done it
+            last = {} if fault is None else fault.last
+            guilty = last.get("reading", "") if len(waiting) > 1 else next(iter(waiting), "")
+            if fault is None or guilty not in waiting:
+                # any of them may have done it, or made it give up; none are left where all went well
                 blocks.extend([entry] for entry in waiting.values())
                 continue
             entry = waiting.pop(guilty)
             deaths[guilty] += 1
             # what a limit ended would only cost as much once more
             if fault.kind != "death" or deaths[guilty] > allowed.retries:
-                done.append(_write_fault(job, entry, fault))
+                record = failure(guilty, fault_reason(fault), status="fault")
+                done.append(Store(**job["store"]).commit(Source.from_dict(entry), record, {}))
             else:
                 blocks.append([entry])
             if waiting:
@@ -64,10 +57,7 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
 
 
 def _attempt(job: dict[str, Any], allowed: Limits, done: list[dict[str, Any]]) -> FaultError | None:
-    """Has the process that solves do a job; the summaries of what it finishes join those that are done.
-
-    Returns:
-        What ended the process, if so.
+    """Has the process that solves do a job: what it finishes joins what is done, and what ended it is returned.
 
     Raises:
         BatchError: nothing can be written, or the process cannot start.
@@ -90,11 +80,6 @@ def _attempt(job: dict[str, Any], allowed: Limits, done: list[dict[str, Any]]) -
     if stop:
         raise BatchError(stop)
     return None
-
-
-def _write_fault(job: Mapping[str, Any], entry: dict[str, Any], fault: FaultError) -> dict[str, Any]:
-    record = failure(entry["key"], fault_reason(fault), status="fault")
-    return Store(**job["store"]).commit(Source.from_dict(entry), record, {})
 
 
 def solver() -> Process:

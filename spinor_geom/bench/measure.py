@@ -17,8 +17,7 @@ from spinor_geom.bench.holes import Hole
 from spinor_geom.comparison import exact_curvature
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures.hausdorff import distances_to_mesh, mesh_samples
-from spinor_geom.measures.mean_curvature import discrete_mean_curvature
-from spinor_geom.measures.quality import smallest_angles
+from spinor_geom.measures.mean_curvature import discrete_mean_curvature, smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles

@@ -20,8 +20,8 @@ from spinor_geom.bench.tables import Table, option_table, tables
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render import page
 from spinor_geom.render.layers import Faces, Scale
+from spinor_geom.render.page import Scene, Views
 from spinor_geom.render.plots import log_log
-from spinor_geom.render.viewer import STYLE, Scene, Views
 
 PAGE, TABLES, CSV, PLOTS = "report.html", "tables.md", "records.csv", "plots"
 # fields that say how it was measured here: nothing for others
@@ -93,7 +93,7 @@ def report(run: Run, made: Sequence[Table], images: Mapping[str, bytes]) -> str:
         *_rows([*made[1:], option_table()]),
         *([views.script()] if cut_outs else []),
     ]
-    return page.document("spinor-geom bench", body, style=STYLE)
+    return page.document("spinor-geom bench", body)
 
 
 def _cut_outs(folder: Path, views: Views) -> list[str]:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import os
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.text import Text
 
 from spinor_geom.adapters.mesh_files import known_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
-from spinor_geom.cli.source import read_surface
-from spinor_geom.errors import MeshFileError, SpinorGeomError
+from spinor_geom.cli.source import read_surface, require_writable
+from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import write_json
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.result import FillResult, LoopOutcome
@@ -22,7 +19,6 @@ from spinor_geom.optional import require
 if TYPE_CHECKING:
     from spinor_geom.comparison import Comparison
 
-COLUMNS = ("loop", "kind", "points", "perimeter", "residual/edge", "area", "stability", "new faces", "seconds")
 _OPEN = {True: ("open", "red"), False: ("left open", "dim")}
 # columns more, where there are some: RMS angle between patch and mesh along the rim, of the film and continued
 BEND, CROSSINGS = "bend", "crossings"
@@ -84,19 +80,6 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     return ExitStatus.DONE if good else ExitStatus.IMPERFECT
 
 
-def require_writable(path: Path) -> None:
-    """Checks that a file can be put at a path, its folders being made on the way; makes none.
-
-    Raises:
-        MeshFileError: the path is a folder, or the nearest folder above it that exists may not be written to.
-    """
-    if path.is_dir():
-        raise MeshFileError(f"{path}: is a folder; name a file in it", path=path)
-    above = next(folder for folder in path.absolute().parents if folder.exists())
-    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
-        raise MeshFileError(f"{path}: cannot be written, {above} is not a folder that may be written to", path=path)
-
-
 def add_comparisons(
     report: dict[str, Any], result: FillResult, edge_length: float | Literal["auto"]
 ) -> dict[int, Comparison]:
@@ -122,12 +105,9 @@ def add_comparisons(
 def show_result(result: FillResult) -> None:
     """The table of loops on a terminal; on standard error what is not filled as asked and what patches cross."""
     if result.loops:
-        more = {
-            BEND: any(outcome.continuation is not None for outcome in result.loops),
-            CROSSINGS: not result.intersection_free,
-        }
-        columns = (*COLUMNS, *(name for name, is_shown in more.items() if is_shown))
-        show_table(columns, [row(outcome, columns) for outcome in result.loops], piped=False)
+        rows = [row(outcome) for outcome in result.loops]
+        columns = [name for name in rows[0] if name not in (BEND, CROSSINGS) or any(str(cells[name]) for cells in rows)]
+        show_table(columns, [[cells[name] for name in columns] for cells in rows], piped=False)
     else:
         show_lines("no boundary loops: the mesh is closed, nothing to fill", piped=False)
     for note in result.notes:
@@ -142,12 +122,12 @@ def show_result(result: FillResult) -> None:
         complain(said)
 
 
-def row(outcome: LoopOutcome, columns: Sequence[str]) -> list[str | Text]:
-    """An outcome as a line of the table with these columns."""
+def row(outcome: LoopOutcome) -> dict[str, str | Text]:
+    """An outcome as a line of the table, by columns."""
     entry = outcome.to_dict()
     residual, area, stability = entry["residual_rms_per_edge"], entry["area"], entry["stability"]
     bend = outcome.continuation
-    cells: dict[str, str | Text] = {
+    return {
         "loop": str(outcome.index),
         "kind": _kind(outcome),
         "points": str(len(outcome.loop)),
@@ -160,7 +140,6 @@ def row(outcome: LoopOutcome, columns: Sequence[str]) -> list[str | Text]:
         BEND: "" if bend is None else f"{bend.before.rms:.0f}° to {bend.after.rms:.0f}°",
         CROSSINGS: Text(str(outcome.intersections or ""), style="red"),
     }
-    return [cells[name] for name in columns]
 
 
 def _kind(outcome: LoopOutcome) -> Text:

@@ -8,8 +8,7 @@ import math
 from typing import Any
 
 from spinor_geom.cli.console import ExitStatus, show_lines, show_table
-from spinor_geom.cli.fill import require_writable
-from spinor_geom.cli.source import read_surface
+from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings

@@ -15,8 +15,13 @@ from typing import Any, TypeAlias
 from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
-from spinor_geom.fill.continuity import CONTINUITY
+from spinor_geom.fill.options import CONTINUITY
 
+# commands of one module
+_TOGETHER = {
+    **dict.fromkeys(("view", "render", "morph"), "pictures"),
+    **dict.fromkeys(("batch", "bench", "reproduce"), "runs"),
+}
 EPILOG = """exit status: 0 all was done as asked, 1 it was done, but some of it deserves a look and is named on standard
 error, 2 the arguments or the input cannot be used, or a file not be written, 130 interrupted; what 0 and 1 mean for a
 command stands in its own help"""
@@ -26,20 +31,13 @@ standard error), 2 the arguments or the input cannot be used, or a file not be w
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line.
-
-    Args:
-        argv: the arguments without the program's name; those of the process by default.
-
-    Returns:
-        The exit status.
-    """
+    """Runs the command line (`argv` without the program's name; the process's by default); gives the exit status."""
     arguments = build_parser().parse_args(argv)
     # what the modules make stays until the end: looking through it for garbage, as they are imported and once more when
     # the process ends, takes half a second
     gc.disable()
     # only now: the commands import torch, scipy and libigl
-    command = importlib.import_module(f"spinor_geom.cli.{arguments.command}")
+    command = importlib.import_module(f"spinor_geom.cli.{_TOGETHER.get(arguments.command, arguments.command)}")
     console = importlib.import_module("spinor_geom.cli.console")
     gc.freeze()
     gc.enable()

@@ -1,25 +1,16 @@
-"""Reads the mesh or the surface that a command works on."""
+"""Reads the mesh that a command works on, and checks what it is to write."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.errors import MeshFileError
 
-if TYPE_CHECKING:
-    from spinor_geom.render.shapes import Shape
-
-SURFACE_SUFFIX = ".safetensors"
-
 
 def read_surface(path: Path, *, merge: bool) -> MeshFile:
-    """A mesh file with faces.
-
-    Args:
-        path: the file.
-        merge: makes vertices of equal position one.
+    """A mesh file with faces; with `merge` vertices of equal position are one.
 
     Raises:
         MeshFileError: the file is missing, malformed, or has no faces.
@@ -34,18 +25,14 @@ def read_surface(path: Path, *, merge: bool) -> MeshFile:
     return mesh.merged() if merge else mesh
 
 
-def read_shape(path: Path) -> Shape:
-    """A mesh file with faces, or a saved surface as triangles.
+def require_writable(path: Path) -> None:
+    """Checks that a file can be put at a path, its folders being made on the way; makes none.
 
     Raises:
-        MeshFileError: the file is missing, malformed, or has no faces.
-        StorageError: the saved surface is missing or cannot be read.
-        SurfaceError: the surface is not finite on its domain.
+        MeshFileError: the path is a folder, or the nearest folder above it that exists may not be written to.
     """
-    from spinor_geom.render.shapes import shape_of
-
-    if path.suffix.lower() != SURFACE_SUFFIX:
-        return shape_of(read_surface(path, merge=False))
-    from spinor_geom.surface.spinor_surface import SpinorSurface
-
-    return shape_of(SpinorSurface.load(path))
+    if path.is_dir():
+        raise MeshFileError(f"{path}: is a folder; name a file in it", path=path)
+    above = next(folder for folder in path.absolute().parents if folder.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        raise MeshFileError(f"{path}: cannot be written, {above} is not a folder that may be written to", path=path)

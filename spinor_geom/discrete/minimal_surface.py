@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -22,7 +22,11 @@ from spinor_geom.domain.triangulation import MOST_POINTS, one_by_one_on_error, t
 from spinor_geom.errors import DomainError, FirstFillError, OptionError, SpinorGeomError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian
+from spinor_geom.mesh.topology import face_components, is_watertight
 from spinor_geom.shown import Shown
+
+if TYPE_CHECKING:
+    import pymeshlab
 
 DiscreteMethod = Literal["libigl", "pymeshlab"]
 # The first mesh only has to be near enough for its flattening to be right.
@@ -31,6 +35,7 @@ FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
 # Of the mean stretch from the plane: beyond, a target edge length is not kept.
 _MOST_STRETCHED = 4.0
+_STEPS = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,8 +127,6 @@ def discrete_minimal_surface(
     target = None if length is None else length / loop.diagonal
     disk = _stationary_disk(unit, relative_change, target)
     if method == "pymeshlab" and target is not None:
-        from spinor_geom.discrete.meshlab import remeshed
-
         # n equilateral pairs of triangles of edge h have the area n·h²·√3/2
         shortest = math.sqrt(2 * disk.areas[-1] / (math.sqrt(3) * MOST_POINTS))
         vertices, faces = remeshed(disk.vertices, disk.faces, len(loop), max(target, shortest))
@@ -134,13 +137,7 @@ def discrete_minimal_surface(
 def relaxed_surface(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
 ) -> DiscreteMinimalSurface:
-    """The discrete minimal surface that `descend_area` reaches from a mesh, on the same triangles.
-
-    Args:
-        vertices: the boundary's first, which stay.
-        faces: triangles.
-        boundary_size: number of boundary vertices.
-    """
+    """The discrete minimal surface that `descend_area` reaches from a mesh, on the same triangles."""
     start = time.perf_counter()
     disk = descend_area(vertices, faces, boundary_size, relative_change=FINE_CHANGE)
     return _result(disk, vertices[:boundary_size], start=start)
@@ -181,7 +178,10 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
         domain = unfolded_loop(points)
         first = _fill(domain, points, relative_change=_FIRST_CHANGE)
     except (DomainError, FirstFillError) as error:
-        domain, failure = _round_domain(points), f"it started from a round domain: {error}"
+        # on the unit circle, by a mean of the points' numbers and their places along the curve
+        length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+        domain = np.exp(1j * np.cumsum(np.pi * (length / length.sum() + 1 / len(points))))
+        failure = f"it started from a round domain: {error}"
         first = _fill(domain, points, relative_change=_FIRST_CHANGE)
     try:
         flat = flatten(first.vertices, first.faces, len(points)).boundary
@@ -200,13 +200,6 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
     return replace(disk, reason=disk.reason or failure)
 
 
-def _round_domain(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]:
-    """A vertex on the unit circle for each point, by a mean of their numbers and their places along the curve."""
-    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    step = np.pi * (length / length.sum() + 1 / len(points))
-    return np.exp(1j * np.cumsum(step))
-
-
 def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
     """A disk over a closed curve that is minimal to about three digits: enough to flatten it.
 
@@ -220,11 +213,7 @@ def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
 
 
 def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | SpinorGeomError]:
-    """`first_disk` for many curves at once, which for short ones is faster; each disk is the same, to the last bit.
-
-    Returns:
-        For each its disk, or the error that `first_disk` raises for it.
-    """
+    """`first_disk` for many curves at once, which for short ones is faster, or its error; the same to the last bit."""
 
     def made(some: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk]:
         polygons = [unfolded_loop(points) for points in some]
@@ -286,3 +275,70 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
         return np.asarray(np.minimum(graded(z), target / stretch[near]))
 
     return size
+
+
+def remeshed(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int, size: float
+) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "t 3"]]:
+    """A disk whose inner edges MeshLab has made about equally long; the boundary and its edges stay as they are.
+
+    It splits, collapses and flips edges away from the boundary's triangles, then only flips, everywhere. A disk that
+    has no other triangles is left alone. The boundary's vertices come first, in order.
+
+    Raises:
+        FirstFillError: MeshLab fails, moves the boundary or tears the disk.
+    """
+    import pymeshlab
+
+    m, meshes = boundary_size, _mesh_set(vertices, faces)
+    meshes.compute_selection_from_mesh_border()
+    meshes.apply_selection_inverse(invfaces=True)
+    if not meshes.current_mesh().selected_face_number():
+        return vertices, faces
+    ours = {"iterations": _STEPS, "targetlen": pymeshlab.PureValue(size), "featuredeg": 180.0}
+    ours |= {"checksurfdist": False, "reprojectflag": False}
+    try:
+        _remesh(meshes, **ours, selectedonly=True)
+        _remesh(meshes, **ours, splitflag=False, collapseflag=False)
+        mesh = meshes.current_mesh()
+        new, new_faces = mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)
+    except pymeshlab.PyMeshLabException as error:
+        raise FirstFillError(f"MeshLab did not fill a loop of {m} points: {error}") from error
+    finally:
+        # it would use our options in the caller's next calls
+        _remesh(_mesh_set(np.eye(3), np.array([[0, 1, 2]])))
+    if not np.array_equal(new[:m], vertices[:m]) or not _is_disk(new_faces, vertices=len(new), boundary_size=m):
+        raise FirstFillError(f"MeshLab's remeshing tore the fill of a loop of {m} points")
+    return new, new_faces
+
+
+def _remesh(meshes: pymeshlab.MeshSet, **options: Any) -> None:
+    """MeshLab's remeshing with its own defaults: it remembers options from call to call, so each is given."""
+    import pymeshlab
+
+    defaults = {"iterations": 10, "adaptive": False, "selectedonly": False, "targetlen": pymeshlab.PercentageValue(100)}
+    defaults |= {"featuredeg": 30.0, "checksurfdist": True, "splitflag": True, "collapseflag": True, "swapflag": True}
+    defaults |= {"smoothflag": True, "reprojectflag": True}
+    meshes.meshing_isotropic_explicit_remeshing(**defaults | options)
+
+
+def _mesh_set(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> pymeshlab.MeshSet:
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
+    return meshes
+
+
+def _is_disk(faces: Int[np.ndarray, "f 3"], *, vertices: int, boundary_size: int) -> bool:
+    """Whether faces are one disk on all vertices whose boundary runs 0, 1, … boundary_size − 1."""
+    here = np.arange(boundary_size)
+    # a cone over the boundary closes a disk, and nothing else, to a sphere
+    cone = np.stack([np.roll(here, -1), here, np.full(boundary_size, vertices)], axis=1)
+    closed = np.concatenate([faces, cone])
+    return bool(
+        len(np.unique(closed)) == vertices + 1
+        and 2 * (vertices + 1) - len(closed) == 4  # Euler's formula for triangles without a boundary
+        and is_watertight(closed)
+        and face_components(closed).max() == 0
+    )

@@ -25,15 +25,11 @@ _GROWTH = 0.35
 def minimum_area_strip(
     first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]
 ) -> tuple[Int[np.ndarray, "f 3"], float]:
-    """The strip of m + n triangles of least area between two closed polygons, by dynamic programming.
+    """The strip of m + n triangles of least area between two closed polygons, by dynamic programming; and its area.
 
-    A strip runs once around both; each triangle has an edge of one polygon and a vertex of the other. All vertices of
-    the second that may lie opposite to the first one's start are tried side by side: O(mn²) in all.
-
-    Both have the strip on their left.
-
-    Returns:
-        Faces, with the second polygon's vertices after the first's, and their area.
+    A strip runs once around both, which have it on their left; each triangle has an edge of one polygon and a vertex of
+    the other, whose vertices are numbered after the first one's. All vertices of the second that may lie opposite to
+    the first one's start are tried side by side: O(mn²) in all.
 
     Source: Fuchs, Kedem & Uselton, "Optimal surface reconstruction from planar contours", Comm. ACM 20 (1977).
     """
@@ -88,9 +84,6 @@ def discrete_annulus(
     The strip of least area gives the first places of the vertices on a round annulus; that is meshed and its area
     lowered. Then its conformal structure (the harmonic function that is 0 on one rim and 1 on the other, and its flux
     through the rims) gives places on the round annulus that it is conformal to, which is meshed anew.
-
-    Returns:
-        The triangulation of the round annulus, and the descent in space.
 
     Raises:
         DomainError: the rims lie so that no round annulus can be meshed with their vertices.

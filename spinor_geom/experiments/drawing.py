@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from spinor_geom.mesh.curve import CurveFunction
-from spinor_geom.render.domain_colouring import domain_colours
+from spinor_geom.render.plots import domain_colours
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 

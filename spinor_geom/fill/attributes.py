@@ -34,15 +34,12 @@ def patch_attributes(
     on the rim that is not finite counts as that of the nearest rim vertex with a finite one.
 
     Args:
-        attributes: the mesh's own, (V, k) each.
+        attributes: the mesh's own, (V, k) each; so are the results, (n − M, k).
         rim: mesh vertices of the patch's boundary vertices.
         patch: the patch.
         surface: gives the normals at the patch's points of Ω; None for a patch that is not on one.
         is_planned: whether the patch was triangulated in Ω, so that its triangles there have area.
         labels: names of attributes whose values name classes.
-
-    Returns:
-        (n − M, k) float64 under the same names.
 
     Source: Pinkall & Polthier (1993), the discrete Dirichlet energy.
     """

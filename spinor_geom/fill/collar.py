@@ -40,12 +40,7 @@ class FacesAround:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bend:
-    """The angle between the normals of a patch and of the mesh along their common edges.
-
-    Attributes:
-        largest: in degrees.
-        rms: root mean square along the rim's length, in degrees.
-    """
+    """The angle between the normals of a patch and of the mesh along their common edges, in degrees; RMS by length."""
 
     largest: float
     rms: float
@@ -91,13 +86,7 @@ class Collar:
 
 
 def collar_of(around: FacesAround, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
-    """The collar of a patch that has no edge which the mesh has too, other than the rim's.
-
-    Args:
-        around: the mesh's faces at its vertices.
-        rim: mesh vertices of the patch's boundary vertices.
-        patch: the patch.
-    """
+    """The collar of a patch that has no edge which the mesh has too, other than the rim's; `rim` are mesh vertices."""
     mesh, m = around.mesh, len(rim)
     rings = [around.at(rim)]
     for _ in range(1, _RINGS):
@@ -105,17 +94,20 @@ def collar_of(around: FacesAround, rim: Int[np.ndarray, " m"], patch: Patch) -> 
     first = np.setdiff1d(mesh.faces[rings[0]], rim)
     beyond = np.setdiff1d(mesh.faces[np.concatenate(rings)], np.concatenate([rim, first]))
     ids = np.concatenate([rim, first, beyond])
-    faces = [_renumbered(mesh.faces[ring], ids) for ring in rings]
+    order = np.argsort(ids, kind="stable")
+    faces = [order[np.searchsorted(ids[order], mesh.faces[ring])] for ring in rings]
     vertices = mesh.vertices[ids]
     together = np.concatenate(faces)
     # the patch's inner vertices come last; it closes the rim
     numbers = np.concatenate([np.arange(m), np.arange(len(ids), len(ids) + len(patch.vertices) - m)])
     closed = HalfEdges.of(np.concatenate([together, numbers[patch.faces]]))
     bends = ~unclosed_vertices(closed, len(ids) + len(patch.vertices) - m)[: len(ids)]
-    creased = _crease_vertices(together, vertices)
+    half_edges = HalfEdges.of(together)
+    creased = np.zeros(len(ids), dtype=bool)
+    creased[half_edges.origin[crossing_angles(half_edges, face_normals(vertices, together)) > CREASE]] = True
     bends &= ~creased
     bending = Bending.of(vertices, together)
-    length, roughness = _correlation(bending, together, bends & (np.arange(len(ids)) >= m), vertices)
+    length, roughness = _correlation(bending, half_edges, bends & (np.arange(len(ids)) >= m), vertices)
     size = m + len(first)
     return Collar(
         vertices=vertices[:size],
@@ -146,24 +138,10 @@ def bend_across(collar: Collar, patch: Patch) -> Bend:
     return Bend(largest=float(angle.max()), rms=float(np.sqrt(length @ angle**2 / length.sum())))
 
 
-def _renumbered(faces: Int[np.ndarray, "f 3"], ids: Int[np.ndarray, " n"]) -> Int[np.ndarray, "f 3"]:
-    order = np.argsort(ids, kind="stable")
-    return np.asarray(order[np.searchsorted(ids[order], faces)])
-
-
-def _crease_vertices(faces: Int[np.ndarray, "f 3"], vertices: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    half_edges = HalfEdges.of(faces)
-    sharp = crossing_angles(half_edges, face_normals(vertices, faces)) > CREASE
-    at_crease = np.zeros(len(vertices), dtype=bool)
-    at_crease[half_edges.origin[sharp]] = True
-    return at_crease
-
-
 def _correlation(
-    bending: Bending, faces: Int[np.ndarray, "f 3"], bends: Bool[np.ndarray, " n"], vertices: Float[np.ndarray, "n 3"]
+    bending: Bending, half_edges: HalfEdges, bends: Bool[np.ndarray, " n"], vertices: Float[np.ndarray, "n 3"]
 ) -> tuple[float, float]:
     """The length over which H changes, and the share of its variance between neighbours."""
-    half_edges = HalfEdges.of(faces)
     edges = np.stack([half_edges.origin, half_edges.target], axis=1)
     edges = edges[bends[edges].all(axis=1) & (edges[:, 0] < edges[:, 1])]
     if len(edges) < _FEWEST_EDGES:

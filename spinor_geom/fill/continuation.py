@@ -10,6 +10,7 @@ Source: Schneider & Kobbelt (2001), Geometric fairing of irregular meshes for fr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
@@ -20,12 +21,16 @@ from scipy.sparse import csc_array, diags_array
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import unique_edges
-from spinor_geom.errors import DomainError, SingularMatrixError
-from spinor_geom.fill.collar import Bend, Collar
+from spinor_geom.errors import DomainError, SingularMatrixError, SurfaceError
+from spinor_geom.fill.collar import Bend, Collar, bend_across, collar_of
+from spinor_geom.fill.stitch import fit_to_rim
+from spinor_geom.fill.surroundings import NOTHING, Crossings, Surroundings
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import Bending, crossing_angles, face_normals, factor_symmetric, mollified_laplacian
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.remesh import over_domain_of_angles, remesh
+from spinor_geom.plateau.solution import PlateauSolution
 
 # Newton's method starts after so many linear solves at most; a dome that is not found after few is not after many.
 _STARTS = 3
@@ -81,15 +86,7 @@ class Continuation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moved:
-    """A patch that was moved.
-
-    Attributes:
-        patch: the patch.
-        steps: Newton's steps to it.
-        converged: whether it rests.
-        stretch: by how much the edge that became longer most did so since it was meshed.
-        remeshed: whether it was meshed anew.
-    """
+    """A patch that was moved, and by how much the edge that became longer most did so since it was meshed."""
 
     patch: Patch
     steps: int
@@ -116,7 +113,7 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
         patch: with inner vertices.
         collar: the mesh around it.
         target: edge length with which it may be meshed anew.
-        is_conformal: whether its domain has its shape, and not only its faces.
+        is_conformal: whether its domain has its shape.
 
     Raises:
         SingularMatrixError: the patch's triangles are degenerate.
@@ -245,3 +242,87 @@ class _Problem:
         pull = np.zeros(len(x))
         pull[:s] = self._bends * force / bending.areas[:s]
         return np.asarray((bending.laplacian @ pull)[: self.free])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MadePatch:
+    """A patch on its way into the mesh: its loops, and what its `LoopOutcome` will tell of it."""
+
+    patch: Patch
+    rims: Sequence[BoundaryLoop]
+    solution: PlateauSolution | None
+    reason: str
+    edges_split: int = 0
+    crossings: Crossings = NOTHING
+    continuation: Continuation | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def start(self) -> Start:
+        """What the patch is before its continuation."""
+        if self.solution is not None:
+            return "minimal"
+        return "strip" if self.patch.hole_sizes else "discrete"
+
+    @cached_property
+    def rim(self) -> Int[np.ndarray, " m"]:
+        """Mesh vertices of its boundary vertices."""
+        return np.concatenate([loop.vertex_ids for loop in self.rims])
+
+    def joinable(self, surroundings: Surroundings) -> MadePatch:
+        """The patch with its edges split that the mesh or another patch has."""
+        patch, split = fit_to_rim(self.rim, self.patch, surroundings.taken, self._middles)
+        return replace(self, patch=patch, edges_split=self.edges_split + split)
+
+    def _middles(self, patch: Patch, chords: Int[np.ndarray, "c 2"]) -> Float[np.ndarray, "c 3"]:
+        """Positions halfway along chords: on the surface, halfway in Ω, where the patch is a mesh of one."""
+        if self.solution is None or self.continuation is not None:
+            return np.asarray(patch.vertices[chords].mean(axis=1))
+        return np.asarray(self.solution.surface.position(patch.points[chords].mean(axis=1)), dtype=np.float64)
+
+
+def continued(first: MadePatch, target: float, surroundings: Surroundings) -> MadePatch:
+    """The smooth continuation of the mesh around a patch, or the patch itself with the reason why it stays.
+
+    A patch without inner vertices has nothing that could move, and stays without a word; so does one whose
+    continuation crosses more than it does. `target` is the edge length, should it be meshed anew.
+
+    Raises:
+        SurfaceError: a strip stays, which is no surface to be kept.
+        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+    """
+    if len(first.patch.vertices) == len(first.rim):
+        return _staying(first)
+    collar = collar_of(surroundings.faces_around, first.rim, first.patch)
+    try:
+        moved = continue_patch(first.patch, collar, target, is_conformal=first.start != "discrete")
+    except SingularMatrixError as error:
+        return _staying(first, str(error))
+    before, after = bend_across(collar, first.patch), bend_across(collar, moved.patch)
+    if not moved.converged and after.rms >= before.rms:
+        steps = f"{moved.steps} steps left a bend of {after.rms:.3g}° (RMS)"
+        return _staying(first, f"{steps} across the rim, where it has {before.rms:.3g}°")
+    continuation = Continuation(
+        started_from=first.start,
+        before=before,
+        after=after,
+        steps=moved.steps,
+        remeshed=moved.remeshed,
+        converged=moved.converged,
+        correlation_length=collar.length,
+        roughness=collar.roughness,
+        creased=collar.creased,
+    )
+    smooth = replace(first, patch=moved.patch, reason=continuation.reason, continuation=continuation)
+    smooth = smooth.joinable(surroundings)
+    crossings = surroundings.crossings(smooth.patch)
+    if len(crossings) > len(first.crossings):
+        return _staying(first, ", ".join(crossings.notes), link=", as then")
+    return replace(smooth, crossings=crossings)
+
+
+def _staying(first: MadePatch, why: str = "", *, link: str = ":") -> MadePatch:
+    remarks = (f"the patch was not continued smoothly{link} {why}",) if why else ()
+    if first.start == "strip":
+        raise SurfaceError("; ".join([first.reason, *remarks]))
+    return replace(first, remarks=remarks)

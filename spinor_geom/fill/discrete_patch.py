@@ -1,4 +1,7 @@
-"""Patches of loops without an exact surface: discrete minimal surfaces, or triangles over the loops' points."""
+"""Patches of loops without an exact surface: discrete minimal surfaces, or triangles over the loops' points.
+
+They also tell, before anything is solved, the border of a sheet from the rim of a hole.
+"""
 
 from __future__ import annotations
 
@@ -8,24 +11,30 @@ from jaxtyping import Int
 from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points
-from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
-from spinor_geom.errors import SpinorGeomError, SurfaceError
+from spinor_geom.discrete.minimal_surface import discrete_minimal_surface, first_disk
+from spinor_geom.errors import SheetBorderError, SpinorGeomError, SurfaceError
+from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, graph_laplacian
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import require_few_points
 
+# A patch that crosses the mesh and turns back over it, along so much of its rim, lies on it: the rim of a sheet.
+_MOST_FOLDED_BACK = 0.5
+# A coarse disk crosses more than the exact patch: of its faces as many as this share of the rim's edges must cross.
+# 0.3 and more do along borders of scans, 0.08 where the lid of a shallow bowl touches it.
+_MOST_CROSSING = 0.15
+# The patch itself tells of loops with fewer points: their surfaces take little longer than such a disk.
+_LONG = 60
+
 
 def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
-    """The discrete minimal surface over a loop; where there is none, its triangulation without inner vertices.
+    """The discrete minimal surface over a loop, else a triangulation without inner vertices; and what it is, in words.
 
     Args:
         loop: any loop.
         target: upper bound of the edge length, in mesh units.
         seconds: after which the descent of the area ends where it is.
-
-    Returns:
-        The patch, over the unit disk, and what it is, in words.
 
     Raises:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
@@ -56,3 +65,36 @@ def over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> 
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     points = harmonic_extension(graph_laplacian(faces), circle) @ np.array([1.0, 1.0j])
     return Patch(vertices=vertices, faces=faces, boundary_size=rim, points=points)
+
+
+def refuse_long_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
+    """Checks, before anything is solved, that a discrete disk over a long loop does not lie on the mesh.
+
+    Raises:
+        SheetBorderError: it does.
+    """
+    # 2π around a flat sheet, −2π around a hole in one
+    if len(loop) < _LONG or np.sum(np.pi - surroundings.angles[loop.vertex_ids]) <= 0:
+        return
+    try:
+        disk = first_disk(loop.points)
+        patch = over_disk(disk.vertices, disk.faces, len(loop))
+    except SpinorGeomError:
+        # nothing is known of its patch: it is solved as others are
+        return
+    refuse_border(surroundings, loop.vertex_ids, patch, most_crossing=_MOST_CROSSING * len(loop))
+
+
+def refuse_border(
+    surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch, *, most_crossing: float = 0.0
+) -> None:
+    """Checks that a patch does not lie on the mesh; so many of its faces may cross it.
+
+    Raises:
+        SheetBorderError: it does.
+    """
+    folded = surroundings.taken.share_folded_back(surroundings.mesh, rim, patch)
+    if folded > _MOST_FOLDED_BACK:
+        pairs = surroundings.crossings(patch).mesh
+        if len(np.unique(pairs[:, 0])) > most_crossing:
+            raise SheetBorderError(folded=folded, crossed=len(pairs))

@@ -6,19 +6,17 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, overload
 
 import numpy as np
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError
-from spinor_geom.fill.border import refuse_long_border
-from spinor_geom.fill.bridge import Islands, planned_joins
-from spinor_geom.fill.clock import Clock
-from spinor_geom.fill.continuity import Continuity
+from spinor_geom.fill.discrete_patch import refuse_long_border
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
-from spinor_geom.fill.many_loops import fill_loops, minimal_patches
-from spinor_geom.fill.one_loop import FillOptions, refuse_what_is_no_hole, require_positive, unfilled
+from spinor_geom.fill.many_loops import Islands, fill_loops, minimal_patches, planned_joins
+from spinor_geom.fill.one_loop import Clock, FillOptions, refuse_what_is_no_hole, unfilled
+from spinor_geom.fill.options import Continuity, require_positive
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.stitch import stitch
 from spinor_geom.fill.surroundings import Surroundings
@@ -33,6 +31,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 MeshT = TypeVar("MeshT")
+_Path: TypeAlias = str | os.PathLike[str]
 _MOST_TOLD = 5  # shortcomings in one warning
 
 
@@ -54,19 +53,11 @@ class _Rest(TypedDict, total=False):
 
 @overload
 def fill_hole(
-    mesh: str | os.PathLike[str],
-    loop: LoopChoice = "all",
-    *,
-    return_report: Literal[False] = False,
-    **options: Unpack[_Rest],
+    mesh: _Path, loop: LoopChoice = "all", *, return_report: Literal[False] = False, **options: Unpack[_Rest]
 ) -> MeshFile: ...
 @overload
 def fill_hole(
-    mesh: str | os.PathLike[str],
-    loop: LoopChoice = "all",
-    *,
-    return_report: Literal[True],
-    **options: Unpack[_Rest],
+    mesh: _Path, loop: LoopChoice = "all", *, return_report: Literal[True], **options: Unpack[_Rest]
 ) -> tuple[MeshFile, FillResult]: ...
 @overload
 def fill_hole(
@@ -201,7 +192,10 @@ def fill_hole(
     )
     if return_report:
         return filled, result
-    _warn_of(result.shortcomings)
+    if said := result.shortcomings:
+        more = [f"and {len(said) - _MOST_TOLD} more"] if len(said) > _MOST_TOLD else []
+        told = "; ".join([*said[:_MOST_TOLD], *more])
+        warnings.warn(f"fill_hole: {told} (return_report=True has all of it)", ImperfectFillWarning, stacklevel=2)
     return filled
 
 
@@ -214,13 +208,3 @@ def _refusal(loop: BoundaryLoop, surroundings: Surroundings, options: FillOption
     except SpinorGeomError as error:
         return error
     return None
-
-
-def _warn_of(shortcomings: Sequence[str]) -> None:
-    if not shortcomings:
-        return
-    more = len(shortcomings) - _MOST_TOLD
-    told = [*shortcomings[:_MOST_TOLD], *([f"and {more} more"] if more > 0 else [])]
-    warnings.warn(
-        f"fill_hole: {'; '.join(told)} (return_report=True has all of it)", ImperfectFillWarning, stacklevel=3
-    )

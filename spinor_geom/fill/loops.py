@@ -66,18 +66,11 @@ def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
     """The rim of a mesh without the corners that were seen in it: they are corners of triangles, Γ is free beside them.
 
-    Corners that somebody gave the loop stay, and those of a plane one, whose sides bound the plane region.
-
-    Args:
-        loop: the rim.
-        tolerance: RMS distance from Γ, in mean edges.
+    Corners that somebody gave the loop stay, and those of one that is plane within the tolerance, in mean edges: its
+    sides bound the plane region.
     """
-    seen = np.array_equal(loop.corners, detect_corners(loop.points))
-    if (
-        not loop.corners.any()
-        or not seen
-        or lie_in_plane([loop], allowed=tolerance * loop.mean_edge_length / loop.diagonal)
-    ):
+    seen = loop.corners.any() and np.array_equal(loop.corners, detect_corners(loop.points))
+    if not seen or lie_in_plane([loop], allowed=tolerance * loop.mean_edge_length / loop.diagonal):
         return loop
     return replace(loop, corners=np.zeros(len(loop), dtype=bool))
 
@@ -92,12 +85,10 @@ def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int
     """
     if isinstance(choice, BoundaryLoop):
         return [place_of_loop(choice, loops)]
-    if isinstance(choice, str):
-        if choice != "all":
-            raise OptionError(f"loop must be 'all', a place, several places or a BoundaryLoop, not {choice!r}")
+    if isinstance(choice, str) and choice == "all":
         return list(range(len(loops)))
     try:
-        several = choice if isinstance(choice, Iterable) else [choice]
+        several = choice if isinstance(choice, Iterable) and not isinstance(choice, str) else [choice]
         places = {operator.index(place) for place in several}
     except TypeError:
         raise OptionError(f"loop must be 'all', a place, several places or a BoundaryLoop, not {choice!r}") from None

@@ -1,23 +1,180 @@
-"""Fills the loops of one mesh, each with the surface that was found for it."""
+"""Fills the loops of one mesh, each with the surface that was found for it, and bridges between them.
+
+Islands are loose pieces that lie in a hole; they are joined to its rim, or ignored.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from time import perf_counter
+from typing import Literal, TypeAlias
 
-from spinor_geom.fill.bridge import Joins, fill_between
+import numpy as np
+
+from spinor_geom.deadline import time_limit
+from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
 from spinor_geom.fill.loops import free_rim
-from spinor_geom.fill.one_loop import Answer, FillOptions, Solved, exact_patches, fill_loop
+from spinor_geom.fill.one_loop import Answer, FillOptions, Solved, exact_patches, fill_loop, refuse_what_is_no_hole
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.stitch import LoopPatch
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.solve import solve_plateau_batch
+from spinor_geom.mesh.operators import winding_numbers
+from spinor_geom.mesh.topology import face_components
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.plateau.solution import NoConnectedSurface
+from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
+# An island lies no farther over or under the plane of its hole than the hole itself, and this share of its width.
+_HEIGHT_PER_WIDTH = 0.2
+
+
+Islands: TypeAlias = Literal["join", "ignore"]
 # Seconds that a surface may wait for others to be meshed together; their meshes do not depend on it.
 _WAITING = 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joins:
+    """What is joined to what: for the first place of each bridge all others, and what is to be said of some gaps."""
+
+    others: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    notes: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def alone(self) -> set[int]:
+        """Places that are not filled by themselves."""
+        return {place for first, others in self.others.items() for place in (first, *others)}
+
+
+def planned_joins(
+    mesh: TriangleMesh,
+    loops: Sequence[BoundaryLoop],
+    wanted: Collection[int],
+    islands: Islands,
+    bridge: Sequence[int] | None = None,
+) -> Joins:
+    """The bridge that was asked for, by the places of its loops, or the islands in the holes that are to be filled.
+
+    Raises:
+        OptionError: a bridge of a single loop, or from a loop to itself, was asked for.
+    """
+    if bridge is not None:
+        if len(bridge) < 2:
+            raise OptionError(
+                f"a bridge joins two loops or more, got {len(bridge)}; name another, or fill it by itself"
+            )
+        first, *others = sorted(bridge)
+        twice = next((place for place in bridge if list(bridge).count(place) > 1), None)
+        if twice is not None:
+            raise OptionError(
+                f"a bridge joins different loops, got loop {twice} twice; fill it by itself, or name another"
+            )
+        return Joins(others={first: tuple(others)})
+    joins = Joins()
+    for hole, pieces in find_islands(mesh, loops).items():
+        if hole not in wanted:
+            continue
+        open_pieces = [piece for piece in pieces if piece in wanted]
+        if islands == "ignore" or not open_pieces:
+            names = ", ".join(map(str, pieces))
+            note = f"a loose piece lies in the hole (loop {names}); it was ignored: islands='join' joins it"
+        else:
+            joins.others[hole] = tuple(open_pieces)
+            names, (s, were) = ", ".join(map(str, open_pieces)), ("", "was") if len(open_pieces) == 1 else ("s", "were")
+            note = f"the loose piece{s} in the hole (loop{s} {names}) {were} joined to it"
+        joins.notes[hole] = note
+    return joins
+
+
+def fill_between(
+    surroundings: Surroundings, places: tuple[int, ...], loops: Sequence[BoundaryLoop], options: FillOptions
+) -> tuple[tuple[LoopOutcome, ...], LoopPatch | None]:
+    """The patch between several of a mesh's loops, with the outcomes of all, or the reason why there is none."""
+    first, *others = places
+
+    def found() -> Solved:
+        try:
+            for place in places:
+                refuse_what_is_no_hole(loops[place], surroundings.taken)
+            rims = [loops[place] for place in places]
+            with time_limit(options.time_limit):
+                solution = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
+        except SpinorGeomError as error:
+            return error
+        if isinstance(solution, NoConnectedSurface):
+            one_by_one = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
+            return SurfaceError(f"{solution.reason}; {one_by_one}")
+        # the outside of one rim would be joined to the inside of another
+        is_twisted = solution.annulus is not None and solution.annulus.reversed
+        return TwistedRimsError(loops=places) if is_twisted else solution
+
+    def answer() -> Answer:
+        begin = perf_counter()
+        one = found()
+        return exact_patches([(loops[first], one, perf_counter() - begin)], options)[0]
+
+    here, patch = fill_loop(
+        surroundings, first, loops[first], answer, options, others={place: loops[place] for place in others}
+    )
+    there = [
+        LoopOutcome(
+            index=place,
+            loop=loops[place],
+            requested=True,
+            filled=here.filled,
+            reason=here.reason,
+            solution=here.solution,
+            continuation=here.continuation,
+            joined_to=following,
+            remarks=loops[place].remarks,
+            timings={},
+        )
+        for place, following in zip(others, [*others[1:], first], strict=True)
+    ]
+    return (here, *there), patch
+
+
+def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:
+    """The loose pieces that lie in holes: for the place of a hole those of the pieces' rims.
+
+    A piece is loose in a hole if its longest rim, seen along the normal of the hole's plane, lies inside the hole, is
+    shorter than that, and not far over or under it; of several holes around it the shortest counts.
+    """
+    if len(loops) < 2:
+        return {}
+    component = np.zeros(len(mesh.vertices), dtype=np.int64)
+    component[mesh.faces] = face_components(mesh.faces)[:, None]
+    own = np.array([component[loop.vertex_ids[0]] for loop in loops])
+    if (own == own[0]).all():
+        return {}
+    lows, highs = (np.array([limit(loop.points, axis=0) for loop in loops]) for limit in (np.min, np.max))
+    reach = np.linalg.norm(highs - lows, axis=1)[:, None]
+    found: dict[int, list[int]] = {}
+    # loops come longest first
+    for piece in np.unique(own, return_index=True)[1].tolist():
+        # loops whose boxes, made wider, hold the centre of the piece's
+        centre = (lows[piece] + highs[piece]) / 2
+        boxes_around = ((lows - reach <= centre) & (centre <= highs + reach)).all(axis=1)
+        around = np.flatnonzero(boxes_around & (own != own[piece]))
+        for hole in around[around < piece][::-1].tolist():
+            if _lies_in(loops[piece], loops[hole]):
+                found.setdefault(hole, []).append(piece)
+                break
+    return {hole: tuple(pieces) for hole, pieces in found.items()}
+
+
+def _lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
+    plane = hole.plane
+    inside, around = piece.points - plane.centroid, hole.points - plane.centroid
+    limit = np.abs(around @ plane.normal).max() + _HEIGHT_PER_WIDTH * hole.diagonal / hole.elongation
+    if np.abs(inside @ plane.normal).max() > limit:
+        return False
+    axes = np.linalg.svd(plane.normal[None])[2][1:]
+    # of a point that the piece shares with the hole it is a fraction: those touch, and nothing joins them
+    return bool((np.abs(winding_numbers(around @ axes.T, inside @ axes.T)) > 0.9).all())
 
 
 def fill_loops(
@@ -37,7 +194,7 @@ def fill_loops(
         loops: all of its loops.
         answers: for each loop that is to be filled by itself, in order, its exact patch, or why it has none.
         options: of the call.
-        on_loop: is called after each loop that was asked for, with its outcome and their number.
+        on_loop: as for `fill_hole`.
         left_open: outcomes of the loops that nothing is tried for, by their places.
         joins: what is joined to what; by default nothing.
     """
@@ -77,13 +234,8 @@ def minimal_patches(
 ) -> Iterator[Answer]:
     """For each loop in order its surface and that one's mesh, or why there is none; small ones are made side by side.
 
-    Between the points of rough loops Γ is free.
-
-    Args:
-        loops: any, also of several meshes.
-        options: of the call.
-        is_rim: whether they are rims of meshes, whose corners are those of triangles.
-        device: of the linear algebra.
+    Between the points of rough loops Γ is free. Loops may be of several meshes; the corners of rims are those of
+    triangles.
     """
     found = solve_plateau_batch(
         (free_rim(loop, tolerance=options.tolerance) for loop in loops) if is_rim else loops,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import sys
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from numbers import Real
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -27,12 +26,10 @@ from spinor_geom.errors import (
     ZeroWidthSlitError,
 )
 from spinor_geom.fill.attributes import patch_attributes
-from spinor_geom.fill.border import refuse_border
-from spinor_geom.fill.clock import Clock
-from spinor_geom.fill.continuity import CONTINUITY, Continuity
-from spinor_geom.fill.discrete_patch import discrete_patch
+from spinor_geom.fill.continuation import MadePatch, continued
+from spinor_geom.fill.discrete_patch import discrete_patch, refuse_border
+from spinor_geom.fill.options import CONTINUITY, Continuity, require_positive
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.smooth_patch import MadePatch, continued
 from spinor_geom.fill.stitch import LoopPatch, RimEdges
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -50,13 +47,7 @@ Solved: TypeAlias = PlateauSolution | SpinorGeomError
 
 
 class Answer(NamedTuple):
-    """What is known of a loop before it is filled.
-
-    Attributes:
-        found: its surface, or why it has none.
-        made: the mesh of that, or why it has none.
-        seconds: that both took, of what was done together with other loops its share.
-    """
+    """What is known of a loop before it is filled: its surface and the mesh of that, or why it has none; seconds."""
 
     found: Solved
     made: MadePatch | SpinorGeomError
@@ -98,15 +89,22 @@ class FillOptions:
             )
 
 
-def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
-    """Checks an option; `instead` says what else it may be.
+class Clock:
+    """A stop watch with named laps, which starts with those that were run before."""
 
-    Raises:
-        OptionError: the value is not a positive number.
-    """
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not 0 < value <= (sys.float_info.max if finite else math.inf):
-        raise OptionError(f"{name} must be {instead}a positive number, not {value!r}")
+    def __init__(self, before: Mapping[str, float] | None = None) -> None:
+        self._last = perf_counter()
+        self._laps = defaultdict(float, before or {})
+
+    def lap(self, name: str) -> None:
+        """Ends the lap that has run since the last call, under a name."""
+        now = perf_counter()
+        self._laps[name] += now - self._last
+        self._last = now
+
+    def laps(self) -> Mapping[str, float]:
+        """Seconds by name, and "total" of all laps."""
+        return {**self._laps, "total": sum(self._laps.values())}
 
 
 def fill_loop(
@@ -118,17 +116,9 @@ def fill_loop(
     *,
     others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
 ) -> tuple[LoopOutcome, LoopPatch | None]:
-    """The patch of one loop, or from it to others, or the reason why it has none.
+    """The patch of one loop, or from it to the others of a bridge, or the reason why it has none.
 
     Where one loop has no exact surface, or none that follows it, its patch is discrete. A patch joins the surroundings.
-
-    Args:
-        surroundings: the mesh.
-        place: of the loop.
-        loop: at that place.
-        answer: gives the loop's minimal surface and its mesh, or the reasons why there is none.
-        options: of the call.
-        others: the other loops of a bridge, by their places.
 
     Raises:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
@@ -230,17 +220,12 @@ def _patch_over(
     others: tuple[BoundaryLoop, ...],
 ) -> MadePatch:
     """The mesh of an exact surface; without one a discrete patch, or between two loops a strip to be continued."""
-    try:
-        if isinstance(exact, SpinorGeomError):
-            raise exact
+    if isinstance(exact, MadePatch):
         return exact
-    except (NoAreaError, TooManyPointsError):
-        raise
-    except SpinorGeomError as error:
-        if others and (options.continuity == "C0" or len(others) > 1 or not isinstance(error, SurfaceError)):
-            raise
-        reason = str(error)
-    rims = (loop, *others)
+    can_be_strip = options.continuity == "C1" and len(others) == 1 and isinstance(exact, SurfaceError)
+    if isinstance(exact, (NoAreaError, TooManyPointsError)) or (others and not can_be_strip):
+        raise exact
+    reason, rims = str(exact), (loop, *others)
     target = target_length(rims, options)
     if others:
         # straight lines, a start for a surface that is not minimal
@@ -255,22 +240,18 @@ def _patch_over(
 
 
 def exact_patches(found: Sequence[tuple[BoundaryLoop, Solved, float]], options: FillOptions) -> list[Answer]:
-    """What `fill_loop` takes, for loops and their surfaces or the reasons why they have none: all meshed together.
-
-    Args:
-        found: the loops with what was found, and the seconds until it was there.
-        options: of the call.
-    """
+    """What `fill_loop` takes, for loops with what was found and the seconds until it was there: all meshed together."""
     begin = perf_counter()
     usable = [_usable(loop, one) for loop, one, _ in found]
     meshed = iter(mesh_patches([one for one in usable if isinstance(one, PlateauSolution)], options.target_edge_length))
     made = [_made(one, next(meshed)) if isinstance(one, PlateauSolution) else one for one in usable]
     share = (perf_counter() - begin) / max(1, len(found))
-    return [
+    answers = []
+    for (_, one, waited), patch in zip(found, made, strict=True):
         # a solution knows its own share of what was solved with others
-        Answer(one, patch, {"solve": _solve_seconds(one, seconds), "mesh": share})
-        for (_, one, seconds), patch in zip(found, made, strict=True)
-    ]
+        seconds = sum(one.timings.values()) if isinstance(one, PlateauSolution) else waited
+        answers.append(Answer(one, patch, {"solve": seconds, "mesh": share}))
+    return answers
 
 
 def _usable(loop: BoundaryLoop, found: Solved) -> Solved:
@@ -286,10 +267,6 @@ def _usable(loop: BoundaryLoop, found: Solved) -> Solved:
     return found
 
 
-def _solve_seconds(found: Solved, waited: float) -> float:
-    return sum(found.timings.values()) if isinstance(found, PlateauSolution) else waited
-
-
 def _made(solution: PlateauSolution, patch: Patch | SpinorGeomError) -> MadePatch | SpinorGeomError:
     if isinstance(patch, SpinorGeomError):
         return patch
@@ -300,14 +277,11 @@ def _made(solution: PlateauSolution, patch: Patch | SpinorGeomError) -> MadePatc
 
 
 def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
-    """Checks that a loop bounds a hole, before anything is solved.
+    """Checks, before anything is solved, that a loop bounds a hole.
 
     Raises:
+        LoopError: it does not: a slit, a seam, the outline of one face, or points on a line.
         NonManifoldEdgeError: one of its edges has several faces already.
-        ZeroWidthSlitError: all of it lies on the loop's own other side.
-        SeamError: edges of it lie on edges of another loop.
-        LoneFaceError: it is the outline of a single face.
-        NoAreaError: its points lie on a line.
     """
     if loop.obstacle is not None:
         raise loop.obstacle
@@ -331,10 +305,6 @@ def first_slit_edge(loop: BoundaryLoop) -> list[int]:
 
 
 def refuse_empty(loop: BoundaryLoop, width: float) -> None:
-    """Checks that a loop's hole is wider than nothing, its width being in mesh units.
-
-    Raises:
-        NoAreaError: the width is below 1e-6 of the loop's mean edge.
-    """
+    """Raises a `NoAreaError` where the width of a loop's hole, in mesh units, is below 1e-6 of its mean edge."""
     if width <= MIN_WIDTH_PER_EDGE * loop.mean_edge_length:
         raise NoAreaError(width=width, mean_edge=loop.mean_edge_length)

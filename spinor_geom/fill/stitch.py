@@ -21,13 +21,13 @@ _FOLDED_BACK = np.cos(np.radians(45))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopPatch:
-    """A patch ready to be joined to the mesh along its loop or loops.
+    """A patch ready to be joined to the mesh.
 
     Attributes:
-        place: the place of its loop, or of the first, among the mesh's loops.
+        place: of its loop, or of the first, among the mesh's loops.
         rim: mesh vertices of the patch's first `boundary_size` vertices.
         patch: the patch.
-        attributes: (n − M, k) values at the inner vertices under the names of the mesh's attributes.
+        attributes: (n − M, k) values at the inner vertices.
     """
 
     place: int
@@ -47,9 +47,8 @@ def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
 class RimEdges:
     """The edges between loop vertices that are taken: the mesh's own, and those of the patches joined so far.
 
-    A patch may have an edge between two rim vertices (a chord) only if it is free; a second sheet on a taken edge would
-    make it non-manifold. Loops of few vertices run into this often, since the mesh around them may well join opposite
-    vertices of the hole.
+    A patch may have an edge between two rim vertices (a chord) only if it is free: a second sheet on a taken edge would
+    make it non-manifold.
     """
 
     def __init__(self, mesh: TriangleMesh, loops: Iterable[BoundaryLoop]) -> None:
@@ -110,11 +109,7 @@ class RimEdges:
 
 
 def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], middles: Middles) -> Patch:
-    """Puts a new vertex in the middle (in Ω) of each chord, an inner edge, and divides its two triangles there.
-
-    Returns:
-        A patch with c more vertices, at its end, and 2c more faces, none of which has one of the chords as an edge.
-    """
+    """Puts a new vertex, after the others, in the middle (in Ω) of each chord, and divides its two triangles there."""
     points = patch.points[chords].mean(axis=1)
     faces = np.asarray(patch.faces)
     for count, chord in enumerate(chords):
@@ -141,10 +136,7 @@ def fit_to_rim(rim: Int[np.ndarray, " m"], patch: Patch, taken: RimEdges, middle
 
 
 def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:
-    """The new vertices and faces that join patches to a mesh.
-
-    Rim vertices are the mesh's own; inner vertices are appended patch by patch, and so are the faces.
-    """
+    """The new vertices and faces that join patches to a mesh, patch by patch; rim vertices are the mesh's own."""
     vertices, faces, face_loops = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     count = len(mesh.vertices)
     for part in patches:

@@ -22,13 +22,9 @@ NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Crossings:
-    """Where the faces of a patch cross others, each as pairs of faces of the filled mesh.
+    """Where the faces of a patch cross its own, the mesh's and those of patches joined before it.
 
-    Attributes:
-        own: two faces of the patch.
-        mesh: a face of the patch and one of the mesh.
-        patches: a face of the patch and one of a patch joined before it.
-        notes: a sentence for each of the three that has pairs.
+    Pairs are of faces of the filled mesh; there is a note, a sentence, for each of the three that has some.
     """
 
     own: Int[np.ndarray, "i 2"]
@@ -45,12 +41,7 @@ NOTHING = Crossings(own=NO_PAIRS, mesh=NO_PAIRS, patches=NO_PAIRS, notes=())
 
 
 class Surroundings:
-    """A mesh and the patches joined to it so far: their faces, numbered as in the filled mesh, and their rim edges.
-
-    Attributes:
-        mesh: the mesh.
-        taken: edges that no further patch may have.
-    """
+    """A mesh and the patches joined to it so far: their faces, numbered as in the filled mesh, and their rim edges."""
 
     def __init__(self, mesh: TriangleMesh, loops: Iterable[BoundaryLoop] = ()) -> None:
         """Starts with the mesh alone; `loops` are those that may be filled."""

@@ -68,13 +68,6 @@ def hausdorff_distance(
     Each mesh is sampled at the vertices of a mesh whose faces are divided into four, equally often, until it has at
     least `samples` faces; the distance of a sample to the other mesh is exact, to its faces and not only its vertices.
 
-    Args:
-        vertices_a: First mesh.
-        faces_a: First mesh.
-        vertices_b: Second mesh.
-        faces_b: Second mesh.
-        samples: Least number of faces of the divided meshes.
-
     Raises:
         OptionError: A mesh has no face.
     """
@@ -89,13 +82,7 @@ def hausdorff_distance(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceSamples:
-    """Points of a mesh or another surface.
-
-    Attributes:
-        points: in mesh units.
-        areas: the area that each stands for.
-        spacing: no point of the surface is farther than this from one of them.
-    """
+    """Points of a surface, the areas that they stand for, and how far from them another of its points is at most."""
 
     points: Float[np.ndarray, "k 3"]
     areas: Float[np.ndarray, " k"]

@@ -1,4 +1,4 @@
-"""Discrete mean curvature of a triangle mesh."""
+"""Discrete mean curvature of a triangle mesh, and how well shaped its triangles are."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.mesh.operators import cotangent_laplacian, mass_matrix, vertex_normals
+from spinor_geom.mesh.operators import cotangent_laplacian, internal_angles, mass_matrix, vertex_normals
 from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
 
 
@@ -78,3 +78,9 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
         return np.asarray(np.divide(magnitude, 2 * area, out=still, where=area > 0))
 
     return DiscreteMeanCurvature(vertices=inner, values=by_area(bend), tangential=by_area(across), areas=area)
+
+
+def smallest_angles(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
+    """Smallest angle of every triangle of a mesh, in degrees; 0 for a triangle without area."""
+    # two equal corners leave the angles undefined
+    return np.asarray(np.nan_to_num(np.degrees(internal_angles(vertices, faces)), nan=0.0).min(axis=1))

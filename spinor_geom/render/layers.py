@@ -8,8 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.render.colours import PLAIN_COLOUR, RIM_COLOUR
-
+# The colours that meshes, patches, rims and values have in every picture.
+MESH_COLOUR, INSIDE_COLOUR, PATCH_COLOUR, RIM_COLOUR = "#c9ced6", "#8d7f73", "#f28e2b", "#1f3b73"
+# of a surface by itself: its two sides, and the image of Ω's grid
+FRONT_COLOUR, BACK_COLOUR, GRID_COLOUR = "#f6bd68", "#86b3dd", "#5a4a3c"
+PLAIN_COLOUR, UNKNOWN_COLOUR = "#8fb3d9", "#bebebe"
+# from low to high, perceptually uniform
+VIRIDIS = (
+    *("#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c"),
+    *("#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"),
+)
 # share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
 _TAIL = 0.03
 # name of the loop choice for what is shown for every loop
@@ -41,7 +49,6 @@ class Faces(Layer):
     """A surface in a view.
 
     Attributes:
-        faces: triangles.
         inside: colour of the side that faces run clockwise on; that of the other side if none is given.
         fields: values at the vertices that it may be coloured by, by name; NaN is grey.
         edges: whether the triangles' edges are drawn, or the switch of the view's panel that says so.
@@ -56,13 +63,7 @@ class Faces(Layer):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lines(Layer):
-    """Straight pieces of lines in a view.
-
-    Attributes:
-        edges: pairs of vertices.
-        width: in pixels; in a picture 500 high.
-        halo: colour of their edges, where they are to be seen on light and on dark.
-    """
+    """Straight pieces of lines, of a width in pixels in a picture 500 high; a halo shows them on light and on dark."""
 
     edges: Int[np.ndarray, "e 2"]
     width: float = 1.5
@@ -78,13 +79,7 @@ class Dots(Layer):
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """What the ends of the colour scale stand for.
-
-    Attributes:
-        low: value of the violet end.
-        high: value of the yellow end.
-        unit: of the values.
-    """
+    """Values at the violet and the yellow end of the colour scale, and their unit."""
 
     low: float
     high: float
@@ -100,14 +95,7 @@ class Scale:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
-    """A parallel projection.
-
-    Attributes:
-        focus: (3,) the point in the middle of the picture, in mesh units.
-        direction: (3,) unit vector from the focus to the eye.
-        up: (3,) unit vector that points up in the picture.
-        radius: half the height that is shown, in mesh units.
-    """
+    """A parallel projection; the unit direction is to the eye, the radius half the height that is shown."""
 
     focus: Float[np.ndarray, "3"]
     direction: Float[np.ndarray, "3"]
@@ -117,14 +105,7 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """A picture.
-
-    Attributes:
-        layers: what is in it.
-        camera: from where it is looked at; in a window the reader says.
-        title: above it.
-        labels: texts at points.
-    """
+    """A picture; without a camera it is looked at in a window. The labels are texts at points."""
 
     layers: Sequence[Layer]
     camera: Camera | None = None

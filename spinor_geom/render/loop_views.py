@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import igl
 import numpy as np
 import trimesh
 from jaxtyping import Complex, Float, Int
@@ -22,10 +21,19 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.measures.hausdorff import distances_to_mesh
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
-from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR
-from spinor_geom.render.layers import ALWAYS, Camera, Dots, Faces, Layer, Lines
+from spinor_geom.render.layers import (
+    ALWAYS,
+    INSIDE_COLOUR,
+    MESH_COLOUR,
+    PATCH_COLOUR,
+    Camera,
+    Dots,
+    Faces,
+    Layer,
+    Lines,
+)
+from spinor_geom.render.portrait import grid_lines
 from spinor_geom.render.scene import facing, whole_mesh
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -35,7 +43,6 @@ EXACT = "mean curvature of the surface"
 WIREFRAME, GRID, NORMALS = "wireframe", "conformal grid", "normals"
 # triangles of a mesh that are shown; of a larger one those nearest to its loops
 MOST_FACES = 120_000
-_GRID_LINES = 14  # across the longer side of Ω
 _NORMAL_LENGTH = 0.8  # in edges of the loop
 _BALL = 0.97  # its radius: below the triangles between unit normals
 _GRID_COLOUR, _NORMAL_COLOUR, _P_COLOUR, _Q_COLOUR = "#303c4f", "#2f7d4f", "#000000", "#ffffff"
@@ -47,9 +54,6 @@ class LoopViews:
     """What is shown of a filled loop.
 
     Attributes:
-        outcome: the loop's.
-        patch: its mesh.
-        surface: its surface.
         fields: values at the patch's vertices by name, NaN where there are none.
         baseline_figures: of the discrete minimal surface beside it; a reason where there is none.
         normals: of the surface at the patch's vertices, on the side of the patch's faces.
@@ -70,13 +74,7 @@ class LoopViews:
 
     def _grid(self, vertices: Float[np.ndarray, "n 3"], *, switch: str | None = None, loop: str = ALWAYS) -> Lines:
         """The image of a square grid in Ω on the patch with its vertices at some place."""
-        z, most = self.patch.points, _GRID_LINES // 2 - 1
-        step = max(np.ptp(z.real), np.ptp(z.imag)) / _GRID_LINES
-        points, edges = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
-        for x in (z.real.copy(), z.imag.copy()):
-            levels = (x.min() + x.max()) / 2 + step * np.arange(-most, most + 1)
-            ends, pairs, _ = igl.isolines(*igl_arrays(vertices, self.patch.faces), x, levels)
-            points, edges = np.concatenate([points, ends]), np.concatenate([edges, pairs + len(points)])
+        points, edges = grid_lines(self.patch.points, self.patch.faces, vertices)
         return Lines(
             vertices=points, edges=edges, colour="#ffffff", halo=_GRID_COLOUR, width=1.6, switch=switch, loop=loop
         )
@@ -144,11 +142,7 @@ class LoopViews:
         return Camera(focus=np.zeros(3), direction=direction, up=up, radius=1.0)
 
     def functions(self, pixels: int) -> dict[str, Complex[np.ndarray, "h w"]]:
-        """p, q, f = −2q² and g = −p/q at the middles of square cells over Ω; NaN outside.
-
-        Args:
-            pixels: cells along the longer side.
-        """
+        """p, q, f = −2q² and g = −p/q at the middles of square cells over Ω, so many along its longer side, or NaN."""
         domain = self.surface.domain
         low, high = self._plane.min(axis=0), self._plane.max(axis=0)
         step = float((high - low).max()) / pixels

@@ -12,11 +12,9 @@ import numpy as np
 from spinor_geom.errors import OptionError
 from spinor_geom.files import atomic_path
 from spinor_geom.optional import require
-from spinor_geom.render.family import GAUSS, associate_family
 from spinor_geom.render.layers import Scale
-from spinor_geom.render.page import document
-from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.viewer import STYLE, Scene, Views
+from spinor_geom.render.page import Scene, Views, document
+from spinor_geom.render.portrait import GAUSS, Portrait, associate_family
 from spinor_geom.surface import SpinorSurface
 
 SUFFIXES = (".gif", ".html", ".mp4")
@@ -89,7 +87,7 @@ def family_page(surface: SpinorSurface, *, title: str) -> str:
         shape="wide",
     )
     views = Views()
-    return document(title, [f"<h1>{html.escape(title)}</h1>", views.figure(view), views.script()], style=STYLE)
+    return document(title, [f"<h1>{html.escape(title)}</h1>", views.figure(view), views.script()])
 
 
 def _write_gif(pictures: Sequence[Path], path: Path) -> None:

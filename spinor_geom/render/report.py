@@ -14,10 +14,9 @@ from matplotlib.image import imsave
 
 from spinor_geom.adapters import MeshFile
 from spinor_geom.comparison import Comparison
-from spinor_geom.files import atomic_path
+from spinor_geom.files import write_text
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.mesh.topology import referenced_vertices
-from spinor_geom.render.domain_colouring import domain_colours
 from spinor_geom.render.layers import Scale
 from spinor_geom.render.loop_views import (
     DISTANCE,
@@ -32,10 +31,9 @@ from spinor_geom.render.loop_views import (
     patch_faces,
     surroundings,
 )
-from spinor_geom.render.page import cell, document, picture, table
-from spinor_geom.render.plots import inline_svg, log_log
+from spinor_geom.render.page import Scene, Views, cell, document, panel, picture, table
+from spinor_geom.render.plots import domain_colours, inline_svg, log_log
 from spinor_geom.render.scene import camera_on, shown_loop
-from spinor_geom.render.viewer import STYLE, Scene, Views, panel
 
 # of how many filled loops, the longest first, Ω and its functions are shown
 MOST_LOOPS = 8
@@ -108,11 +106,10 @@ def report(
             f'<div class="all">{_loop_table(result.loops)}</div>',
             views.script(),
         ],
-        style=STYLE + _PAGE_STYLE,
+        style=_PAGE_STYLE,
     )
     if path is not None:
-        with atomic_path(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(path, text)
     return text
 
 

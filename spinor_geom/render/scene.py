@@ -12,8 +12,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR
-from spinor_geom.render.layers import Camera, Faces, Layer, Lines, View
+from spinor_geom.render.layers import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, Camera, Faces, Layer, Lines, View
 
 ALONG_Y = np.cos(np.pi / 4)  # a view along the y axis, or nearly, has the z axis upright instead
 MARGIN_OF_HOLE = 2.2  # radius shown around a small hole, in radii of the hole

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,18 +20,21 @@ from spinor_geom.fill.result import FillResult
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
-from spinor_geom.optional import require
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.render.colours import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, RIM_COLOUR, UNKNOWN_COLOUR, VIRIDIS
-from spinor_geom.render.layers import Faces, Layer, Lines, Scale
-from spinor_geom.render.page import document
-from spinor_geom.render.viewer import STYLE, Scene, Views
+from spinor_geom.render.layers import (
+    INSIDE_COLOUR,
+    MESH_COLOUR,
+    PATCH_COLOUR,
+    RIM_COLOUR,
+    UNKNOWN_COLOUR,
+    VIRIDIS,
+    Faces,
+    Layer,
+    Lines,
+    Scale,
+)
+from spinor_geom.render.page import Scene, Views, document
 from spinor_geom.surface.spinor_surface import SpinorSurface
-
-if TYPE_CHECKING:
-    import pyvista
-    import torch
-    import trimesh
 
 GAUSS, MEAN, NORMAL = "gauss_curvature", "mean_curvature", "normal"
 # of larger meshes a notebook would become as large itself
@@ -42,14 +45,9 @@ _FRAME_STYLE = "body { margin: .3rem auto } figure.view { margin: 0 } figure.wid
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
-    """Triangles with values at their vertices.
+    """Triangles with values at their vertices, (n,) or (n, k) by name, as `Shown` tells them.
 
-    Attributes:
-        vertices: positions.
-        faces: triangles.
-        values: (n,) or (n, k) by name; see `Shown`.
-        curvature: the name of the one that colours tell.
-        patch_faces: which faces are patches, in another colour.
+    Colours tell the one that `curvature` names; `patch_faces` have another.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -69,13 +67,37 @@ class Shape:
         scale = Scale.of(self.values[self.curvature])
         return np.asarray(np.clip(self.values[self.curvature], scale.low, scale.high))
 
+    def write_gltf(self, path: str | os.PathLike[str]) -> None:
+        """See `Shown.to_gltf`."""
+        target = Path(path)
+        if target.suffix.lower() != ".glb":
+            raise MeshFileError(f"{target}: binary glTF has the suffix .glb, not '{target.suffix}'", path=target)
+        srgb = colours_of(self.values[self.curvature])
+        # glTF's colours are linear
+        linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        attributes = {"color": linear} | ({NORMAL: self.values[NORMAL]} if NORMAL in self.values else {})
+        contents = FileContents(
+            vertices=np.asarray(self.vertices),
+            polygons=Polygons.of_triangles(np.asarray(self.faces)),
+            attributes=attributes,
+            representatives=np.arange(len(self.vertices)),
+        )
+        MeshFile.of_contents(contents, path=None).write(target)
+
+    def framed(self, *, title: str) -> str:
+        """A frame for a notebook, with a page of its own; above `MOST_FACES` triangles only their number."""
+        facts = f"{title}: {len(self.vertices)} vertices, {len(self.faces)} triangles"
+        if len(self.faces) > MOST_FACES:
+            return f"<p>{html.escape(facts)}; too many to show here, to_pyvista() gives an object to plot.</p>"
+        text = shape_page(self, title=facts)
+        return (
+            f'<iframe title="{html.escape(title)}" srcdoc="{html.escape(text)}" width="100%" height="{_HEIGHT}" '
+            'style="border: 0" sandbox="allow-scripts"></iframe>'
+        )
+
 
 def shape_of(shown: Any) -> Shape:
-    """The triangles of anything that has some.
-
-    Args:
-        shown: a `SpinorSurface`, `PlateauSolution`, `Patch`, `DiscreteMinimalSurface` or `FillResult` (the filled
-            mesh), or any mesh type that `fill_hole` takes.
+    """The triangles of a surface, a solution, a patch or a fill (its filled mesh), or of any mesh `fill_hole` takes.
 
     Raises:
         SurfaceError: the surface is not finite on its domain.
@@ -95,66 +117,6 @@ def shape_of(shown: Any) -> Shape:
     return _mesh(mesh.vertices, mesh.faces, mesh.vertex_attributes)
 
 
-def as_pyvista(shape: Shape) -> pyvista.PolyData:
-    """A shape with its values as point data.
-
-    Raises:
-        MissingPackageError: pyvista is not installed.
-    """
-    require("pyvista", extra="render")
-    import pyvista
-
-    made: pyvista.PolyData = pyvista.PolyData.from_regular_faces(np.array(shape.vertices), np.array(shape.faces))
-    for name, values in shape.values.items():
-        made.point_data[name] = np.array(values)
-    return made
-
-
-def as_trimesh(shape: Shape) -> trimesh.Trimesh:
-    """A shape with its values as vertex attributes, normals and colours in trimesh's own places."""
-    import trimesh
-
-    values: dict[str, Any] = {name: np.array(own) for name, own in shape.values.items()}
-    normals, colours = values.pop(NORMAL, None), values.pop("color", None)
-    return trimesh.Trimesh(
-        vertices=np.array(shape.vertices),
-        faces=np.array(shape.faces),
-        vertex_normals=normals,
-        vertex_colors=colours,
-        vertex_attributes=values,
-        process=False,
-    )
-
-
-def as_tensors(shape: Shape) -> tuple[torch.Tensor, torch.Tensor]:
-    """Vertices and faces."""
-    import torch
-
-    return torch.tensor(np.array(shape.vertices)), torch.tensor(np.array(shape.faces))
-
-
-def write_gltf(shape: Shape, path: str | os.PathLike[str]) -> None:
-    """Writes a shape as binary glTF with its curvature as colours.
-
-    Raises:
-        MeshFileError: the suffix is not .glb, or the file cannot be written.
-    """
-    target = Path(path)
-    if target.suffix.lower() != ".glb":
-        raise MeshFileError(f"{target}: binary glTF has the suffix .glb, not '{target.suffix}'", path=target)
-    srgb = colours_of(shape.values[shape.curvature])
-    # glTF's colours are linear
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    attributes = {"color": linear} | ({NORMAL: shape.values[NORMAL]} if NORMAL in shape.values else {})
-    contents = FileContents(
-        vertices=np.asarray(shape.vertices),
-        polygons=Polygons.of_triangles(np.asarray(shape.faces)),
-        attributes=attributes,
-        representatives=np.arange(len(shape.vertices)),
-    )
-    MeshFile.of_contents(contents, path=None).write(target)
-
-
 def colours_of(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     """Colours in sRGB, 0 to 1, of values on viridis over their `Scale`; grey where there is none."""
     scale, stops = Scale.of(values), np.array([_rgb(stop) for stop in VIRIDIS])
@@ -162,23 +124,6 @@ def colours_of(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     place = np.clip(np.nan_to_num(share), 0, 1) * (len(stops) - 1)
     colours = np.stack([np.interp(place, np.arange(len(stops)), stops[:, k]) for k in range(3)], axis=1)
     return np.where(np.isfinite(values)[:, None], colours, _rgb(UNKNOWN_COLOUR))
-
-
-def framed(shape: Shape, *, title: str) -> str:
-    """A shape as a frame for a notebook: a page of its own, so that nothing in the notebook gets in its way.
-
-    Args:
-        shape: of more than `MOST_FACES` triangles only the numbers are shown.
-        title: above it.
-    """
-    facts = f"{title}: {len(shape.vertices)} vertices, {len(shape.faces)} triangles"
-    if len(shape.faces) > MOST_FACES:
-        return f"<p>{html.escape(facts)}; too many to show here, to_pyvista() gives an object to plot.</p>"
-    text = shape_page(shape, title=facts)
-    return (
-        f'<iframe title="{html.escape(title)}" srcdoc="{html.escape(text)}" width="100%" height="{_HEIGHT}" '
-        'style="border: 0" sandbox="allow-scripts"></iframe>'
-    )
 
 
 def shape_page(shape: Shape, *, title: str) -> str:
@@ -203,7 +148,7 @@ def shape_page(shape: Shape, *, title: str) -> str:
     scales = {name: Scale.of(curvature)} if np.isfinite(curvature).any() else {}
     views = Views()
     scene = Scene(title=title, layers=layers, scales=scales, unit="units", shape="wide")
-    return document(title, [views.figure(scene), views.script()], style=STYLE + _FRAME_STYLE)
+    return document(title, [views.figure(scene), views.script()], style=_FRAME_STYLE)
 
 
 def _minimal(patch: Patch, surface: SpinorSurface) -> Shape:

@@ -22,9 +22,8 @@ import pytest
 from spinor_geom import BatchProgress, BatchResult, batch
 from spinor_geom.batching.engine import AHEAD, TOGETHER, _blocks
 from spinor_geom.batching.inputs import SMALL, Source
-from spinor_geom.batching.journal import opened_journal
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.store import RUN, STAGING
+from spinor_geom.batching.store import RUN, STAGING, opened_store
 from spinor_geom.cli.main import main
 from spinor_geom.errors import BatchError, OptionError
 from tests.batching.files import circle, curve_text, holed_text, record, results, write_curves
@@ -271,13 +270,13 @@ def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_pat
 
 
 def test_two_runs_exclude_each_other(corpus: Path, tmp_path: Path) -> None:
-    with opened_journal(tmp_path / "out", BatchOptions(), resume=False):
+    with opened_store(tmp_path / "out", BatchOptions(), resume=False):
         for more in ([], ["--resume"]):
             second = started(corpus, "-o", tmp_path / "out", *more)
             _, said = second.communicate(timeout=60)
             assert second.returncode == 2
             assert "another batch is writing to this folder" in said
-    with opened_journal(tmp_path / "out", BatchOptions(), resume=True):
+    with opened_store(tmp_path / "out", BatchOptions(), resume=True):
         pass
 
 
@@ -303,19 +302,19 @@ def test_folders_that_hold_something_are_left_alone(
 
 def test_a_run_without_results_is_no_obstacle(corpus: Path, tmp_path: Path) -> None:
     for device in ("cpu", "cuda"):
-        with opened_journal(tmp_path / "out", BatchOptions(device=device), resume=False):
+        with opened_store(tmp_path / "out", BatchOptions(device=device), resume=False):
             pass
 
 
 def test_faults_and_changed_files_are_done_again(corpus: Path, tmp_path: Path) -> None:
     (path,) = write_curves(tmp_path / "in", 1)
-    with opened_journal(tmp_path / "out", BatchOptions(), resume=False) as journal:
+    with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         source = Source(key="a", path=str(path), size=3, modified=4)
         for status, complete in (("done", True), ("failed", True), ("fault", False)):
             entry = {"source": "a", "status": status, "reason": "", "loops": []}
-            journal.store.commit(source, entry, {})
-            assert (journal.completed(source) is not None) == complete
-            assert journal.completed(Source(key="a", path=str(path), size=3, modified=5)) is None
+            store.commit(source, entry, {})
+            assert (store.completed(source) is not None) == complete
+            assert store.completed(Source(key="a", path=str(path), size=3, modified=5)) is None
 
 
 @pytest.mark.parametrize(

@@ -21,12 +21,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.batching import lister
+from spinor_geom.batching import archives
 from spinor_geom.batching.archives import ArchiveReader, Member, members
 from spinor_geom.batching.inputs import Inputs, Source
-from spinor_geom.batching.limits import Limits
-from spinor_geom.batching.names import safe_name
+from spinor_geom.batching.options import Limits
 from spinor_geom.errors import ArchiveError, BatchError
+from spinor_geom.files import safe_name
 from tests.batching.files import packed_zip
 
 LIMITS = Limits(seconds=30.0, memory=1 << 29, retries=0)
@@ -395,9 +395,11 @@ def test_an_archive_that_may_not_be_read_is_said(tmp_path: Path, monkeypatch: py
     def unreadable(_: Path) -> Iterable[Member]:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(lister, "members", unreadable)
+    monkeypatch.setattr(archives, "members", unreadable)
     told: list[dict[str, str]] = []
-    lister.work({"archive": "a.zip", "suffix": ".obj", "parts": [], "listing": str(tmp_path / "l")}, told.append)
+    archives.list_members(
+        {"archive": "a.zip", "suffix": ".obj", "parts": [], "listing": str(tmp_path / "l")}, told.append
+    )
     assert told == [{"problem": "a.zip: cannot be read (Permission denied); check the access rights"}]
 
 

@@ -16,14 +16,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from spinor_geom import SpinorSurface, boundary_loops, read_mesh, solve_plateau
-from spinor_geom.batching import archives, limits, solver, worker
+from spinor_geom.batching import archives, solver, worker
+from spinor_geom.batching import options as batch_options
 from spinor_geom.batching.archives import ArchiveReader
 from spinor_geom.batching.inputs import Inputs, Source
-from spinor_geom.batching.journal import opened_journal
-from spinor_geom.batching.limits import Limits
-from spinor_geom.batching.options import BatchOptions
+from spinor_geom.batching.options import BatchOptions, Limits
 from spinor_geom.batching.records import failure
-from spinor_geom.batching.store import STAGING
+from spinor_geom.batching.store import STAGING, opened_store
 from spinor_geom.batching.summary import write_summary
 from spinor_geom.errors import BatchError, OptionError
 from spinor_geom.gallery import noisy_loop
@@ -41,12 +40,11 @@ def solved(given: list[Path], output: Path, *, together: int = 16, **options: An
     """Works through files in this process, in blocks of so many."""
     chosen = BatchOptions(**options)
     told: Told = []
-    with opened_journal(output, chosen, resume=False) as journal:
+    with opened_store(output, chosen, resume=False) as store:
         sources = [source.to_dict() for source in Inputs(given, output=output, limits=LIMITS)]
         for start in range(0, len(sources), together):
             job = {"sources": sources[start : start + together], "options": chosen.to_dict()}
-            store = {"output": journal.store.output, "token": journal.store.token}
-            solver.work({**job, "store": store}, told.append, archives=ArchiveReader())
+            solver.work({**job, "store": asdict(store)}, told.append, archives=ArchiveReader())
     return told
 
 
@@ -281,24 +279,24 @@ def test_nothing_is_written_where_a_link_leads_out(tmp_path: Path) -> None:
     outside = tmp_path / "outside"
     outside.mkdir()
     options = BatchOptions()
-    with opened_journal(tmp_path / "out", options, resume=False) as journal:
+    with opened_store(tmp_path / "out", options, resume=False) as store:
         (tmp_path / "out" / "files").mkdir()
         (tmp_path / "out" / "files" / "in").symlink_to(outside)
         (source,) = Inputs([path.parent], output=tmp_path / "out", limits=LIMITS)
         with pytest.raises(BatchError, match="leads out of the output folder"):
-            journal.store.commit(source, {}, {})
+            store.commit(source, {}, {})
     assert list(outside.iterdir()) == []
 
 
 def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
     (path,) = write_curves(tmp_path / "in", 1)
     options = BatchOptions()
-    with opened_journal(tmp_path / "out", options, resume=False) as old:
+    with opened_store(tmp_path / "out", options, resume=False) as old:
         pass
-    with opened_journal(tmp_path / "out", options, resume=False):
+    with opened_store(tmp_path / "out", options, resume=False):
         (source,) = Inputs([path], output=tmp_path / "out", limits=LIMITS)
         with pytest.raises(BatchError, match="another run"):
-            old.store.commit(source, {}, {})
+            old.commit(source, {}, {})
     assert not (tmp_path / "out" / "files" / "curve000.obj").exists()
 
 
@@ -327,11 +325,11 @@ def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
 
     def run(given: list[Path], output: Path, *, token: str | None = None, **changed: Any) -> dict[str, Any]:
         options = BatchOptions()
-        with opened_journal(output, options, resume=output.exists()) as journal:
+        with opened_store(output, options, resume=output.exists()) as store:
             job = {
                 "sources": [source.to_dict() for source in Inputs(given, output=output, limits=LIMITS)],
                 "options": options.to_dict(),
-                "store": {"output": journal.store.output, "token": token or journal.store.token},
+                "store": {"output": store.output, "token": token or store.token},
             }
             return worker.run_block(job, {**asdict(LIMITS), **changed})
 
@@ -376,11 +374,11 @@ def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, mo
 
     monkeypatch.setattr(worker, "solver", Solver)
     options, output = BatchOptions(), tmp_path / "out"
-    with opened_journal(output, options, resume=False) as journal:
+    with opened_store(output, options, resume=False) as store:
         sources = [
             source.to_dict() for source in Inputs(write_curves(tmp_path / "in", 3), output=output, limits=LIMITS)
         ]
-        job = {"sources": sources, "options": options.to_dict(), "store": asdict(journal.store)}
+        job = {"sources": sources, "options": options.to_dict(), "store": asdict(store)}
         done = worker.run_block(job, asdict(LIMITS))
     assert [one["status"] for one in done["finished"]] == ["done"] * 3
 
@@ -388,7 +386,7 @@ def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, mo
 def test_a_file_as_a_whole_has_a_limit_too(
     process: Callable[..., dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(limits, "HARDEST_LOOPS", 0.01)
+    monkeypatch.setattr(batch_options, "HARDEST_LOOPS", 0.01)
     folder = tmp_path / "in"
     (path,) = write_curves(folder, 1)
     (folder / "hang.obj").write_text(path.read_text())
@@ -413,29 +411,29 @@ def test_a_file_that_cannot_be_read_now_is_tried_again(tmp_path: Path, monkeypat
     for key in ("curve000.obj", "a.zip/b.obj"):
         found = record(tmp_path / "out", key)
         assert (found["status"], "Input/output error" in found["reason"]) == ("fault", True)
-    with opened_journal(tmp_path / "out", BatchOptions(), resume=True) as journal:
+    with opened_store(tmp_path / "out", BatchOptions(), resume=True) as store:
         for source in Inputs([path, packed], output=tmp_path / "out", limits=LIMITS):
-            assert journal.completed(source) is None
+            assert store.completed(source) is None
 
 
 def test_a_problem_is_told_anew_when_it_is_another(tmp_path: Path) -> None:
-    with opened_journal(tmp_path / "out", BatchOptions(), resume=False) as journal:
+    with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         old, new = (Source(key="a.zip/problem", path="a.zip", problem=problem) for problem in ("too large", "damaged"))
-        journal.store.commit(old, failure(old.key, old.problem), {})
-        assert journal.completed(old) is not None
-        assert journal.completed(new) is None
+        store.commit(old, failure(old.key, old.problem), {})
+        assert store.completed(old) is not None
+        assert store.completed(new) is None
 
 
 def test_results_that_cannot_be_placed_cost_one_file(tmp_path: Path) -> None:
     paths = write_curves(tmp_path / "in", 3)
-    with opened_journal(tmp_path / "out", BatchOptions(), resume=False) as journal:
+    with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         sources = list(Inputs(paths, output=tmp_path / "out", limits=LIMITS))
         # a file stands where a folder is to be made
-        Path(journal.store.output, "files").mkdir()
-        journal.store.folder("curve001.obj").write_text("")
+        Path(store.output, "files").mkdir()
+        store.folder("curve001.obj").write_text("")
         told: Told = []
         job = {"sources": [source.to_dict() for source in sources], "options": BatchOptions().to_dict()}
-        solver.work({**job, "store": asdict(journal.store)}, told.append, archives=ArchiveReader())
+        solver.work({**job, "store": asdict(store)}, told.append, archives=ArchiveReader())
     found = {one["key"]: one["status"] for one in (event["finished"] for event in told if "finished" in event)}
     assert found == {"curve000.obj": "done", "curve001.obj": "fault", "curve002.obj": "done"}
     assert not [event for event in told if "stop" in event]
@@ -443,17 +441,17 @@ def test_results_that_cannot_be_placed_cost_one_file(tmp_path: Path) -> None:
 
 def test_results_that_nobody_can_write_stop_the_batch(tmp_path: Path) -> None:
     source = Source(key="a.obj", path="a.obj")
-    with opened_journal(tmp_path / "out", BatchOptions(), resume=False) as journal:
+    with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         (tmp_path / "out" / STAGING).write_text("")  # no folder
         with pytest.raises(BatchError, match="cannot be written to"):
-            journal.store.commit(source, failure("a.obj", ""), {})
+            store.commit(source, failure("a.obj", ""), {})
         (tmp_path / "out" / STAGING).unlink()
 
         def full(_: Path) -> None:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
         with pytest.raises(BatchError, match="No space left on device"):
-            journal.store.commit(source, failure("a.obj", ""), {"a.obj": full})
+            store.commit(source, failure("a.obj", ""), {"a.obj": full})
 
 
 def test_a_process_that_cannot_start_stops_the_batch(
@@ -473,9 +471,9 @@ def test_names_that_are_no_text_reach_tables_log_and_page(tmp_path: Path) -> Non
     (folder / "\x1b[2J.obj").symlink_to("nowhere")
     (folder / os.fsdecode(b"\xfe=1.obj")).write_text("g =1+1\n" + curve_text(circle(9)))
     solved([folder], output)
-    with opened_journal(output, BatchOptions(), resume=True) as journal:
-        paths = write_summary(journal, Inputs([folder], output=output, limits=LIMITS), BatchOptions(), {"seconds": 1.0})
-        log = journal.log.read_text(encoding="utf-8")
+    with opened_store(output, BatchOptions(), resume=True) as store:
+        paths = write_summary(store, Inputs([folder], output=output, limits=LIMITS), BatchOptions(), {"seconds": 1.0})
+        log = store.log.read_text(encoding="utf-8")
     assert [line.split("\t")[:2] for line in log.splitlines()] == [
         ["failed", "in/%1B[2J.obj"],
         ["failed", "in/%FF.obj"],

@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.cli import batch as batch_command
-from spinor_geom.cli import console
+from spinor_geom.cli import console, runs
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.errors import FirstFillError
 from spinor_geom.fill.loops import boundary_loops
@@ -468,7 +467,7 @@ def test_the_progress_of_a_batch_is_shown_on_a_terminal_only(monkeypatch: pytest
     ("done", "seconds", "said"), [(2, 9.0, ""), (4, 50.0, ", ready in 2 min"), (9, 7.0, ", ready in 1 s")]
 )
 def test_the_progress_of_a_batch_says_when_it_will_be_ready(done: int, seconds: float, said: str) -> None:
-    assert batch_command._ready(SimpleNamespace(files=done, files_before=2, files_total=10, seconds=seconds)) == said
+    assert runs._ready(SimpleNamespace(files=done, files_before=2, files_total=10, seconds=seconds)) == said
 
 
 def test_loops_says_what_does_not_fit_together_beside_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

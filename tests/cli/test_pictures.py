@@ -11,7 +11,7 @@ from PIL import Image
 
 import spinor_geom
 from spinor_geom import gallery
-from spinor_geom.cli import view
+from spinor_geom.cli import pictures
 from spinor_geom.cli.main import main
 from spinor_geom.render.portrait import Portrait
 
@@ -92,7 +92,7 @@ def test_without_a_display_view_says_what_to_do(
 def test_a_display_that_does_not_answer_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if not view.sys.platform.startswith("linux"):
+    if not pictures.sys.platform.startswith("linux"):
         pytest.skip("displays have names on X only")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("DISPLAY", ":4711")
@@ -105,7 +105,7 @@ def test_a_window_gets_the_mesh_its_rims_and_its_curvature(
 ) -> None:
     shown: list[tuple[Any, ...]] = []
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(view, "draw_apart", lambda *job, time_limit: shown.append(job))
+    monkeypatch.setattr(pictures, "draw_apart", lambda *job, time_limit: shown.append(job))
     assert main(["view", str(saved), "--curvature"]) == 0
     mesh, rims = shown[0][0][0].layers
     assert shown[0][-1] == "enneper.safetensors, gauss curvature"

@@ -5,9 +5,9 @@ import pymeshlab
 import pytest
 
 from spinor_geom import gallery
-from spinor_geom.discrete import discrete_minimal_surface, meshlab, minimal_surface
+from spinor_geom.discrete import discrete_minimal_surface, minimal_surface
 from spinor_geom.errors import FirstFillError
-from spinor_geom.measures.quality import smallest_angles
+from spinor_geom.measures.mean_curvature import smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.loops import L_SHAPE, is_disk_on, noisy_ellipse, planar
 
@@ -37,20 +37,20 @@ def test_edge_length_never_takes_more_vertices_than_either_library_is_given(monk
 
 
 def test_torn_disk_is_an_error(monkeypatch):
-    monkeypatch.setattr(meshlab, "_is_disk", lambda *arguments, **sizes: False)
+    monkeypatch.setattr(minimal_surface, "_is_disk", lambda *arguments, **sizes: False)
     with pytest.raises(FirstFillError, match="tore"):
         meshlab_minimal_surface(SEAM.sample(24))
 
 
 def test_failing_filter_is_a_typed_error(monkeypatch):
-    original = meshlab._remesh
+    original = minimal_surface._remesh
 
     def fail(meshes, **options):
         if options:
             raise pymeshlab.PyMeshLabException("no")
         original(meshes)
 
-    monkeypatch.setattr(meshlab, "_remesh", fail)
+    monkeypatch.setattr(minimal_surface, "_remesh", fail)
     with pytest.raises(FirstFillError, match="MeshLab did not fill a loop of 24 points: no"):
         meshlab_minimal_surface(SEAM.sample(24))
 

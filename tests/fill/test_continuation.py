@@ -255,7 +255,7 @@ def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.Mo
         raise SingularMatrixError(size=5)
 
     for instead, told in ((stuck, "7 steps left a bend of"), (broken, "singular")):
-        monkeypatch.setattr("spinor_geom.fill.smooth_patch.continue_patch", instead)
+        monkeypatch.setattr("spinor_geom.fill.continuation.continue_patch", instead)
         _, outcome = continued(mesh)
         assert (outcome.kind, outcome.continuation, outcome.converged) == ("minimal", None, True)
         assert "the patch was not continued smoothly" in outcome.remarks[0]

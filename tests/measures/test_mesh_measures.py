@@ -2,8 +2,7 @@ import igl
 import numpy as np
 import pytest
 
-from spinor_geom.measures.mean_curvature import discrete_mean_curvature
-from spinor_geom.measures.quality import smallest_angles
+from spinor_geom.measures.mean_curvature import discrete_mean_curvature, smallest_angles
 from spinor_geom.meshing import mesh_patch
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 

@@ -20,10 +20,10 @@ from spinor_geom.errors import MissingPackageError, OptionError, PeriodError, Su
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.meshing.embed import mesh_surface
-from spinor_geom.render.family import GAUSS, associate_family, grid_lines
 from spinor_geom.render.layers import Faces, turned
 from spinor_geom.render.morph import SUFFIXES, morph
-from spinor_geom.render.viewer import farthest
+from spinor_geom.render.page import farthest
+from spinor_geom.render.portrait import GAUSS, GRID_LINES, associate_family, grid_lines
 from spinor_geom.surface import SpinorSurface
 from tests.browser import browser, visit
 
@@ -120,11 +120,16 @@ def test_a_view_holds_every_member(catenoid: Faces) -> None:
 
 def test_lines_of_the_grid_lie_in_the_domain_and_are_straight_there() -> None:
     domain = gallery.catenoid().surface.domain
-    z, lines = grid_lines(domain, 8)
-    assert domain.contains(z).all()
-    step = z[lines[:, 1]] - z[lines[:, 0]]
-    assert ((step.real == 0) | (step.imag == 0)).all()
-    assert (np.abs(step) < domain.diameter / 100).all()
+    mesh = domain.triangulation
+    points, lines = grid_lines(mesh.points, mesh.faces, np.column_stack([mesh.points.real, mesh.points.imag]))
+    z = points @ np.array([1.0, 1.0j])
+    assert domain.contains(z[lines].mean(axis=1)).all()  # its ends may lie on the rim
+    step = np.abs(points[lines[:, 1]] - points[lines[:, 0]])
+    assert (step.min(axis=1) < 1e-12 * domain.diameter).all()
+    # each piece lies in a triangle
+    edge = np.abs(mesh.points[mesh.faces] - mesh.points[np.roll(mesh.faces, 1, axis=1)]).max()
+    assert (step.max(axis=1) <= edge).all()
+    assert len(lines) > 2 * GRID_LINES
 
 
 def test_a_pole_in_the_domain_has_no_family_and_the_error_says_so() -> None:

@@ -17,7 +17,7 @@ from spinor_geom.bench.holes import facing_rims
 from spinor_geom.cli.main import main
 from spinor_geom.fill.result import FillResult
 from spinor_geom.render.loop_views import DISTANCE, loop_views
-from spinor_geom.render.viewer import three_js
+from spinor_geom.render.page import three_js
 from tests.browser import Visit, browser, visit
 from tests.fill.shapes import collar, figure_eight, tube
 

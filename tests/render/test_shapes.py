@@ -19,7 +19,7 @@ from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render import shapes
-from spinor_geom.render.colours import VIRIDIS
+from spinor_geom.render.layers import VIRIDIS
 from tests.browser import browser, visit
 from tests.fill.shapes import tube
 
@@ -131,7 +131,7 @@ def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
 
 def test_names_are_escaped_twice_and_large_meshes_are_told_in_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     shape = shapes.shape_of(sphere())
-    frame = shapes.framed(shape, title='a"<b>')
+    frame = shape.framed(title='a"<b>')
     (inner,) = re.findall(r'srcdoc="([^"]*)"', frame)
     assert "<title>a&quot;&lt;b&gt;: 642 vertices" in html.unescape(inner)
     monkeypatch.setattr(shapes, "MOST_FACES", 100)

@@ -9,8 +9,7 @@ import pytest
 
 from spinor_geom.errors import RenderError
 from spinor_geom.render.layers import Faces, Scale
-from spinor_geom.render.page import document, picture
-from spinor_geom.render.viewer import Scene, Views, three_js
+from spinor_geom.render.page import Scene, Views, document, picture, three_js
 from tests.browser import browser, visit
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]])

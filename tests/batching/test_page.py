@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from spinor_geom.render.thumbnail import MOST_FACES, SIZE, thumbnail
+from spinor_geom.batching.summary import MOST_FACES, SIZE, thumbnail
 
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0.0]])
 HALVES = np.array([[0, 1, 2], [0, 2, 3]])

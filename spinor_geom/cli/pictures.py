@@ -1,0 +1,86 @@
+"""`spinor-geom view`, `render` and `morph`: meshes and saved surfaces in a window, a PNG, an animation or a page."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from spinor_geom.cli.console import ExitStatus
+from spinor_geom.cli.source import read_surface, require_writable
+from spinor_geom.errors import RenderError
+from spinor_geom.optional import require
+from spinor_geom.render.layers import INSIDE_COLOUR, MESH_COLOUR, Faces, Lines, View
+from spinor_geom.render.png import draw_apart
+
+if TYPE_CHECKING:
+    from spinor_geom.render.shapes import Shape
+
+SURFACE_SUFFIX = ".safetensors"
+_SIZE = (1024, 768)  # of a window
+
+
+def run(arguments: argparse.Namespace) -> ExitStatus:
+    """Runs one of the three; what cannot be drawn or written is refused before anything is computed."""
+    {"view": _view, "render": _render, "morph": _morph}[arguments.command](arguments)
+    return ExitStatus.DONE
+
+
+def _view(arguments: argparse.Namespace) -> None:
+    """Shows the file until the window is closed; says what to do where there is no display."""
+    require("pyvista", extra="render")
+    if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
+        raise RenderError(
+            "there is no display to open a window on; 'spinor-geom render IN -o out.png' draws a picture without one, "
+            "'spinor-geom fill ... --html report.html' writes a page for any browser"
+        )
+    shape = _shape(arguments.input)
+    title = f"{arguments.input.name}{f', {shape.curvature}'.replace('_', ' ') * arguments.curvature}"
+    fields = {title: shape.told} if arguments.curvature else {}
+    mesh = Faces(vertices=shape.vertices, faces=shape.faces, colour=MESH_COLOUR, inside=INSIDE_COLOUR, fields=fields)
+    view = View(layers=[mesh, Lines(vertices=shape.vertices, edges=shape.rims, width=1.0)])
+    draw_apart([view], _SIZE, [0.0], None, title, time_limit=math.inf)  # as long as it is looked at
+
+
+def _render(arguments: argparse.Namespace) -> None:
+    require("pyvista", extra="render")
+    if arguments.output.suffix.lower() != ".png":
+        raise RenderError(f"{arguments.output}: a picture is written as .png, not '{arguments.output.suffix}'")
+    require_writable(arguments.output)
+    from spinor_geom.render.portrait import plain_portrait
+
+    shape = _shape(arguments.input)
+    portrait = plain_portrait(shape.vertices, shape.faces, shape.told if arguments.curvature else None)
+    # scans and models stand on y in most formats, formulas on z
+    if (arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")) == "y":
+        portrait = portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    portrait.write(arguments.output, eye=arguments.eye, size=arguments.size)
+
+
+def _morph(arguments: argparse.Namespace) -> None:
+    from spinor_geom.gallery import named_surface
+    from spinor_geom.render.morph import checked_suffix, morph
+    from spinor_geom.surface import SpinorSurface
+
+    # before a surface is solved
+    checked_suffix(arguments.output)
+    require_writable(arguments.output)
+    path = Path(arguments.surface)
+    surface = SpinorSurface.load(path) if path.suffix or path.exists() else named_surface(arguments.surface)
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    morph(surface, arguments.output, frames=arguments.frames)
+
+
+def _shape(path: Path) -> Shape:
+    """A mesh file with faces, or a saved surface as triangles."""
+    from spinor_geom.render.shapes import shape_of
+
+    if path.suffix.lower() != SURFACE_SUFFIX:
+        return shape_of(read_surface(path, merge=False))
+    from spinor_geom.surface.spinor_surface import SpinorSurface
+
+    return shape_of(SpinorSurface.load(path))

@@ -1,0 +1,111 @@
+"""`spinor-geom batch`, `bench` and `reproduce`: runs over many files or cases, which go on where they were stopped."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from spinor_geom.batching.engine import BatchProgress, batch
+from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
+from spinor_geom.experiments import NAMES
+from spinor_geom.optional import require
+
+DATA = Path("data")  # of a clone, in whose root the command is usually given
+
+
+def run(arguments: argparse.Namespace) -> ExitStatus:
+    """Runs one of the three."""
+    return {"batch": _batch, "bench": _bench, "reproduce": _reproduce}[arguments.command](arguments)
+
+
+def _batch(arguments: argparse.Namespace) -> ExitStatus:
+    """Runs the batch; says how many files are not wholly done, and where that stands."""
+    with progress("listing the inputs") as show:
+
+        def on_progress(now: BatchProgress) -> None:
+            show(now.files, now.files_total, _said(now) + _ready(now))
+
+        own = ("command", "inputs", "output")
+        options = {name: value for name, value in vars(arguments).items() if name not in own}
+        options["edge_length"] = "auto" if arguments.edge_length is None else arguments.edge_length
+        result = batch(arguments.inputs, arguments.output, **options, on_progress=on_progress)
+    done = result.progress
+    show_lines(f"{_said(done)}, {done.seconds:.1f} s; table: {result.table_csv}, page: {result.page}", piped=False)
+    if not result.complete:
+        complain(f"{done.files_failed} of {done.files} files are not wholly done; see {result.log}")
+    return ExitStatus.DONE if result.complete else ExitStatus.IMPERFECT
+
+
+def _ready(now: BatchProgress) -> str:
+    if not now.seconds or now.files == now.files_before:
+        return ""
+    left = (now.files_total - now.files) * now.seconds / (now.files - now.files_before)
+    return f", ready in {left / 60:.0f} min" if left > 90 else f", ready in {left:.0f} s"
+
+
+def _said(now: BatchProgress) -> str:
+    rate = now.loops / now.seconds if now.seconds and not now.files_before else 0.0
+    parts = [
+        f"files: {now.files} done, {now.files_failed} with failures",
+        f"{now.files_total - now.files} left",
+        f"loops: {now.loops} done, {now.loops_failed} failed",
+        *([f"{rate:.1f} loops/s"] if rate else []),
+    ]
+    return ", ".join(parts)
+
+
+def _bench(arguments: argparse.Namespace) -> ExitStatus:
+    """Measures, writes the run's files, and says which promises of accuracy are not kept."""
+    require("matplotlib", extra="bench")
+    from spinor_geom.bench.claims import claims
+    from spinor_geom.bench.page import PAGE, write
+    from spinor_geom.bench.runner import Settings, measure
+    from spinor_geom.bench.tables import claim_table, trouble_table
+
+    chosen: dict[str, Any] = {name: tuple(getattr(arguments, name) or ()) for name in ("suites", "cases", "methods")}
+    if arguments.data is not None or DATA.is_dir():
+        chosen["data"] = arguments.data or DATA
+    if arguments.repeat is not None:
+        chosen["repeat"] = arguments.repeat
+    if arguments.time_limit is not None:
+        chosen["time_limit"] = arguments.time_limit
+    settings = Settings.short(**chosen) if arguments.quick else Settings(**chosen)
+    with progress("measuring") as advance:
+        result = measure(settings, arguments.output, on_record=lambda _, done, total: advance(done, total))
+    write(result)
+    found = claims(result.records)
+    for table in (claim_table(found), trouble_table(result.records)):
+        if table.rows:
+            show_lines(table.title, piped=False)
+            show_table(table.columns, [[cell.strip("*") for cell in row] for row in table.rows], piped=False)
+    show_lines(f"report: {arguments.output / PAGE}", piped=False)
+    missed = [claim for claim in found if not claim.met]
+    for claim in missed:
+        complain(f"{claim.case}: missed ({claim.kind}): {claim.text}: {claim.measured}")
+    return ExitStatus.IMPERFECT if any(claim.kind == "accuracy" for claim in missed) else ExitStatus.DONE
+
+
+def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
+    """Runs experiments in their own order; says which did not show what the paper says."""
+    for package in ("matplotlib", "markdown_it"):
+        require(package, extra="experiments")
+    from spinor_geom.experiments.experiment import PAGE, Done, reproduce
+
+    names = arguments.names or tuple(NAMES)
+    with progress("reproducing") as advance:
+        seen: list[Done] = []
+
+        def on_done(one: Done) -> None:
+            seen.append(one)
+            advance(len(seen), len(names))
+
+        advance(0, len(names))
+        done = reproduce(names, arguments.output, quick=arguments.quick, on_done=on_done)
+    rows = [[one.name, "yes" if one.holds else "no", f"{one.seconds:.1f}"] for one in done]
+    show_table(("experiment", "seen", "seconds"), rows, piped=False)
+    show_lines(f"report: {arguments.output / PAGE}", piped=False)
+    for one in done:
+        if not one.holds:
+            complain(f"{one.name}: {one.verdict}")
+    return ExitStatus.DONE if all(one.holds for one in done) else ExitStatus.IMPERFECT
