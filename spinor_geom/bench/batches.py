@@ -1,25 +1,31 @@
-"""Batches of many files: loops a second, memory of the driver, and equal bytes."""
+"""Batches of many loops and files: loops a second, memory of driver and workers, and equal bytes."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from spinor_geom.batching.engine import batch
+from spinor_geom.batching.engine import BatchProgress, batch
 from spinor_geom.bench.cut_outs import CUT, ragged_hole
 from spinor_geom.gallery import evenly_sampled, harmonics, noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
 POINTS, NOISE = 100, 0.05
 FILES, FEW_INPUTS = 3000, 300  # of each batch, and refused ones for the memory of the driver
+SOLVED, SOLVED_ON_CUDA = 64, 2048  # loops that are solved only, as one batch
+REPEATS = 4  # of which the first one is slower
+LOOKS_APART = 20  # files between two looks at the workers' memory
 
 
 def smooth_loop(seed: int, points: int = POINTS) -> BoundaryLoop:
@@ -60,13 +66,38 @@ def write_files(folder: Path, count: int, text: Callable[[int], str]) -> Path:
 
 
 def _rate(work: Path, text: Callable[[int], str], files: int, workers: int | None = None) -> dict[str, Any]:
-    """Loops a second, up to the written summary."""
+    """Loops a second, up to the written summary, and the memory of the largest process below this one."""
+    import psutil
+
+    driver, largest = psutil.Process(), 0.0
+
+    def look(now: BatchProgress) -> None:
+        nonlocal largest
+        if now.files % LOOKS_APART == 1:
+            for child in driver.children(recursive=True):
+                with suppress(psutil.NoSuchProcess):  # it has ended
+                    largest = max(largest, child.memory_info().rss / 2**20)
+
     inputs = write_files(work / "in", files, text)
     start = perf_counter()
-    result = batch(str(inputs), work / "out", workers=workers)
+    result = batch(str(inputs), work / "out", workers=workers, on_progress=look)
     seconds = perf_counter() - start
-    progress = result.progress
-    return {"files": files, "seconds": seconds, "rate": progress.loops / seconds, "files_failed": progress.files_failed}
+    done = result.progress
+    figures = {"files": files, "seconds": seconds, "rate": done.loops / seconds, "files_failed": done.files_failed}
+    return {**figures, "worker_mib": largest}
+
+
+def _solved(count: int, solve: Callable[[list[BoundaryLoop]], object]) -> dict[str, Any]:
+    """Smooth loops a second that are solved, the fastest of a few times."""
+    loops = [smooth_loop(seed) for seed in range(max(1, count))]
+    seconds = []
+    for _ in range(REPEATS):
+        # what a loop has found of itself stays with it
+        anew = [BoundaryLoop.from_points(loop.points, corners=()) for loop in loops]
+        start = perf_counter()
+        solve(anew)
+        seconds.append(perf_counter() - start)
+    return {"files": len(loops), "seconds": min(seconds), "rate": len(loops) / min(seconds)}
 
 
 def _memory(work: Path, inputs: int) -> dict[str, Any]:
@@ -106,11 +137,25 @@ def _left_in(output: Path) -> dict[Path, bytes]:
     return {path.relative_to(output): path.read_bytes() for path in found}
 
 
+def _together(device: str) -> Callable[[list[BoundaryLoop]], object]:
+    return lambda loops: list(solve_plateau_batch(loops, device=device))
+
+
+ON_CUDA: Mapping[str, Callable[[Path, float], dict[str, Any]]] = (
+    {"solved only, on CUDA": lambda _, share: _solved(round(SOLVED_ON_CUDA * share), _together("cuda"))}
+    if torch.cuda.is_available()
+    else {}
+)
 BATCHES: Mapping[str, Callable[[Path, float], dict[str, Any]]] = {
     "smooth loops": lambda work, share: _rate(work, smooth, round(FILES * share)),
     "smooth loops, one worker": lambda work, share: _rate(work, smooth, round(FILES / 4 * share), workers=1),
     "loops with 5% noise": lambda work, share: _rate(work, partial(smooth, noise=NOISE), round(FILES / 10 * share)),
     "rims cut along triangles": lambda work, share: _rate(work, cut, round(FILES / 10 * share)),
+    "solved only, 64 at once": lambda _, share: _solved(round(SOLVED * share), _together("cpu")),
+    "solved only, one by one": lambda _, share: _solved(
+        round(SOLVED * share), lambda loops: [solve_plateau(loop) for loop in loops]
+    ),
+    **ON_CUDA,
     "cluster of 4 processes": lambda work, share: _cluster(work, round(FILES / 10 * share)),
     "few inputs": lambda work, share: _memory(work, round(FEW_INPUTS * share)),
     "ten times as many inputs": lambda work, share: _memory(work, round(10 * FEW_INPUTS * share)),

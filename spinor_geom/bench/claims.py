@@ -22,7 +22,18 @@ ROUNDING = 1e-15  # errors below this are
 # of the smooth continuation, from unit spheres, by the caps' heights
 CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))
 NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}  # by points of rims with noise
-RATES = {"smooth loops": 60.0, "loops with 5% noise": 10.0, "rims cut along triangles": 12.0}  # loops a second
+# loops a second; memory of a batch's largest process, in MiB
+RATES = {
+    "smooth loops": 60.0,
+    "loops with 5% noise": 10.0,
+    "rims cut along triangles": 12.0,
+    "solved only, on CUDA": 2e3,
+}
+WORKER_MIB = 1536.0
+FASTER = (
+    ("smooth loops", "smooth loops, one worker", "one worker", 1.8),
+    ("solved only, 64 at once", "solved only, one by one", "one by one", 8.0),
+)
 # area errors of discrete surfaces and of other fillers, per ours; or ours no more than so many times what points tell
 CLOSER, OF_LIMIT, NEARER = 1e3, 10.0, 1e4
 SLOWER = 3.0  # seconds per those of discrete surfaces
@@ -235,11 +246,16 @@ def _batch(done: list[Record]) -> Iterator[Figure]:
     for case in (name for name in RATES if name in here):
         rate, least = here[case]["rate"], RATES[case]
         yield Figure("batch", case, f"loops a second at least {least:g}", f"{rate:.3g}", rate >= least, "time")
-    whole, alone = here.get("smooth loops"), here.get("smooth loops, one worker")
-    if whole and alone and _comparable(whole, alone):
-        ratio = whole["rate"] / alone["rate"]
-        text = "times the rate of one worker at least 1.8"
-        yield Figure("batch", whole["case"], text, f"{ratio:.3g}", ratio >= 1.8, "time")
+    for case, of, text, least in FASTER:
+        whole, alone = here.get(case), here.get(of)
+        if whole and alone and _comparable(whole, alone):
+            ratio = whole["rate"] / alone["rate"]
+            yield Figure(
+                "batch", case, f"times the rate of {text} at least {least:g}", f"{ratio:.3g}", ratio >= least, "time"
+            )
+    for case, record in here.items():
+        if record.get("worker_mib"):
+            yield from at_most("batch", case, "MiB of the largest process", [record["worker_mib"]], WORKER_MIB)
     few, many = here.get("few inputs"), here.get("ten times as many inputs")
     if few and many:
         growth = [many["driver_mib"] / few["driver_mib"]]

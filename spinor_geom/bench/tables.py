@@ -33,7 +33,8 @@ class Table:
 
 
 FIELDS = (
-    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "equal", "memory_mib", "closed", "area_error"),
+    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "worker_mib", "equal", "memory_mib", "closed"),
+    "area_error",
     *("limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max", "residual_per_edge"),
     *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),
     *("rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "converged"),

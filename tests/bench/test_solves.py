@@ -9,7 +9,7 @@ import pytest
 import spinor_geom
 from spinor_geom import gallery, read_mesh, solve_plateau
 from spinor_geom.bench import batches, worker
-from spinor_geom.bench.claims import claims
+from spinor_geom.bench.claims import WORKER_MIB, claims
 from spinor_geom.bench.solves import QUICK, null_error, solve_figures, solves, untrue
 from tests.exact_solutions import ENNEPER, exact_solution
 
@@ -93,12 +93,21 @@ def test_files_of_a_batch_hold_one_loop_each(tmp_path: Path):
 
 
 def test_batches_are_measured_and_their_promises_judged():
-    done = [
-        worker.run(task("batch", name, share=share)) for name, share in (("smooth loops", 1e-3), ("few inputs", 1e-2))
-    ]
-    assert [record["status"] for record in done] == ["done", "done"]
+    shares = {
+        "smooth loops": 1e-3,
+        "few inputs": 1e-2,
+        "solved only, 64 at once": 0.05,
+        "solved only, one by one": 0.05,
+    }
+    tasks = [task("batch", name, share=share) for name, share in shares.items()]
+    done = [{**one, **worker.run(one)} for one in tasks]
+    assert [record["status"] for record in done] == 4 * ["done"]
     assert done[0]["files_failed"] == 0
+    assert 50 < done[0]["worker_mib"] < WORKER_MIB
     assert done[1]["driver_mib"] > 50
+    assert all(record["rate"] == pytest.approx(3 / record["seconds"]) for record in done[2:])
+    told = {f.case for f in claims(done)}
+    assert told == {"smooth loops", "solved only, 64 at once"}
     whole = {**task("batch", "smooth loops"), "status": "done", "rate": 70.0}
     alone = {**whole, "case": "smooth loops, one worker", "rate": 40.0}
     found = {(f.case, f.text): f.met for f in claims([whole, alone])}
