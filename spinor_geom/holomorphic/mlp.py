@@ -195,16 +195,11 @@ class Linearisation:
 
     They are holomorphic in the parameters, so their Jacobian J is complex. It is never formed: a layer's part of J Jᴴ
     is a product, entry by entry, of two Gram matrices.
-
-    Attributes:
-        inputs: of each layer, (2, n, in).
-        sensitivities: derivative of the output by each layer's W h + b, (2, n, out).
-        value: (n, 2), p and q themselves.
     """
 
-    inputs: tuple[Complex[Tensor, "2 n _"], ...]
-    sensitivities: tuple[Complex[Tensor, "2 n _"], ...]
-    value: Complex[Tensor, "n 2"]
+    inputs: tuple[Complex[Tensor, "2 n _"], ...]  # of each layer, (2, n, in)
+    sensitivities: tuple[Complex[Tensor, "2 n _"], ...]  # derivative of the output by each layer's W h + b, (2, n, out)
+    value: Complex[Tensor, "n 2"]  # p and q themselves
 
     def kernel(self) -> Complex[Tensor, "2 n n"]:
         """J Jᴴ of p and of q, each by its own parameters."""

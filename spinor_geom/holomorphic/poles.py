@@ -54,10 +54,8 @@ def corner_poles(tolerance: float) -> int:
 def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _CORNER_POLES[-1]) -> Poles:
     """One pole beside each boundary vertex that is no corner, and a cluster on the outer bisector of each corner.
 
-    Args:
-        domain: Ω.
-        offset: distance of a pole from its vertex along the outward normal, in local edge lengths of ∂Ω.
-        at_corner: number of poles in each cluster; see `corner_poles`.
+    The offset is in local edge lengths of ∂Ω, along the outward normal; for the number in each cluster see
+    `corner_poles`.
 
     Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
     Numer. Anal. 57 (2019), for the clusters.
@@ -80,14 +78,12 @@ def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
 
 
 def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
-    """Poles for p and q that are smooth on the edges of a polygon: beside each edge's middle, and at bent vertices.
+    """Poles for p and q that are smooth on a polygon's edges: beside each edge's middle, and at bent vertices.
 
-    Each is at the first of some distances along the outer normal or bisector, in edges, where every edge is at least
-    0.35 of its own length away; in notches too narrow for that there is none. Vertices that turn by less than 45° have
-    none of their own. The scale of a pole's unit is its distance from the polygon.
-
-    Args:
-        vertices: of a simple polygon with Ω on its left.
+    The polygon is simple, with Ω on its left. Each is at the first of some distances along the outer normal or
+    bisector, in edges, where every edge is at least 0.35 of its own length away; in notches too narrow for that there
+    is none. Vertices that turn by less than 45° have none of their own. The scale of a pole's unit is its distance from
+    the polygon.
     """
     step = np.roll(vertices, -1) - vertices
     edge = np.abs(step)
@@ -131,12 +127,7 @@ def _distance_outside(
 
 
 def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Poles:
-    """Poles that resolve given panels of ∂Ω: half a panel length outside its middle, a third outside its ends.
-
-    Args:
-        domain: Ω.
-        panels: their ends as parameters of ∂Ω; the middle is taken forwards from the first to the second.
-    """
+    """Poles that resolve panels of ∂Ω with given ends: half a length outside the middle, a third outside the ends."""
     start, end = panels.T
     length = np.abs(domain.point(end) - domain.point(start))
     both = np.concatenate([start, end])

@@ -25,22 +25,16 @@ class DirichletForm:
 
     ½ ∮ x·Λx dτ is the Dirichlet energy. Between two concentric circles Λ is a multiplier of Fourier series. With more
     holes it differs from |k| by an operator with a smooth kernel, which acts on low frequencies only.
-
-    Attributes:
-        domain: Ω.
-        steps: n, of every circle.
-        own: multipliers of a circle's own values, frequencies 0 … n/2.
-        other: multipliers of the conjugate spectrum of the other of two circles; none where there are more.
-        correction: Λ less |k| on so many equal steps of every circle as resolve it, (m c, m c); none for two circles.
-        error: the correction's deviation from a symmetric matrix, relative to the largest entry of |k|'s.
     """
 
-    domain: CircularDomain
-    steps: int
-    own: Float[Tensor, " f"]
+    domain: CircularDomain  # Ω
+    steps: int  # n, of every circle
+    own: Float[Tensor, " f"]  # multipliers of a circle's own values, frequencies 0 … n/2
+    # multipliers of the conjugate spectrum of the other of two circles; none where there are more
     other: Float[Tensor, " f"] | None
+    # Λ less |k| on so many equal steps of every circle as resolve it, (m c, m c); none for two circles
     correction: Float[Tensor, "mc mc"] | None
-    error: float
+    error: float  # the correction's deviation from a symmetric matrix, relative to the largest entry of |k|'s
 
     @classmethod
     def of(cls, domain: CircularDomain, n: int, *, negligible: float = ROUND_OFF) -> DirichletForm:

@@ -37,17 +37,11 @@ _FLAT_MODULUS = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimsProblem:
-    """Douglas's problem for curves that run as the boundary of Ω does, the outer one first.
+    """Douglas's problem for curves that run as the boundary of Ω does, the outer one first."""
 
-    Attributes:
-        curves: two or more, as a batch.
-        negligible: as for `DirichletForm.of`.
-        on_step: is called with the gradient at each Newton step; None for silence.
-    """
-
-    curves: CurveTensors
-    negligible: float = ROUND_OFF
-    on_step: Callable[[float], None] | None = None
+    curves: CurveTensors  # two or more, as a batch
+    negligible: float = ROUND_OFF  # as for `DirichletForm.of`
+    on_step: Callable[[float], None] | None = None  # is called with the gradient at each Newton step; None for silence
 
     def at(self, slides: Float[Tensor, "m n"], domain: CircularDomain) -> HarmonicSurface:
         """The harmonic surface with given slides over a given domain."""
@@ -56,14 +50,9 @@ class RimsProblem:
     def descended(self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False) -> HarmonicSurface | None:
         """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
 
-        A modulus runs away then, or a rim shrinks to a point of it. `minimised`, which factors nothing, is no way to
-        here: its steps are not held back in the moduli, so that it leaves shallow valleys (the 5-noid's falls apart),
-        and along splines it takes three times as long.
-
-        Args:
-            start: a surface.
-            tolerance: of gradient and slopes.
-            fixed: whether the moduli stay.
+        A modulus runs away then, or a rim shrinks to a point of it. The moduli may be held fixed. `minimised`, which
+        factors nothing, is no way to here: its steps are not held back in the moduli, so that it leaves shallow valleys
+        (the 5-noid's falls apart), and along splines it takes three times as long.
         """
         here = self.point(start)
         damping = _DAMPING
@@ -129,16 +118,7 @@ class RimsProblem:
     def settled(
         self, surface: HarmonicSurface, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0
     ) -> HarmonicSurface:
-        """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many nodes.
-
-        Args:
-            surface: start.
-            n: nodes.
-            tolerance: of gradient and slopes.
-            max_steps: limit on steps.
-            near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
-            negligible: fall of the energy over several steps at which to stop.
-        """
+        """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many."""
         start = _AsBatch(here=self.point(self.resampled(surface, n)))
         ((found, _),) = minimised(
             start,

@@ -14,17 +14,11 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
-    """Checks of a surface, each made when it is first read and timed by itself.
-
-    Attributes:
-        surface: the surface.
-        is_plane: whether it is a plane region inside a simple boundary, which does not cross itself.
-        clock: of the stages "stability" and "certificates".
-    """
+    """Checks of a surface, each made when it is first read and timed by itself."""
 
     surface: SpinorSurface
-    is_plane: bool = False
-    clock: Clock = field(default_factory=Clock)
+    is_plane: bool = False  # whether it is a plane region inside a simple boundary, which does not cross itself
+    clock: Clock = field(default_factory=Clock)  # of the stages "stability" and "certificates"
 
     @cached_property
     def stability(self) -> Stability:

@@ -43,14 +43,11 @@ class CornerPairs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModulusFields:
-    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps its corners' angles, or a hole's growth.
+    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps its corners' angles, or a hole's growth."""
 
-    Attributes:
-        nodes: (nodes, k), at the nodes of the panels they were made with, one field a column, in units of Ω.
-        vertices: (m, k), at the vertices of ∂Ω, or of its hole; each field is as large as Ω's diameter at most.
-    """
-
+    # at the nodes of the panels they were made with, one field a column, in units of Ω
     nodes: Complex[np.ndarray, "nodes k"]
+    # at the vertices of ∂Ω, or of its hole; each field is as large as Ω's diameter at most
     vertices: Complex[np.ndarray, "m k"]
 
     @classmethod
@@ -60,12 +57,6 @@ class ModulusFields:
         The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
         real along ∂Ω. Of all g' made of the features that vanish at the corners, those nearest to this are taken. On a
         strip they stretch it along its length, however it winds.
-
-        Args:
-            domain: Ω.
-            panels: on ∂Ω, with a break at each vertex.
-            features: holomorphic functions at their nodes, smooth at the corners: the moved boundary's spline must
-                resolve what they make.
 
         Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
         """

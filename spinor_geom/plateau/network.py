@@ -25,27 +25,16 @@ _MAX_FEATURES = 420
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Discretisation:
-    """Poles, panels and the network made from them.
+    """Poles, panels and the network made from them."""
 
-    Attributes:
-        domain: Ω.
-        pairs: corners of Ω and Γ.
-        poles: poles outside Ω.
-        degree: of the polynomials.
-        at_corner: number of poles that are clustered at each corner.
-        panels: nodes on ∂Ω.
-        network: features orthonormal on the nodes.
-        problem: the same as tensors, with Γ.
-    """
-
-    domain: PlaneDomain
-    pairs: CornerPairs
-    poles: Poles
-    degree: int
-    at_corner: int
-    panels: Panels
-    network: CauchyNetwork
-    problem: PlateauProblem
+    domain: PlaneDomain  # Ω
+    pairs: CornerPairs  # corners of Ω and Γ
+    poles: Poles  # poles outside Ω
+    degree: int  # of the polynomials
+    at_corner: int  # number of poles that are clustered at each corner
+    panels: Panels  # nodes on ∂Ω
+    network: CauchyNetwork  # features orthonormal on the nodes
+    problem: PlateauProblem  # the same as tensors, with Γ
 
     @classmethod
     def first(
@@ -61,14 +50,8 @@ class Discretisation:
     ) -> Discretisation:
         """One pole a boundary vertex, panels between the vertices and halving towards corners.
 
-        Args:
-            domain: Ω.
-            curves: Γ, one curve for each boundary of Ω.
-            pairs: corners of Ω and Γ.
-            degree: highest degree of the polynomials.
-            offset: of the poles, in local edges.
-            tolerance: RMS distance from Γ, in mean edges, that is asked for: corners take fewer poles for a loose one.
-            branch: a point in the hole around which p and q change their sign; none where they are single-valued.
+        The offset of the poles is in local edges; corners take fewer poles for a loose tolerance, the RMS distance from
+        Γ in mean edges. `branch` is a point in the hole around which p and q change their sign.
         """
         at_corner = corner_poles(tolerance)
         return cls._of(
@@ -123,9 +106,8 @@ class Discretisation:
     def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
         """More poles and shorter panels where the residual is; None where nothing more may be added.
 
-        Args:
-            energy: integral of the squared residual over each panel, as a share of the whole boundary.
-            goal: panels matter until those left out have less than half of goal² together.
+        The energy is the integral of the squared residual over each panel; those matter until the ones left out have
+        less than half of goal² together.
         """
         order = np.argsort(energy)
         matter = np.empty(len(energy), dtype=bool)
@@ -169,11 +151,7 @@ class Discretisation:
         return self.degree + len(self.poles.positions) + 2 > _MAX_FEATURES
 
     def share_at_corners(self, energy: Float[np.ndarray, " panels"]) -> float:
-        """Share of a residual on the edges of ∂Ω that end at its corners.
-
-        Args:
-            energy: integral of the squared residual over each panel.
-        """
+        """Share of a residual on the edges of ∂Ω that end at its corners."""
         middle = self.panels.ends.mean(axis=1)
         edge = np.searchsorted(self.domain.arcs[:, 0], middle, side="right") - 1
         corners = [boundary.corners for boundary in self.domain.boundaries]

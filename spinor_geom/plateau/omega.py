@@ -110,19 +110,12 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
-    """How ∂Ω is parametrised, resolved and rounded.
+    """How ∂Ω is parametrised, resolved and rounded."""
 
-    Attributes:
-        density: of its nodes.
-        count: number of its vertices.
-        steps: that resolve it.
-        width: standard deviation of the Gaussian that rounds it, as a share of ∂Ω.
-    """
-
-    density: NodeDensity
-    count: int
-    steps: int
-    width: float
+    density: NodeDensity  # of its nodes
+    count: int  # number of its vertices
+    steps: int  # that resolve it
+    width: float  # standard deviation of the Gaussian that rounds it, as a share of ∂Ω
 
 
 def resolved(
@@ -134,15 +127,9 @@ def resolved(
     count: int,
     device: torch.device,
 ) -> tuple[Shape, DirichletForm]:
-    """The smooth Ω next to a polygon, as coarse as it may be, and its Λ.
+    """The smooth Ω next to a polygon with parameters t, as coarse as it may be, and its Λ.
 
-    Args:
-        polygon: vertices, counter-clockwise.
-        t: their parameters, increasing.
-        density: of the nodes on ∂Ω.
-        is_fine: whether the polygon is to be followed closely, as at the vertices of rough loops; it is in fingers.
-        count: number of vertices of ∂Ω.
-        device: of Λ.
+    It follows the polygon closely where that `is_fine`, as at the vertices of rough loops, and in fingers.
 
     Raises:
         DomainError: Ω is not simple, or too narrow.
@@ -158,13 +145,7 @@ def resolved(
 
 
 def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], shape: Shape) -> FourierBoundary:
-    """An analytic curve near to a polygon: a spline through its vertices, rounded off.
-
-    Args:
-        polygon: vertices, counter-clockwise.
-        t: their parameters, increasing.
-        shape: of the curve; it has a quarter as many frequencies of either sign as steps.
-    """
+    """An analytic curve near to a polygon: a spline through its vertices at parameters t, rounded off."""
     spline = CubicSpline(np.append(t, t[0] + 1), np.append(polygon, polygon[0]), bc_type="periodic")
     highest = shape.steps // 4
     n = 2 * _OVERSAMPLING * highest
@@ -175,11 +156,6 @@ def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " 
 
 def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
     """Λ on ∂Ω.
-
-    Args:
-        boundary: ∂Ω.
-        n: steps.
-        device: of Λ.
 
     Raises:
         DomainError: ∂Ω crosses itself, or Ω is so narrow somewhere that n steps do not resolve Λ, or that it asks for
@@ -227,11 +203,6 @@ def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[
     maps Ω conformally onto the flattening (`flatten` does the same for triangles). Equal lengths of Γ become equal
     lengths of the new ∂Ω, whose perimeter is 1. Nothing crowds there, whatever Ω was. Where the slide is too uneven to
     smooth, or the flattening is not simple, Ω stays as it is.
-
-    Args:
-        disk: a harmonic disk over Ω.
-        form: Λ of Ω.
-        shape: of the new ∂Ω; its Gaussian smooths the scale, too.
     """
     n = len(disk.slide)
     even = np.arange(n) / n

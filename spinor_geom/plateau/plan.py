@@ -60,13 +60,9 @@ class InPlane:
 
 @dataclass(frozen=True)
 class NoneBetween:
-    """Nowhere: no surface of one piece spans several loops.
+    """Nowhere: no surface of one piece spans several loops."""
 
-    Attributes:
-        reason: how it is known.
-    """
-
-    reason: str
+    reason: str  # how it is known
 
     def surface(self, task: Task) -> Found:
         """Says so."""
@@ -243,10 +239,6 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
 
 def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     """The disk that the routes lead to, or one of less area where that is unstable and may be left.
-
-    Args:
-        task: of one loop.
-        routes: its plan.
 
     Raises:
         OutOfTimeError, DomainError, FirstFillError, SingularMatrixError, SurfaceError: as `nearest_surface`.

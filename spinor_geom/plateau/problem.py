@@ -180,28 +180,17 @@ class PlateauProblem:
 
     Where Ω has a hole there are further points behind the nodes, on a way through Ω from the outer boundary's first
     vertex to its own.
-
-    Attributes:
-        curves: Γ, one curve for each boundary of Ω.
-        features: (points, n), the model's hidden layer at the nodes and on the way.
-        dz: (points,), dz/dt.
-        weights: (points,), quadrature weights in t.
-        widths: (panels,), lengths of the panels in t.
-        rims: numbers of panels of each boundary.
-        cumulative: (order, order), integration matrix of a panel of length 1.
-        slide_bounds: (nodes, 2), lowest and highest curve parameter of each node.
-        fields: (nodes, k), fields along which Ω may move to change its moduli.
     """
 
-    curves: tuple[CurveTensors, ...]
-    features: Complex[Tensor, "points n"]
-    dz: Complex[Tensor, " points"]
-    weights: Float[Tensor, " points"]
-    widths: Float[Tensor, " panels"]
-    rims: tuple[int, ...]
-    cumulative: Float[Tensor, "order order"]
-    slide_bounds: Float[Tensor, "nodes 2"]
-    fields: Complex[Tensor, "nodes k"]
+    curves: tuple[CurveTensors, ...]  # Γ, one curve for each boundary of Ω
+    features: Complex[Tensor, "points n"]  # the model's hidden layer at the nodes and on the way
+    dz: Complex[Tensor, " points"]  # dz/dt
+    weights: Float[Tensor, " points"]  # quadrature weights in t
+    widths: Float[Tensor, " panels"]  # lengths of the panels in t
+    rims: tuple[int, ...]  # numbers of panels of each boundary
+    cumulative: Float[Tensor, "order order"]  # integration matrix of a panel of length 1
+    slide_bounds: Float[Tensor, "nodes 2"]  # lowest and highest curve parameter of each node
+    fields: Complex[Tensor, "nodes k"]  # fields along which Ω may move to change its moduli
 
     @classmethod
     def on_panels(
@@ -298,14 +287,10 @@ def nearest_increasing(
 ) -> Float[np.ndarray, " n"]:
     """A non-decreasing slide around the circle near to s, with s_n ≤ s_0 + 1, inside the bounds of each node.
 
-    It is the nearest one (isotonic regression) of the circle cut open at one node.
+    It is the nearest one (isotonic regression) of the circle cut open where the speed |Γ'| is largest, where a change
+    of s costs most.
 
     Shortening the whole step instead stalls at corners and on noisy curves.
-
-    Args:
-        s: parameters of the nodes in order; they may lie in any interval of about length 1.
-        speed: |Γ'| at the nodes; the circle is cut where it is largest, where a change of s costs most.
-        bounds: lowest and highest s of each node, non-decreasing both.
     """
     if (np.diff(np.append(s, s[0] + 1)) <= 0).any():
         cut = int(np.argmax(speed))

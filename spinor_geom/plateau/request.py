@@ -27,27 +27,17 @@ AnyRequest = TypeVar("AnyRequest", bound="Request")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Request:
-    """A loop or several, Γ through them, and how the surface is asked for.
+    """A loop or several, Γ through them, and how the surface is asked for."""
 
-    Attributes:
-        loops: as they were given.
-        units: with their common centre at 0 and their common diagonal 1, where every tolerance is a ratio.
-        curves: Γ through each, at unit size.
-        centre: of the loops.
-        scale: their common diagonal.
-        options: of the call.
-        steps: of all routes.
-        clock: of their stages.
-    """
-
-    loops: tuple[BoundaryLoop, ...]
+    loops: tuple[BoundaryLoop, ...]  # as they were given
+    # with their common centre at 0 and their common diagonal 1, where every tolerance is a ratio
     units: tuple[BoundaryLoop, ...]
-    curves: tuple[BoundaryCurve, ...]
-    centre: Float[np.ndarray, "3"]
-    scale: float
-    options: Options
-    steps: Steps
-    clock: Clock = field(default_factory=Clock)
+    curves: tuple[BoundaryCurve, ...]  # Γ through each, at unit size
+    centre: Float[np.ndarray, "3"]  # of the loops
+    scale: float  # their common diagonal
+    options: Options  # of the call
+    steps: Steps  # of all routes
+    clock: Clock = field(default_factory=Clock)  # of their stages
 
     @classmethod
     def of(
@@ -79,14 +69,7 @@ class Request:
         options: Options,
         on_iteration: Callable[[Iteration], None] | None = None,
     ) -> AnyRequest:
-        """The request of loops that are known to be simple and apart.
-
-        Args:
-            loops: in any coordinates.
-            curves: Γ through each at any size and place; none for the smooth one through its points.
-            options: of the call.
-            on_iteration: is called after each step.
-        """
+        """The request of loops that are known to be simple and apart; for None the smooth curve through the points."""
         lengths = np.array([loop.perimeter for loop in loops])
         # relative to the first centre: loops far from the origin lose no digits
         first = loops[0].centroid

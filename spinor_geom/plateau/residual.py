@@ -25,11 +25,6 @@ def independent_residual(
     Each point is projected on Γ near its matched parameter, not on the nearest part of Γ: a boundary that lies on the
     wrong part of the curve is not excused.
 
-    Args:
-        stage: the discretisation.
-        fit: its fit.
-        points: number of loop points; at least three samples are taken for each.
-
     Returns:
         The misfit of all rims, and the integral of the squared distance over each panel by arc length of ∂Ω, which has
         length 1 there.

@@ -37,15 +37,10 @@ _NARROWEST, _CLEAR, _SHRINKINGS = 0.9999, 0.1, 20
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rim:
-    """A curve in both directions.
+    """A curve in both directions."""
 
-    Attributes:
-        number: of the rim among those that were given.
-        ways: its curve as it was given, and reversed.
-    """
-
-    number: int
-    ways: tuple[CurveTensors, CurveTensors]
+    number: int  # of the rim among those that were given
+    ways: tuple[CurveTensors, CurveTensors]  # its curve as it was given, and reversed
 
     def samples(self, n: int, *, back: bool = False) -> Float[Tensor, "n 3"]:
         """Points at equal steps of the parameter."""
@@ -56,16 +51,10 @@ class Rim:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placement:
-    """Rims in their places.
+    """Rims in their places."""
 
-    Attributes:
-        rims: that of the outer circle, of the hole about 0, and of all others.
-        back: which of them run against the curve that was given.
-        surface: the harmonic surface.
-    """
-
-    rims: tuple[Rim, ...]
-    back: tuple[bool, ...]
+    rims: tuple[Rim, ...]  # that of the outer circle, of the hole about 0, and of all others
+    back: tuple[bool, ...]  # which of them run against the curve that was given
     surface: HarmonicSurface
 
     @classmethod
@@ -100,13 +89,8 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
 
     Where it has none, the modulus is 1 more than between circles of the curves' lengths in one plane.
 
-    The matching comes from the curves alone: of all shifts the one of least energy is taken.
-
-    Args:
-        first: the outer rim.
-        second: the inner rim.
-        n: nodes on each, an even number.
-        back: whether the second one runs against the curve that was given.
+    The matching comes from the curves alone: of all shifts the one of least energy is taken. The first is the outer
+    rim; the number of nodes is even.
     """
     points = torch.stack([first.samples(n), second.samples(n, back=back)])
     spectrum = torch.fft.rfft(points, dim=1)
@@ -129,14 +113,10 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
 
 
 def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
-    """Starts with the rims as circles on a sphere around a point.
+    """Starts with three rims or more as circles on a sphere around a point, at an even number of nodes.
 
     From the rims' middle those of a junction are seen beside each other, and from above those of a hole and of islands
     in it; circles that cross are made smaller.
-
-    Args:
-        rims: three or more.
-        n: nodes on each, an even number.
     """
     samples = torch.stack([rim.samples(_NODES) for rim in rims])
     middle = samples.mean(1).mean(0)

@@ -72,23 +72,14 @@ def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimsSolver:
-    """Several loops on their routes.
+    """Several loops on their routes."""
 
-    Attributes:
-        loops: at unit size.
-        curves: Γ through each.
-        options: of the call.
-        allowed: RMS distance from Γ to reach.
-        steps: of all routes.
-        clock: of the stages.
-    """
-
-    loops: tuple[BoundaryLoop, ...]
-    curves: tuple[BoundaryCurve, ...]
-    options: Options
-    allowed: float
-    steps: Steps
-    clock: Clock
+    loops: tuple[BoundaryLoop, ...]  # at unit size
+    curves: tuple[BoundaryCurve, ...]  # Γ through each
+    options: Options  # of the call
+    allowed: float  # RMS distance from Γ to reach
+    steps: Steps  # of all routes
+    clock: Clock  # of the stages
 
     def on_circles(self) -> Found:
         """Douglas's surface of least area over a circular domain, or the one nearest to a modulus that was asked for.

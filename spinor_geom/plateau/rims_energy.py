@@ -30,24 +30,16 @@ _UNRESOLVED = 1e-2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSurface:
-    """A harmonic surface over a circular domain whose rims lie on curves at equal steps of every circle's angle.
+    """A harmonic surface over a circular domain whose rims lie on curves at equal steps of every circle's angle."""
 
-    Attributes:
-        slides: (m, n), curve parameters at each node, increasing.
-        points: (m, n, 3), the points of the curves.
-        domain: Ω.
-        energy: Dirichlet energy: the area where the surface is conformal, more elsewhere.
-        gradient: RMS of the energy's derivative by arc length, relative to that of ΛX; without what a rotation of Ω has
-            of it, which so many nodes feel and the surface does not.
-        slopes: derivatives of the energy by the moduli, over the energy.
-    """
-
-    slides: Float[Tensor, "m n"]
-    points: Float[Tensor, "m n 3"]
-    domain: CircularDomain
-    energy: float
+    slides: Float[Tensor, "m n"]  # curve parameters at each node, increasing
+    points: Float[Tensor, "m n 3"]  # the points of the curves
+    domain: CircularDomain  # Ω
+    energy: float  # Dirichlet energy: the area where the surface is conformal, more elsewhere
+    # RMS of the energy's derivative by arc length, relative to that of ΛX; without what a rotation of Ω has of it,
+    # which so many nodes feel and the surface does not
     gradient: float
-    slopes: Float[Tensor, " p"]
+    slopes: Float[Tensor, " p"]  # derivatives of the energy by the moduli, over the energy
 
     @property
     def crowded(self) -> bool:
@@ -63,33 +55,19 @@ class HarmonicSurface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EnergyPoint:
-    """The energy with its derivatives at given slides and moduli; sums over the nodes, without the factor 2π/n.
+    """The energy with its derivatives at given slides and moduli; sums over the nodes, without the factor 2π/n."""
 
-    Attributes:
-        curves: of the rims, as the boundary of Ω runs, as a batch.
-        slides: (m, n), curve parameters.
-        points: (m, n, 3), of the curves.
-        speed: (m, n), of the curves by their parameters.
-        unit: (m, n, 3), their tangents.
-        bends: (m, n), Γ″·ΛX by arc length.
-        form: Λ.
-        negligible: as for `DirichletForm.of`.
-        energy: E.
-        by_slides: (m n,), derivative of E by arc length.
-        normal: (m, n, 3), ΛX.
-    """
-
-    curves: CurveTensors
-    slides: Float[Tensor, "m n"]
-    points: Float[Tensor, "m n 3"]
-    speed: Float[Tensor, "m n"]
-    unit: Float[Tensor, "m n 3"]
-    bends: Float[Tensor, "m n"]
-    form: DirichletForm
-    negligible: float
-    energy: float
-    by_slides: Float[Tensor, " mn"]
-    normal: Float[Tensor, "m n 3"]
+    curves: CurveTensors  # of the rims, as the boundary of Ω runs, as a batch
+    slides: Float[Tensor, "m n"]  # curve parameters
+    points: Float[Tensor, "m n 3"]  # of the curves
+    speed: Float[Tensor, "m n"]  # of the curves by their parameters
+    unit: Float[Tensor, "m n 3"]  # their tangents
+    bends: Float[Tensor, "m n"]  # Γ″·ΛX by arc length
+    form: DirichletForm  # Λ
+    negligible: float  # as for `DirichletForm.of`
+    energy: float  # E
+    by_slides: Float[Tensor, " mn"]  # derivative of E by arc length
+    normal: Float[Tensor, "m n 3"]  # ΛX
 
     @classmethod
     def of(
@@ -207,16 +185,11 @@ class Moduli:
     """Derivatives by the moduli: of each hole its place, by the distance to the next circle, and its log modulus.
 
     The first hole stays about 0.
-
-    Attributes:
-        form: Λ.
-        null: ∂X/∂τ + iΛX on the holes.
-        moves: v/z′ of the three moduli of each hole.
     """
 
-    form: DirichletForm
-    null: Complex[Tensor, "h n c"]
-    moves: Complex[Tensor, "h 3 n"]
+    form: DirichletForm  # Λ
+    null: Complex[Tensor, "h n c"]  # ∂X/∂τ + iΛX on the holes
+    moves: Complex[Tensor, "h 3 n"]  # v/z′ of the three moduli of each hole
 
     @classmethod
     def of(cls, form: DirichletForm, points: Float[Tensor, "m n c"], normal: Float[Tensor, "m n c"]) -> Moduli:

@@ -50,21 +50,13 @@ _PLACINGS = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PassedRims:
-    """A minimal surface through the points of several rims, at unit size.
-
-    Attributes:
-        surface: the surface.
-        curves: Γ, of each rim.
-        misfit: of all points.
-        area: by an integral over ∂Ω.
-        period: the largest |Re ∮ φ dz| around a hole.
-    """
+    """A minimal surface through the points of several rims, at unit size."""
 
     surface: SpinorSurface
-    curves: tuple[BoundaryCurve, ...]
-    misfit: Misfit
-    area: float
-    period: float
+    curves: tuple[BoundaryCurve, ...]  # Γ, of each rim
+    misfit: Misfit  # of all points
+    area: float  # by an integral over ∂Ω
+    period: float  # the largest |Re ∮ φ dz| around a hole
 
 
 def surface_through(
@@ -75,14 +67,9 @@ def surface_through(
     allowed: float,
     steps: Steps,
 ) -> PassedRims:
-    """The surface through points next to a smooth one, as nearly as they can be met.
+    """The surface through points next to a smooth one over averages of the rims, as nearly as they can be met.
 
-    Args:
-        smooth: the surface over averages of the rims.
-        starts: for each rim points of its circle that lie about where the points shall, as the circle runs.
-        points: of each rim.
-        allowed: RMS distance of the points from the surface to reach.
-        steps: gets those of Newton's method.
+    The starts are points of each rim's circle that lie about where its points shall.
 
     Raises:
         DomainError: the rims' teeth cross in the smooth surface's tangent planes.

@@ -26,12 +26,7 @@ def roundest(points: int) -> float:
 
 
 def negligible_energy(edges: int, allowed: float) -> float:
-    """A fall of the energy that is none on a rough loop: a thousandth of that of waves as long as an edge, and as high.
-
-    Args:
-        edges: of the loop.
-        allowed: RMS distance from Γ, at unit size.
-    """
+    """A fall of the energy that is none on a rough loop: a thousandth of that of waves as long and high as an edge."""
     return 1e-3 * 2 * np.pi * edges * allowed**2
 
 

@@ -47,15 +47,10 @@ Solve: TypeAlias = Callable[[Disk], PlateauSolution]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rim:
-    """The points of a loop that stand for it in discrete disks.
-
-    Attributes:
-        loop: the loop.
-        indices: of the points in it, ascending.
-    """
+    """The points of a loop that stand for it in discrete disks."""
 
     loop: BoundaryLoop
-    indices: Int[np.ndarray, " m"]
+    indices: Int[np.ndarray, " m"]  # of the points in it, ascending
 
     @cached_property
     def points(self) -> Float[np.ndarray, "m 3"]:
@@ -125,13 +120,8 @@ def leave_unstable(
 ) -> PlateauSolution:
     """The last of the disks to which an unstable one is left, one of less area after the other.
 
-    Args:
-        solution: it comes back as it is unless its verdict is "unstable".
-        lower: finds a disk of less area than an unstable one; none where it does not.
-        where: it looks, as the end of a sentence.
-
-    Returns:
-        A disk that is not unstable, or one that could not be left; its reason says what was left.
+    `lower` finds a disk of less area than an unstable one, or none; `where` it looks is the end of a sentence. A disk
+    that could not be left comes back; the reason says what was left.
     """
     left: list[float] = []
     while solution.stability.verdict == "unstable" and len(left) < _MOST_STARTS:
@@ -153,12 +143,6 @@ def lower_beside(solution: PlateauSolution, rim: Rim, solve: Solve, steps: Steps
 
     The disk is moved along an eigenvector of its second variation to the least area, the area descends from there, and
     the solver starts from the discrete disk that this leads to.
-
-    Args:
-        solution: the unstable one.
-        rim: of the loop.
-        solve: the solver.
-        steps: that it takes.
     """
     for direction in _departures(solution, rim):
         for disk in direction:
@@ -182,10 +166,6 @@ def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
     to both sides along each of its eigenvectors. Where Γ bounds no degenerate disk, Σ(−1)^index = 1 over all disks;
     while the sum is larger, the averages of pairs of stable disks are starts too, because between two minima there is a
     saddle.
-
-    Args:
-        rim: of the loop.
-        solve: the solver.
 
     Returns:
         Different disks, all converged; the nearest one alone where none converged.

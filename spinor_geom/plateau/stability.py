@@ -96,12 +96,8 @@ def lowest_modes(
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "n k"]]:
     """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and their functions u.
 
-    Along u·n the second variation of area is (1 − 1/μ)∫|∇u|²: negative where μ < 1.
-
-    Args:
-        surface: a minimal surface.
-        mesh: of its Ω or most of it.
-        count: how many; fewer come back where the mesh has fewer inner vertices.
+    Along u·n the second variation of area is (1 − 1/μ)∫|∇u|²: negative where μ < 1. Fewer than `count` come back where
+    the mesh has fewer inner vertices.
 
     Returns:
         μ, and for each a column with the values of u at the mesh's vertices, the largest |u| being 1.

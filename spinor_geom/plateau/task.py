@@ -17,15 +17,10 @@ from spinor_geom.plateau.solutions import Rim
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task(Request):
-    """Loops to be spanned.
+    """Loops to be spanned."""
 
-    Attributes:
-        on_disk: the fit on the unit disk, where it was made together with those of other loops.
-        first_disk: the first discrete disk, likewise.
-    """
-
-    on_disk: Fit | None = None
-    first_disk: Disk | None = None
+    on_disk: Fit | None = None  # the fit on the unit disk, where it was made together with those of other loops
+    first_disk: Disk | None = None  # the first discrete disk, likewise
 
     def anew(self) -> Task:
         """The same loops, with no steps and no time taken."""

@@ -87,17 +87,11 @@ class EdgeIntegrals:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointEquations:
-    """The distances of points from where they shall be as linear functions of orthonormal read-outs.
+    """The distances of points from where they shall be as linear functions of orthonormal read-outs."""
 
-    Attributes:
-        by_p: conjugates of ∫ 2pf dz to each point for all features f.
-        by_q: of ∫ 2qf dz.
-        factor: of the Gram matrix of the 3n functions.
-    """
-
-    by_p: Complex[Tensor, "k n"]
-    by_q: Complex[Tensor, "k n"]
-    factor: Float[Tensor, "n3 n3"]
+    by_p: Complex[Tensor, "k n"]  # conjugates of ∫ 2pf dz to each point for all features f
+    by_q: Complex[Tensor, "k n"]  # of ∫ 2qf dz
+    factor: Float[Tensor, "n3 n3"]  # of the Gram matrix of the 3n functions
 
     @classmethod
     def of(cls, by_p: Complex[Tensor, "k n"], by_q: Complex[Tensor, "k n"]) -> PointEquations:
@@ -118,9 +112,7 @@ class PointEquations:
     def step(self, error: Float[Tensor, "n 3"], away: Complex[Tensor, "k 2"] | None) -> Complex[Tensor, "k 2"]:
         """The shortest change of the read-outs that takes the distances away.
 
-        Args:
-            error: the distances.
-            away: read-outs less those that the changed ones shall be nearest to; none for the change itself.
+        Where it is told how far the read-outs are away from others, the changed ones are the nearest to those.
         """
         wanted = error if away is None else error - self._change(away)
         x, y, z = torch.cholesky_solve(wanted.T.reshape(-1, 1), self.factor).reshape(3, -1)
@@ -176,15 +168,7 @@ class Basis:
         *,
         nodes: int,
     ) -> Basis:
-        """The features on the rims of Ω.
-
-        Args:
-            polygons: the rims.
-            poles: of each.
-            ways: quadrature nodes on a way to each of several from the root of Ω, and dz times their weights.
-            branches: points in holes around which p and q change their sign.
-            nodes: on each edge.
-        """
+        """The features on the rims of Ω."""
         outer = polygons[0]
         positions = torch.as_tensor(np.concatenate([each.positions for each in poles]), device=outer.device)
         scales = torch.as_tensor(np.concatenate([each.scales for each in poles]), device=outer.device)
@@ -324,15 +308,7 @@ def nearest_through(
     allowed: float,
     steps: Steps,
 ) -> Complex[Tensor, "k 2"]:
-    """Newton's method for the read-outs nearest to a start that meet all points.
-
-    Args:
-        here: the surface to set out from.
-        readout: its read-outs.
-        start: those to stay near to.
-        allowed: RMS distance; at half of it it stops.
-        steps: gets those that lower the distance.
-    """
+    """Newton's method for the read-outs nearest to a start that meet all points, to half of the distance allowed."""
     linear: PointEquations | None = None
     distance = rms(here.error)
     while distance > allowed / 2 and not steps.are_spent:
@@ -364,10 +340,7 @@ def curve_through(
 ) -> BoundaryCurve:
     """Γ: a surface's boundary less its distances from points, which change linearly from one to the next.
 
-    Args:
-        points: on Γ.
-        velocity: dr by the share of the way from each point to the next, at Gauss-Legendre nodes.
-        error: the surface's boundary at the points less those.
+    The velocity is dr by the share of the way from each point to the next, at Gauss-Legendre nodes.
     """
     place = places_in_piece()
     within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
@@ -382,12 +355,7 @@ def curve_through(
 
 
 def misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:
-    """The misfit of a surface's boundary off Γ by what its points are, and linearly between them.
-
-    Args:
-        curve: Γ; see `curve_through`.
-        error: of the points.
-    """
+    """The misfit of a surface's boundary off Γ by what its points are, and linearly between them."""
     points = curve.coefficients[-1]
     length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     after, beside = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2

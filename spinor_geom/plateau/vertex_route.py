@@ -62,15 +62,7 @@ def disk_through_points(
     clock: Clock,
     first: Disk | None = None,
 ) -> Found:
-    """The minimal disk through the points of a rough loop, as nearly as they can be met.
-
-    Args:
-        loop: at unit size.
-        allowed: RMS distance of its points from the surface to reach.
-        steps: gets those of Newton's method.
-        device: where the linear algebra runs.
-        clock: of the stages.
-        first: the first discrete disk, where it was made together with those of other loops.
+    """The minimal disk through the points of a rough loop, as nearly as they can be met, next to a discrete one.
 
     Raises:
         FirstFillError: no discrete disk over the loop was found.
@@ -128,16 +120,7 @@ def _fitted(
     allowed: float,
     steps: Steps,
 ) -> Complex[Tensor, "k 2"]:
-    """Read-outs of the features that meet the loop's points, nearest to p and q of a start in the norm of the basis.
-
-    Args:
-        basis: of p and q.
-        spinors: p and q of the start in the middle of each edge.
-        raw: read-outs to set out from; none for the start's.
-        loop: at unit size.
-        allowed: RMS distance of its points.
-        steps: gets those that are done.
-    """
+    """Read-outs that meet all points, nearest to p and q of a start in the middle of each edge; from `raw` on."""
     (rim,) = basis.rims
     start = _nearest(rim, spinors)
     readout = start if raw is None else rim.norm.mH @ raw

@@ -35,16 +35,10 @@ def phi_from_frames(
     direction_in_omega: Complex[Tensor, "*batch n"],
     scale: Float[Tensor, "*batch n"],
 ) -> Complex[Tensor, "*batch n 3"]:
-    """φ = scale·(T − iν)·conj(τ) with ν = N × T, at each sample of a curve.
+    """φ = scale·(T − iν)·conj(τ) with ν = N × T, at each sample of a curve: φ·φ = 0 and |φ|² = 2·scale².
 
-    Args:
-        tangent: dr along the curve; only its direction is used, it must not be 0.
-        normal: surface normal; only its part orthogonal to the tangent is used, it must not be 0.
-        direction_in_omega: dz along the curve; only its direction is used, it must not be 0.
-        scale: length in space per length in Ω, λ.
-
-    Returns:
-        φ with φ·φ = 0 and |φ|² = 2·scale².
+    Of the tangent dr and of dz only the directions are used, of the normal the part orthogonal to the tangent; none may
+    be 0. The scale is λ, length in space per length in Ω.
 
     Raises:
         DtypeError: direction_in_omega is not complex.
@@ -64,14 +58,8 @@ def spinors_from_phi(
     """Spinors p, q at the samples of a curve, with the sign that makes them continuous along the sequence.
 
     p² = (φ₁ + iφ₂)/2 and q² = −(φ₁ − iφ₂)/2; the root of the larger is taken and the other follows from φ₃ = 2pq, so
-    that no sample divides by a small number. The sign at the first sample is that of the principal root.
-
-    Args:
-        phi: φ ≠ 0 at each sample, null (φ·φ = 0); the frames of neighbours must differ by
-            less than a turn of 180°, or the sign between them is a guess.
-
-    Returns:
-        p, q.
+    that no sample divides by a small number. The sign at the first sample is that of the principal root. φ is null and
+    not 0; where the frames of neighbours differ by a turn of 180° the sign between them is a guess.
 
     Raises:
         DtypeError: phi is not complex.
@@ -93,13 +81,9 @@ def spin_invariant(
     p: Complex[Tensor, " n"],
     q: Complex[Tensor, " n"],
 ) -> Literal[1, -1]:
-    """Whether the spinors of a closed sequence come back to themselves: +1, or to their negative: −1.
+    """Whether the spinors at samples of a closed curve come back to themselves: +1, or to their negative: −1.
 
     The invariant belongs to the frames: it does not depend on the signs of the samples.
-
-    Args:
-        p: p at the samples of a closed curve, in order (the last is followed by the first).
-        q: q at the same samples.
     """
     return 1 if bool(signs_close_up(p, q)) else -1
 
@@ -114,11 +98,8 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
     """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
     The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
-    disk it turns once in all, and does not lift; around a zero of φ of order m it turns m + 1 times.
-
-    Args:
-        phi: φ ≠ 0 at samples of a closed curve, in order (the last is followed by the first).
-        direction_in_omega: dz along the curve at the same samples; only its direction is used.
+    disk it turns once in all, and does not lift; around a zero of φ of order m it turns m + 1 times. The samples are in
+    order, the last is followed by the first.
 
     Raises:
         OptionError: frames of neighbours differ by 90° or more, so that a turn between them might go unseen.
