@@ -29,10 +29,9 @@ from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.moduli import CornerPairs
-from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.network import Discretisation, independent_residual
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
-from spinor_geom.plateau.residual import independent_residual
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.through_points import PointEquations

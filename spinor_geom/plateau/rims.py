@@ -11,6 +11,8 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.fft import next_fast_len
+from scipy.interpolate import BPoly, PPoly
+from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from torch import Tensor
 
@@ -23,7 +25,6 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import ROUNDING, RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain
@@ -68,6 +69,35 @@ def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> 
     if len(curves) == 2 and parted_by_cone(*curves):
         return "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
     return None
+
+
+def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
+    """Whether two curves lie in the two halves of the cone ρ < 1.5089·|ζ| about the line between their centres.
+
+    Then no connected minimal surface spans them: as the catenoids around that line shrink from outside to a point, the
+    surface, whose boundary none of them meets, touches none of them. Coaxial circles have an annulus wherever no cone
+    parts them; other curves may have none without one. Each half is convex, so that it holds a curve if it holds the
+    control points of its pieces.
+
+    Source: Dierkes, Hildebrandt & Tromba, "Regularity of Minimal Surfaces" (2010), chapter 4, the cone theorem.
+    """
+    # the catenoids around an axis, of all sizes, touch the cone with this radius at height 1
+    opening = np.sinh(brentq(lambda x: x * np.tanh(x) - 1, 1, 2))
+    pieces = (PPoly(curve.coefficients, curve.breaks) for curve in (first, second))
+    points = [BPoly.from_power_basis(piece).c.reshape(-1, 3) for piece in pieces]
+    centres = [some.mean(axis=0) for some in points]
+    axis = centres[1] - centres[0]
+    length = float(np.linalg.norm(axis))
+    if not length:
+        return False
+    ends = []
+    for some, side in zip(points, (1, -1), strict=True):
+        away = some - centres[0]
+        height = away @ axis / length
+        radius = np.linalg.norm(away - height[:, None] * axis / length, axis=1)
+        # the apex has to lie beyond this height to the side of the other curve
+        ends.append(side * float((side * height + radius / opening).max()))
+    return ends[0] < ends[1]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

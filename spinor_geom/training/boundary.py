@@ -13,8 +13,8 @@ from torch import Tensor
 from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.plateau.network import projected
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.residual import projected
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 

@@ -81,7 +81,7 @@ class LevenbergMarquardt:
         device: torch.device,
         steps: Steps,
     ) -> Found:
-        """A minimal disk over a curve at unit size; see `plateau.trained_route.Trainer`."""
+        """A minimal disk over a curve at unit size; see `plateau.options.Trainer`."""
         unit = None
         if start is not None:
             loop = start.loop

@@ -116,7 +116,7 @@ class RMSprop:
         device: torch.device,
         steps: Steps,
     ) -> Found:
-        """A minimal disk over a curve at unit size, from random parameters; see `plateau.trained_route.Trainer`."""
+        """A minimal disk over a curve at unit size, from random parameters; see `plateau.options.Trainer`."""
         assert start is None
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
         trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=taken_by(steps))

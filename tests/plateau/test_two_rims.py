@@ -16,10 +16,9 @@ from spinor_geom.plateau import Laurent, NoConnectedSurface
 from spinor_geom.plateau.capacity_path import all_on_path
 from spinor_geom.plateau.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.plan import ByNetwork
+from spinor_geom.plateau.plan import ByNetwork, Task
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Rim, start_between
-from spinor_geom.plateau.task import Task
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 
