@@ -151,7 +151,7 @@ class NetworkSolver:
                 back=tuple(side.back for side in self._sides),
                 modulus=None,
                 antiperiodic=(fitted.stage.branch is not None,),
-                period=float(np.linalg.norm(surface.periods().real)),
+                period=surface.largest_period(),
             )
         return Found(
             curves=tuple(side.curve for side in self._sides),

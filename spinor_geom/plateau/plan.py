@@ -68,14 +68,7 @@ class Task(Request):
     @cached_property
     def rims(self) -> RimsSolver:
         """Of several loops."""
-        return RimsSolver(
-            loops=self.units,
-            curves=self.curves,
-            options=self.options,
-            allowed=self.allowed,
-            steps=self.steps,
-            clock=self.clock,
-        )
+        return RimsSolver(request=self)
 
 
 class Route(Protocol):

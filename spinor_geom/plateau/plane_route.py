@@ -77,7 +77,7 @@ def plane_region(
                 back=back,
                 modulus=None,
                 antiperiodic=(False,) * (len(rims) - 1),
-                period=float(np.linalg.norm(surface.periods().real, axis=1).max()),
+                period=surface.largest_period(),
             )
         return Found(
             surface=surface.to(device),

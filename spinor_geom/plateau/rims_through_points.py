@@ -13,7 +13,6 @@ Nothing slides, and no modulus changes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -26,7 +25,7 @@ from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
-from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.steps import Steps
@@ -48,17 +47,6 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 _PLACINGS = 3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PassedRims:
-    """A minimal surface through the points of several rims, at unit size."""
-
-    surface: SpinorSurface
-    curves: tuple[BoundaryCurve, ...]  # Γ, of each rim
-    misfit: Misfit  # of all points
-    area: float  # by an integral over ∂Ω
-    period: float  # the largest |Re ∮ φ dz| around a hole
-
-
 def surface_through(
     smooth: Lift,
     starts: Sequence[Complex[Tensor, " _"]],
@@ -66,7 +54,7 @@ def surface_through(
     *,
     allowed: float,
     steps: Steps,
-) -> PassedRims:
+) -> Found:
     """The surface through points next to a smooth one over averages of the rims, as nearly as they can be met.
 
     The starts are points of each rim's circle that lie about where its points shall.
@@ -142,7 +130,7 @@ def _way(domain: PlaneDomain, number: int, device: torch.device) -> tuple[Comple
     return (corners[:-1, None] + nodes * step).flatten(), (weights * step).flatten()
 
 
-def _passed(here: Passing, domain: PlaneDomain) -> PassedRims:
+def _passed(here: Passing, domain: PlaneDomain) -> Found:
     """The surface, its distances from the points told by integrals along ∂Ω with twice as many nodes."""
     surface = SpinorSurface(here.basis.network(here.raw), domain).to(here.raw.device)
     rims = surface.rim_primitives(2 * NODES)
@@ -158,10 +146,15 @@ def _passed(here: Passing, domain: PlaneDomain) -> PassedRims:
         curves.append(curve_through(points.cpu().numpy(), velocity, own))
         misfits.append(misfit_at_points(curves[-1], own))
     area = sum(rim.area + 0.5 * float(start @ rim.at_breaks[-1].imag) for start, rim in zip(starts, rims, strict=True))
-    return PassedRims(
+    return Found(
         surface=surface,
         curves=tuple(curves),
+        matchings=tuple(
+            np.column_stack([boundary.parameters[:-1], curve.breaks[:-1]])
+            for boundary, curve in zip(domain.boundaries, curves, strict=True)
+        ),
         misfit=Misfit.together(misfits),
         area=area,
-        period=max(float(np.linalg.norm(rim.at_breaks[-1].real)) for rim in rims[1:]),
+        route="vertices",
+        limit="no minimal surface near that over averages of the rims passes through their points more nearly",
     )

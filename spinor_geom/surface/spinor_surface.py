@@ -215,6 +215,10 @@ class SpinorSurface(Shown, torch.nn.Module):
         rims = [RimPrimitive.along(boundary, self._null_curve, self.order) for boundary in self.domain.holes]
         return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
 
+    def largest_period(self) -> float:
+        """The largest |Re ∮ φ dz| around a hole: the gap by which the surface does not close."""
+        return float(np.linalg.norm(self.periods().real, axis=1).max())
+
     def branch_points(self) -> tuple[branch.BranchPoint, ...]:
         """Common zeros of p and q in Ω, where the surface is not an immersion; empty for a regular surface.
 
