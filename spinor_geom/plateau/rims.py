@@ -35,9 +35,9 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
 from spinor_geom.plateau.rims_energy import HarmonicSurface
-from spinor_geom.plateau.rims_through_points import surface_through
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
+from spinor_geom.plateau.vertex_route import surface_through
 
 # Fewest nodes on each rim where a surface is sought, nodes on all together for which matrices are factored, and most on
 # each.

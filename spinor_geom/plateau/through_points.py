@@ -48,21 +48,10 @@ class EdgeIntegrals:
     polygon: Complex[Tensor, " n"]
     spinors: Complex[Tensor, "n g 2"]
 
-    @property
-    def nodes(self) -> int:
-        """Number on each edge."""
-        return self.spinors.shape[1]
-
-    @property
-    def velocity(self) -> Complex[Tensor, "n g 3"]:
-        """φ dz by the share of the edge."""
-        step = self.polygon.roll(-1) - self.polygon
-        return phi(self.spinors[..., 0], self.spinors[..., 1]) * step[:, None, None]
-
     @cached_property
     def _weighted(self) -> Complex[Tensor, "n 2 g"]:
         """P dz and q dz by the quadrature's weights."""
-        weights = torch.tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
+        weights = torch.tensor(rule("gauss", self.spinors.shape[1]).weights, device=self.polygon.device)
         return self.spinors.mT * ((self.polygon.roll(-1) - self.polygon)[:, None] * weights)[:, None]
 
     def changes(self, features: Complex[Tensor, "n g k"]) -> Complex[Tensor, "n 2 k"]:

@@ -1,20 +1,28 @@
-"""The route for rough rims: the minimal surface through a rim's points that is nearest to a discrete one.
+"""The route for rough rims: the minimal surface through their points that is nearest to a discrete or a smooth one.
 
 Of a mesh's rim only the points are in the mesh. Between them Γ is free, and a rim that was cut along triangles says
 nothing of it: so Γ is the surface's own boundary there. What is left to ask for is that the surface passes through n
 points, 3n equations for the read-outs of p and q, far fewer than there are read-outs. Of their solutions the one is
-taken that is nearest to p and q of a discrete minimal disk, in the H¹ norm on ∂Ω: p and q hardly vary along an edge,
-and Γ keeps near to the rim's edges. Ω is that disk flattened with its boundary lengths kept, a polygon whose vertices
-are matched with the rim's points; nothing slides, nothing crowds, and two to six Newton steps are enough.
+taken that is nearest to p and q of a start, in the H¹ norm on ∂Ω: p and q hardly vary along an edge, and Γ keeps near
+to the rim's edges. Nothing slides, no modulus changes, and two to six Newton steps are enough.
+
+For one rim the start is a discrete minimal disk, and Ω that disk flattened with its boundary lengths kept, a polygon
+whose vertices are matched with the rim's points. For several it is the smooth surface over averages of the rims, on a
+circular domain. Where that comes nearest to each point, along its tangent planes, is the point's place, and the
+polygons through these places, circles with the rims' teeth, bound Ω. p and q are sums of Cauchy units, beside each edge
+for the teeth, and deeper in each hole and as polynomials for what is smooth: places crowd where a rim comes near to
+another one, and powers of the circles' coordinates would be as coarse there as elsewhere. Three equations a hole are
+added for Re ∮ φ dz = 0.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Int
+from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
@@ -24,15 +32,20 @@ from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
-from spinor_geom.errors import SurfaceError
+from spinor_geom.errors import DomainError, SurfaceError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.poles import polygon_poles
+from spinor_geom.holomorphic.laurent import LaurentSeries
+from spinor_geom.holomorphic.poles import Poles, polygon_poles
+from spinor_geom.holomorphic.series import power_sums
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.lift import Lift
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
+    DEGREE,
     NODES,
     Basis,
     OnRim,
@@ -40,17 +53,20 @@ from spinor_geom.plateau.through_points import (
     curve_through,
     misfit_at_points,
     nearest_through,
+    nodes_on_edges,
     polygon_through,
     rms,
     shares,
 )
-from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # So many edges away from the points no start has led to a surface through them, and a boundary that leaves the loop's
 # edges by as many would cross what is beside them.
 _FAR = 2.0
+# Newton steps to a point's place.
+_PLACINGS = 3
 
 
 def disk_through_points(
@@ -92,24 +108,16 @@ def disk_through_points(
         if np.linalg.norm(error) <= allowed * len(points) ** 0.5 or is_out_of_time():
             break
     with clock.stage("surface"):
-        velocity = rim.velocity.real.reshape(len(points), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
-        curve = curve_through(points, velocity, error)
-        bulge = curve.bulge() / loop.mean_edge_length
+        root = domain.root
+        at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
+        surface = SpinorSurface(network, domain, points[0] + error[0] + at_root.real).to(device)
+        found = _passed(surface, [rim], [points], [error], area=rim.area, near="the discrete one")
+        bulge = found.curves[0].bulge() / loop.mean_edge_length
         if not bulge <= _FAR:
             raise SurfaceError(
                 f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
             )
-        root = domain.root
-        at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
-        return Found(
-            surface=SpinorSurface(network, domain, points[0] + error[0] + at_root.real).to(device),
-            curves=(curve,),
-            matchings=(np.column_stack([domain.boundary.parameters[:-1], curve.breaks[:-1]]),),
-            misfit=misfit_at_points(curve, error),
-            area=rim.area,
-            route="vertices",
-            limit="no minimal surface near the discrete one passes through the loop's points more nearly",
-        )
+        return found
 
 
 def _fitted(
@@ -166,3 +174,129 @@ def _nearest(rim: OnRim, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 
     back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
     ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
     return rim.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
+
+
+def surface_through(
+    smooth: Lift,
+    starts: Sequence[Complex[Tensor, " _"]],
+    points: Sequence[Float[np.ndarray, "_ 3"]],
+    *,
+    allowed: float,
+    steps: Steps,
+) -> Found:
+    """The surface through points next to a smooth one over averages of the rims, as nearly as they can be met.
+
+    The starts are points of each rim's circle that lie about where its points shall.
+
+    Raises:
+        DomainError: the rims' teeth cross in the smooth surface's tangent planes.
+    """
+    wanted = [torch.tensor(each, device=smooth.shift.device) for each in points]
+    outer, *holes = (
+        polygon_through(_feet(smooth, z, each).cpu().numpy()) for z, each in zip(starts, wanted, strict=True)
+    )
+    domain = PlaneDomain.inside(outer, holes=tuple(holes))
+    basis, start = _basis_around(domain, smooth.series)
+    here = Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
+    readout = nearest_through(here, start, start=start, allowed=allowed, steps=steps)
+    return _placed(here.at(here.at(readout).closed(readout)), domain)
+
+
+def _feet(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "n 3"]) -> Complex[Tensor, " n"]:
+    """Where a surface comes nearest to points."""
+    z = start
+    with torch.no_grad():
+        for _ in range(_PLACINGS):
+            velocity = phi(*smooth.series.value(z).unbind(-1))
+            away = points - smooth.shift - null_vector(*smooth.series.primitive(z).unbind(-1)).real
+            z = z + 2 * (away * velocity.conj()).sum(-1) / velocity.abs().square().sum(-1)
+    return z
+
+
+def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[Tensor, "k 2"]]:
+    """The features on the rims of Ω, and their orthonormal read-outs for the smooth surface."""
+    circles = smooth.circles
+    device = circles.radii.device
+    poles = [polygon_poles(boundary.vertices) for boundary in domain.boundaries]
+    if domain.contains(circles.centres.cpu().numpy()).any():
+        raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
+    for number, centre in enumerate(circles.centres.tolist(), 1):
+        poles[number] += _deep_poles(domain.boundaries[number].vertices, centre)
+    basis = Basis.on(
+        [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries],
+        poles,
+        [_way(domain, number, device) for number in range(len(domain.boundaries))],
+        circles.centres[torch.tensor(smooth.antiperiodic, device=device)],
+        nodes=NODES,
+    )
+    parts = [_part(smooth, nodes_on_edges(rim.polygon, NODES), number) for number, rim in enumerate(basis.rims)]
+    return basis, torch.cat([rim.nearest(part) for rim, part in zip(basis.rims, parts, strict=True)])
+
+
+def _deep_poles(hole: Complex[np.ndarray, " n"], centre: complex) -> Poles:
+    """Poles halfway to the middle of a hole, for what is smooth around it: as many as there are polynomials."""
+    turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
+    radius = np.abs(hole - centre).min() / 2
+    return Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
+
+
+def _part(smooth: LaurentSeries, z: Complex[Tensor, "*pts"], number: int) -> Complex[Tensor, "*pts 2"]:
+    """What one circle's powers bring to p and q, without what changes sign."""
+    zeta = smooth.circles.coordinates(z)[number]
+    if number == 0:
+        return power_sums(zeta, smooth.outward.detach())
+    return zeta[..., None] * power_sums(zeta, smooth.inward[number - 1].detach())
+
+
+def _way(domain: PlaneDomain, number: int, device: torch.device) -> tuple[Complex[Tensor, " w"], Complex[Tensor, " w"]]:
+    """Quadrature nodes from the root of Ω to the first vertex of a rim, and dz times their weights."""
+    way = [sum(len(boundary.vertices) for boundary in domain.boundaries[:number])]
+    while way[-1] != domain.root:
+        way.append(int(domain.paths.parent[way[-1]]))
+    corners = torch.as_tensor(domain.triangulation.points[way[::-1]], device=device)
+    nodes, weights = (torch.tensor(part, device=device) for part in rule("gauss", NODES))
+    step = corners.diff()[:, None]
+    return (corners[:-1, None] + nodes * step).flatten(), (weights * step).flatten()
+
+
+def _placed(here: Passing, domain: PlaneDomain) -> Found:
+    """The surface, its distances from the points told by integrals along ∂Ω with twice as many nodes."""
+    surface = SpinorSurface(here.basis.network(here.raw), domain).to(here.raw.device)
+    rims = surface.rim_primitives(2 * NODES)
+    starts = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
+    points = [each.cpu().numpy() for each in here.points]
+    off = [start + rim.at_breaks[:-1].real - each for start, rim, each in zip(starts, rims, points, strict=True)]
+    mean = np.concatenate(off).mean(axis=0)
+    with torch.no_grad():
+        surface.constant.sub_(surface.constant.new_tensor(mean))
+    area = sum(rim.area + 0.5 * float(start @ rim.at_breaks[-1].imag) for start, rim in zip(starts, rims, strict=True))
+    return _passed(surface, rims, points, [each - mean for each in off], area=area, near="that over averages")
+
+
+def _passed(
+    surface: SpinorSurface,
+    rims: Sequence[RimPrimitive],
+    points: Sequence[Float[np.ndarray, "_ 3"]],
+    errors: Sequence[Float[np.ndarray, "_ 3"]],
+    *,
+    area: float,
+    near: str,
+) -> Found:
+    """A surface whose boundary is so far off the points of each rim."""
+    curves, misfits = [], []
+    for rim, own, error in zip(rims, points, errors, strict=True):
+        velocity = rim.velocity.real.reshape(len(own), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
+        curves.append(curve_through(own, velocity, error))
+        misfits.append(misfit_at_points(curves[-1], error))
+    return Found(
+        surface=surface,
+        curves=tuple(curves),
+        matchings=tuple(
+            np.column_stack([boundary.parameters[:-1], curve.breaks[:-1]])
+            for boundary, curve in zip(surface.domain.boundaries, curves, strict=True)
+        ),
+        misfit=Misfit.together(misfits),
+        area=area,
+        route="vertices",
+        limit=f"no minimal surface near {near} passes through the points more nearly",
+    )
