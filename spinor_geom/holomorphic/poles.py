@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float
 
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 
@@ -39,10 +39,6 @@ class Poles:
             positions=np.concatenate([self.positions, other.positions]),
             scales=np.concatenate([self.scales, other.scales]),
         )
-
-    def __getitem__(self, chosen: Bool[np.ndarray, " k"]) -> Poles:
-        """Those that are chosen."""
-        return Poles(positions=self.positions[chosen], scales=self.scales[chosen])
 
 
 def corner_poles(tolerance: float) -> int:

@@ -57,16 +57,9 @@ class Discretisation:
         Γ in mean edges. `branch` is a point in the hole around which p and q change their sign.
         """
         at_corner = corner_poles(tolerance)
-        return cls._of(
-            domain,
-            curves,
-            pairs,
-            poles=place_poles(domain, offset=offset, at_corner=at_corner),
-            breaks=tuple(map(panel_breaks, domain.boundaries)),
-            degree=degree,
-            at_corner=at_corner,
-            branch=branch,
-        )
+        poles = place_poles(domain, offset=offset, at_corner=at_corner)
+        breaks = tuple(map(panel_breaks, domain.boundaries))
+        return cls._of(domain, curves, pairs, poles, breaks, degree, at_corner, branch)
 
     @classmethod
     def _of(
@@ -74,7 +67,6 @@ class Discretisation:
         domain: PlaneDomain,
         curves: tuple[CurveTensors, ...],
         pairs: CornerPairs,
-        *,
         poles: Poles,
         breaks: tuple[Float[np.ndarray, " _"], ...],
         degree: int,
@@ -132,16 +124,7 @@ class Discretisation:
         self, domain: PlaneDomain, pairs: CornerPairs, poles: Poles, breaks: tuple[Float[np.ndarray, " _"], ...]
     ) -> Discretisation:
         """The same curves on another Ω, or with other poles or panels."""
-        return self._of(
-            domain,
-            self.problem.curves,
-            pairs,
-            poles=poles,
-            breaks=breaks,
-            degree=self.degree,
-            at_corner=self.at_corner,
-            branch=self.branch,
-        )
+        return self._of(domain, self.problem.curves, pairs, poles, breaks, self.degree, self.at_corner, self.branch)
 
     @property
     def branch(self) -> complex | None:

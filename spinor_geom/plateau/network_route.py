@@ -36,7 +36,7 @@ from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.through_points import PointEquations
 from spinor_geom.surface.formulas import phi
-from spinor_geom.surface.frames import spin_invariant
+from spinor_geom.surface.frames import signs_close_up
 from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
@@ -195,7 +195,7 @@ class NetworkSolver:
             lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, device)
             spinors, branch = lifted(), None
             rims = torch.split(spinors, list(self._sizes))
-            if holes and all(spin_invariant(*rim.unbind(-1)) < 0 for rim in rims):
+            if holes and not any(bool(signs_close_up(*rim.unbind(-1))) for rim in rims):
                 branch = _middle(flat.rims[1])
                 spinors = lifted(branch=branch)
             corners = sides[0].corners

@@ -301,16 +301,22 @@ def nearest_increasing(
     return np.asarray(np.clip(s, *bounds.T))
 
 
-def way_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """Quadrature nodes on a way through Ω from its boundary's first vertex to its hole's, and their weights dz."""
-    if not domain.holes:
-        return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
-    halves = []
-    for end in (0, len(domain.boundary.vertices)):
-        halves.append([end])
-        while halves[-1][-1] != domain.root:
-            halves[-1].append(int(domain.paths.parent[halves[-1][-1]]))
-    corners = domain.triangulation.points[[*halves[0], *halves[1][-2::-1]]]
-    nodes, weights = rule("gauss", PATH_ORDER)
+def way_to(
+    domain: PlaneDomain, vertex: int, order: int = PATH_ORDER
+) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """Quadrature nodes on a way through Ω from its root to a vertex of its triangulation, and their weights dz."""
+    way = [vertex]
+    while way[-1] != domain.root:
+        way.append(int(domain.paths.parent[way[-1]]))
+    corners = domain.triangulation.points[way[::-1]]
+    nodes, weights = rule("gauss", order)
     step = np.diff(corners)[:, None]
     return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()
+
+
+def way_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """Those on a way through Ω from its boundary's first vertex to its hole's; none where it has no hole."""
+    if not domain.holes:
+        return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
+    (there, back), (here, ahead) = way_to(domain, 0), way_to(domain, len(domain.boundary.vertices))
+    return np.append(there, here), np.append(-back, ahead)

@@ -152,7 +152,7 @@ class Basis:
         cls,
         polygons: Sequence[Complex[Tensor, "_"]],
         poles: Sequence[Poles],
-        ways: Sequence[tuple[Complex[Tensor, "_"], Complex[Tensor, "_"]]],
+        ways: Sequence[tuple[Complex[np.ndarray, "_"], Complex[np.ndarray, "_"]]],
         branches: Complex[Tensor, " b"],
         *,
         nodes: int,
@@ -188,7 +188,7 @@ class Basis:
             )
         on_ways = [
             (raw_features(z, hessenberg, positions, scales) * sign_changing(z, branches)[..., None], dz)
-            for z, dz in ways
+            for z, dz in ([torch.as_tensor(part, device=outer.device) for part in way] for way in ways)
         ]
         return cls(
             hessenberg=hessenberg,

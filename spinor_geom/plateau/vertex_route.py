@@ -42,6 +42,7 @@ from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.problem import way_to
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
@@ -222,10 +223,12 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
         raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
     for number, centre in enumerate(circles.centres.tolist(), 1):
         poles[number] += _deep_poles(domain.boundaries[number].vertices, centre)
+    sizes = [len(boundary.vertices) for boundary in domain.boundaries]
+    firsts = [sum(sizes[:number]) for number in range(len(sizes))]
     basis = Basis.on(
         [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries],
         poles,
-        [_way(domain, number, device) for number in range(len(domain.boundaries))],
+        [way_to(domain, first, NODES) for first in firsts],
         circles.centres[torch.tensor(smooth.antiperiodic, device=device)],
         nodes=NODES,
     )
@@ -246,17 +249,6 @@ def _part(smooth: LaurentSeries, z: Complex[Tensor, "*pts"], number: int) -> Com
     if number == 0:
         return power_sums(zeta, smooth.outward.detach())
     return zeta[..., None] * power_sums(zeta, smooth.inward[number - 1].detach())
-
-
-def _way(domain: PlaneDomain, number: int, device: torch.device) -> tuple[Complex[Tensor, " w"], Complex[Tensor, " w"]]:
-    """Quadrature nodes from the root of Ω to the first vertex of a rim, and dz times their weights."""
-    way = [sum(len(boundary.vertices) for boundary in domain.boundaries[:number])]
-    while way[-1] != domain.root:
-        way.append(int(domain.paths.parent[way[-1]]))
-    corners = torch.as_tensor(domain.triangulation.points[way[::-1]], device=device)
-    nodes, weights = (torch.tensor(part, device=device) for part in rule("gauss", NODES))
-    step = corners.diff()[:, None]
-    return (corners[:-1, None] + nodes * step).flatten(), (weights * step).flatten()
 
 
 def _placed(here: Passing, domain: PlaneDomain) -> Found:

@@ -77,19 +77,11 @@ def spinors_from_phi(
     return p * sign, q * sign
 
 
-def spin_invariant(
-    p: Complex[Tensor, " n"],
-    q: Complex[Tensor, " n"],
-) -> Literal[1, -1]:
-    """Whether the spinors at samples of a closed curve come back to themselves: +1, or to their negative: −1.
-
-    The invariant belongs to the frames: it does not depend on the signs of the samples.
-    """
-    return 1 if bool(signs_close_up(p, q)) else -1
-
-
 def signs_close_up(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Bool[Tensor, "*batch"]:
-    """Whether the spinors of closed sequences come back to themselves, and not to their negatives."""
+    """Whether the spinors of closed sequences come back to themselves, and not to their negatives.
+
+    That belongs to the frames: it does not depend on the signs of the samples. The last is followed by the first.
+    """
     closed: Tensor = _signs(p, q).prod(-1) > 0
     return closed
 
@@ -118,7 +110,7 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
         raise OptionError(
             f"the frames of the samples {(k - 1) % len(p)} and {k} differ by 90° or more; take more samples"
         )
-    return 1 if spin_invariant(p, q) > 0 else 0
+    return 1 if bool(signs_close_up(p, q)) else 0
 
 
 def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
