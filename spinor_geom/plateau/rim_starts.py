@@ -17,8 +17,9 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.plateau.circles import multipliers
-from spinor_geom.plateau.douglas_rims import MOST_MODULUS, RimsProblem
+from spinor_geom.plateau.douglas_rims import MOST_MODULUS
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 
@@ -62,7 +63,8 @@ class Placement:
         cls, rims: Sequence[Rim], back: Sequence[bool], slides: Float[Tensor, "m n"], domain: CircularDomain
     ) -> Placement:
         """The placement with given slides over a given domain."""
-        surface = _problem_of(rims, back).at(slides, domain)
+        curves = CurveTensors.batch([rim.ways[way] for rim, way in zip(rims, back, strict=True)])
+        surface = HarmonicSurface.of(curves, slides, domain, ROUND_OFF)
         return cls(rims=tuple(rims), back=tuple(back), surface=surface)
 
     def with_first_as_given(self) -> Placement:
@@ -73,15 +75,6 @@ class Placement:
         mirrored = CircularDomain(centres=domain.centres.conj(), log_radii=domain.log_radii)
         ahead = torch.cat([1 - slides[:, :1], 2 - slides[:, 1:].flip(1)], dim=1)
         return Placement.of(self.rims, [not back for back in self.back], ahead, mirrored)
-
-    @property
-    def problem(self) -> RimsProblem:
-        """Douglas's problem for the curves as they run here."""
-        return _problem_of(self.rims, self.back)
-
-
-def _problem_of(rims: Sequence[Rim], back: Sequence[bool]) -> RimsProblem:
-    return RimsProblem(curves=CurveTensors.batch([rim.ways[way] for rim, way in zip(rims, back, strict=True)]))
 
 
 def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
@@ -124,7 +117,7 @@ def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
     size = (samples - middle).norm(dim=-1).max()
     ways = [torch.zeros_like(axes[0]), *(share * way for share in _EYES for way in (*axes, *-axes))]
     starts = [_seen(rims, samples, middle + size * way) for way in ways]
-    found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.energy)
+    found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.dirichlet_energy)
     return [_spread(start, n) for start in found[:_KEPT]]
 
 

@@ -118,7 +118,7 @@ class RimsSolver:
         else:
             best = self._descended()
             if best is None and len(self.request.units) == 2:
-                best = min(self._stable(), key=lambda placed: placed.surface.energy, default=None)
+                best = min(self._stable(), key=lambda placed: placed.surface.dirichlet_energy, default=None)
         if best is None:
             until = "with the modulus, however large that is"
             if len(self.request.units) > 2:
@@ -159,11 +159,13 @@ class RimsSolver:
         """
         best: Placement | None = None
         with self.request.clock.stage("slides"):
-            least = min((start.surface.energy for start in self._starts), default=0.0)
+            least = min((start.surface.dirichlet_energy for start in self._starts), default=0.0)
             for start in self._starts:
-                if start.surface.energy <= _RIVAL * least:
+                if start.surface.dirichlet_energy <= _RIVAL * least:
                     lower = self._lower(start)
-                    if lower is not None and (best is None or lower.surface.energy < best.surface.energy):
+                    if lower is not None and (
+                        best is None or lower.surface.dirichlet_energy < best.surface.dirichlet_energy
+                    ):
                         best = lower
             if best is None:
                 return None
@@ -254,7 +256,7 @@ class RimsSolver:
                 # on half of the nodes, whose steps cost an eighth
                 found = all_on_path(problem, problem.refined(best.surface, n // 2))
                 return [replace(best, surface=problem.refined(surface, n)) for surface in found]
-        start = min(self._starts, key=lambda start: start.surface.energy)
+        start = min(self._starts, key=lambda start: start.surface.dirichlet_energy)
         with self.request.clock.stage("moduli"):
             problem = self._problem(start)
             held = problem.descended(start.surface, tolerance=_POOR, fixed=True)

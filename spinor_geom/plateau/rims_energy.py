@@ -30,32 +30,10 @@ _UNRESOLVED = 1e-2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSurface:
-    """A harmonic surface over a circular domain whose rims lie on curves at equal steps of every circle's angle."""
+    """A harmonic surface over a circular domain, its rims on curves at equal steps of every circle's angle.
 
-    slides: Float[Tensor, "m n"]  # curve parameters at each node, increasing
-    points: Float[Tensor, "m n 3"]  # the points of the curves
-    domain: CircularDomain  # Ω
-    energy: float  # Dirichlet energy: the area where the surface is conformal, more elsewhere
-    # RMS of the energy's derivative by arc length, relative to that of ΛX; without what a rotation of Ω has of it,
-    # which so many nodes feel and the surface does not
-    gradient: float
-    slopes: Float[Tensor, " p"]  # derivatives of the energy by the moduli, over the energy
-
-    @property
-    def crowded(self) -> bool:
-        """Whether the nodes leave out a large part of a curve, so that the energy means nothing."""
-        steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
-        return float(steps.max()) * self.slides.shape[1] > CROWDED
-
-    @property
-    def size(self) -> float:
-        """The larger of the gradient and the steepest slope."""
-        return max(self.gradient, float(self.slopes.abs().max()))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EnergyPoint:
-    """The energy with its derivatives at given slides and moduli; sums over the nodes, without the factor 2π/n."""
+    The energy and its derivatives by slides and moduli are sums over the nodes, without the factor 2π/n.
+    """
 
     curves: CurveTensors  # of the rims, as the boundary of Ω runs, as a batch
     slides: Float[Tensor, "m n"]  # curve parameters
@@ -72,7 +50,7 @@ class EnergyPoint:
     @classmethod
     def of(
         cls, curves: CurveTensors, slides: Float[Tensor, "m n"], domain: CircularDomain, negligible: float
-    ) -> EnergyPoint:
+    ) -> HarmonicSurface:
         """The energy with given slides over a given domain."""
         points, tangent, second = curves.point_and_derivatives(slides)
         form = DirichletForm.of(domain, slides.shape[1], negligible=negligible)
@@ -103,18 +81,27 @@ class EnergyPoint:
         """Derivatives by the moduli."""
         return Moduli.of(self.form, self.points, self.normal)
 
+    @property
+    def dirichlet_energy(self) -> float:
+        """E with its factor: the area where the surface is conformal, more elsewhere."""
+        return self.energy * 2 * math.pi / self.slides.shape[1]
+
+    @property
+    def crowded(self) -> bool:
+        """Whether the nodes leave out a large part of a curve, so that the energy means nothing."""
+        steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
+        return float(steps.max()) * self.slides.shape[1] > CROWDED
+
     @cached_property
-    def surface(self) -> HarmonicSurface:
-        """The harmonic surface itself."""
-        slides, normal = self.gradient()[: len(self.by_slides)], self.normal.square().sum(-1).mean()
-        return HarmonicSurface(
-            slides=self.slides,
-            points=self.points,
-            domain=self.domain,
-            energy=self.energy * 2 * math.pi / self.slides.shape[1],
-            gradient=float((slides.square().mean() / normal).sqrt()),
-            slopes=self.moduli.slopes / self.energy,
-        )
+    def slope(self) -> float:
+        """RMS derivative by arc length, relative to that of ΛX, but for a rotation of Ω, which only nodes feel."""
+        by_slides, normal = self.gradient()[: len(self.by_slides)], self.normal.square().sum(-1).mean()
+        return float((by_slides.square().mean() / normal).sqrt())
+
+    @cached_property
+    def size(self) -> float:
+        """The larger of that and the steepest derivative by a modulus, over the energy."""
+        return max(self.slope, float(self.moduli.slopes.abs().max()) / self.energy)
 
     @property
     def stiffness(self) -> float:
@@ -159,7 +146,7 @@ class EnergyPoint:
         rotation: Tensor = torch.cat([turned.flatten(), _without_first_place(places)]) / turned.norm()
         return rotation
 
-    def stepped(self, step: Float[Tensor, " k"], *, fixed: bool = False) -> EnergyPoint:
+    def stepped(self, step: Float[Tensor, " k"], *, fixed: bool = False) -> HarmonicSurface:
         """The energy after a step by arc length and of the moduli, or as much of it as leaves the circles apart.
 
         This one itself where so many nodes do not resolve the gaps after a small part of it.
@@ -167,13 +154,13 @@ class EnergyPoint:
         count = self.slides.numel()
         direction = step[:count].reshape(self.slides.shape) / self.speed
         if fixed:
-            return EnergyPoint.of(self.curves, slid(self.slides, direction, 1.0), self.domain, self.negligible)
+            return HarmonicSurface.of(self.curves, slid(self.slides, direction, 1.0), self.domain, self.negligible)
         along = step[count:]
         share = min(1.0, _LARGEST_STEP / max(float(along.abs().max()), _LARGEST_STEP))
         for _ in range(_MOST_HALVINGS):
             domain = self.domain.moved(share * along)
             if float(domain.room[1].min()) > 0:
-                there = EnergyPoint.of(self.curves, slid(self.slides, direction, share), domain, self.negligible)
+                there = HarmonicSurface.of(self.curves, slid(self.slides, direction, share), domain, self.negligible)
                 if there.form.error <= max(_UNRESOLVED, self.form.error):
                     return there
             share /= 2
