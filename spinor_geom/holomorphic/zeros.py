@@ -109,11 +109,7 @@ def _along(domain: PlaneDomain, s: Float[np.ndarray, " k"]) -> Complex[np.ndarra
 
 
 def _turning(function: HolomorphicFunction, domain: PlaneDomain) -> Float[np.ndarray, " e"]:
-    """Change of arg f along each piece of ∂Ω, by sampling each finely enough.
-
-    Raises:
-        ZeroOnContourError: f has a zero there, or too near.
-    """
+    """Change of arg f along each piece of ∂Ω, by sampling each finely enough."""
     turning = np.full(len(domain.arcs), np.nan)
     todo = np.arange(len(turning))
     before = np.full(len(todo), np.nan)

@@ -95,12 +95,8 @@ class DirichletForm:
 def multipliers(modulus: Float[Tensor, "*m"], n: int) -> tuple[Float[Tensor, "*m f"], Float[Tensor, "*m f"]]:
     """The Dirichlet-to-Neumann map Λ(m) of cylinders of any moduli on n equal steps of both rims.
 
-    Both rims run with the cylinder on their left, as the boundary of an annulus does: the angle of the first one is
-    2πt, that of the second −2πt. For the frequency k a rim's own part is |k| coth |k|m, the other's −|k| / sinh |k|m
-    (for k = 0: ±1/m).
-
-    Returns:
-        Multipliers of a rim's own values and of the conjugate spectrum of the other rim, frequencies 0 … n/2.
+    Both rims run with the cylinder on their left, as the boundary of an annulus does. For the frequencies k = 0 … n/2 a
+    rim's own part is |k| coth |k|m; the other's, of its conjugate spectrum, is −|k| / sinh |k|m (for k = 0: ±1/m).
     """
     m = modulus[..., None]
     k = torch.arange(n // 2 + 1, dtype=m.dtype, device=m.device)

@@ -50,8 +50,7 @@ class Evidence:
 def area_in_domain(surface: SpinorSurface) -> float:
     """Area ∫_Ω λ² dx dy by quadrature over Ω's triangles and the pieces between them and ∂Ω.
 
-    It is independent of `SpinorSurface.area`, an integral along ∂Ω. Both agree to the order of the quadrature where the
-    surface is smooth up to ∂Ω; near rough rims the triangles do not resolve λ.
+    It is independent of `SpinorSurface.area`, an integral along ∂Ω; near rough rims the triangles do not resolve λ.
     """
     mesh = surface.domain.triangulation
     parts = [_on_triangles(mesh.points[mesh.faces]), *map(_beside_rim, surface.domain.boundaries)]
@@ -62,8 +61,7 @@ def area_in_domain(surface: SpinorSurface) -> float:
 def crossing_faces(surface: SpinorSurface) -> int | None:
     """Pairs of triangles that cross in the surface's mesh over Ω's triangulation.
 
-    0 says that the surface does not cross itself where that mesh would show it: over a knotted loop it has to. None
-    says that nothing is known, because the mesh has positions that are not finite.
+    None says that nothing is known, because the mesh has positions that are not finite.
     """
     mesh = surface.domain.triangulation
     # whether triangles cross does not hang on the last digits

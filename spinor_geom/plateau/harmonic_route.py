@@ -48,11 +48,7 @@ class HarmonicSolver:
         return Aims(request=self.request)
 
     def on_disk(self, begun: Fit | None = None) -> Found:
-        """The minimal disk on the unit disk, by a fit that may have been begun together with others.
-
-        Raises:
-            DomainError: none was found: the loop has corners or is too long for its width, so that nodes crowd.
-        """
+        """The minimal disk on the unit disk, by a fit that may have been begun together with others."""
         refusal = DomainError(
             "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
             vertices=len(self.request.unit),
@@ -77,23 +73,14 @@ class HarmonicSolver:
             return None
 
     def unfolded(self) -> Found:
-        """The minimal disk on the loop's unfolded least-area triangulation.
-
-        Raises:
-            FirstFillError: the loop has no such triangulation.
-            DomainError: it is not simple or too narrow, or nodes crowd.
-        """
+        """The minimal disk on the loop's unfolded least-area triangulation."""
         even = np.arange(self._density.points) / self._density.points
         with self.request.clock.stage("first fill"):
             polygon = unfolded_loop(self.request.curve.point(self._density.slide(even)), saws=True)
         return self._on_domain(polygon, even, "unfolded")
 
     def flattened(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Found:
-        """The minimal disk of less energy that a discrete disk over the points `rim` leads to, on its flattening.
-
-        Raises:
-            DomainError: the flattening is not simple or too narrow, or nodes crowd.
-        """
+        """The minimal disk of less energy that a discrete disk over the points `rim` leads to, on its flattening."""
         with self.request.clock.stage("flattening"):
             polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
         return self._on_domain(polygon, self._density.parameter(self.request.curve.breaks[rim]), "flattened")
@@ -147,11 +134,7 @@ class HarmonicSolver:
         return Fit(aims=self.aims, form=form, slide=slide, nodes=even(max(len(slide), len(self.request.unit))))
 
     def _fitted(self, fit: Fit, route: RouteName) -> Found:
-        """The minimal disk with as many nodes as the tolerance asks for, or as help.
-
-        Raises:
-            DomainError: the nodes crowd, or all harmonic disks are branched.
-        """
+        """The minimal disk with as many nodes as the tolerance asks for, or as help."""
         fit_together([fit])
         if fit.best is None:
             raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.request.unit))

@@ -83,11 +83,7 @@ class ModulusFields:
 
     @classmethod
     def of_hole(cls, domain: PlaneDomain, panels: Panels) -> ModulusFields:
-        """The field along the hole's normals, about as long as the annulus is wide, at most as the hole's radius.
-
-        Longer where there is more room, it keeps the hole's shape near to a level curve of the harmonic function
-        between the boundaries.
-        """
+        """The field along the hole's normals: longer where there is room, it keeps it near to a level curve."""
         (hole,), outer = domain.holes, domain.boundary.vertices
         w = hole.vertices
         ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
@@ -103,11 +99,7 @@ class ModulusFields:
         return cls(nodes=nodes[:, None], vertices=field[:, None])
 
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
-        """Ω with its hole grown, or with its boundary's vertices moved, at most by a tenth of its diameter.
-
-        Raises:
-            DomainError: the moved boundaries are not simple, or cross.
-        """
+        """Ω with its hole grown, or with its boundary's vertices moved, at most by a tenth of its diameter."""
         move = self.vertices @ amounts
         if domain.holes:
             hole = SplineBoundary.through(domain.holes[0].vertices + move)

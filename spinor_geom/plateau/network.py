@@ -176,11 +176,7 @@ class Discretisation:
         return float(np.abs(self._modulus_fields.vertices @ fit.amounts.cpu().numpy()).max(initial=0.0))
 
     def moved(self, fit: Fit, *, offset: float) -> Discretisation:
-        """The discretisation of Ω moved along its modulus fields as a fit asks, poles placed anew.
-
-        Raises:
-            DomainError: the moved domain is not simple.
-        """
+        """The discretisation of Ω moved along its modulus fields as a fit asks, poles placed anew."""
         domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
         rims = zip(self.panels.rim_breaks, self.domain.boundaries, domain.boundaries, strict=True)
         pairs = CornerPairs(t=domain.boundary.parameters[:-1][domain.boundary.corners], s=self.pairs.s)

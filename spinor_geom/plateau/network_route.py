@@ -97,13 +97,7 @@ class NetworkSolver:
 
     @cached_property
     def first_surface(self) -> Disk:
-        """The discrete disk or annulus over the points that stand for the loops.
-
-        Raises:
-            FirstFillError: no discrete disk over the loop was found.
-            DomainError: there is no discrete annulus between the loops.
-            SingularMatrixError: it is degenerate.
-        """
+        """The discrete disk or annulus over the points that stand for the loops."""
         rims = [side.loop.points[side.indices] for side in self._sides]
         with self.request.clock.stage("first fill"):
             return first_disk(*rims) if len(rims) == 1 else discrete_annulus(*rims)[1]
@@ -131,12 +125,7 @@ class NetworkSolver:
         return any(map(is_rough, self.request.units, self.request.curves))
 
     def found_from(self, start: Disk) -> Found:
-        """The minimal surface that a discrete one leads to.
-
-        Raises:
-            DomainError: its flattening gives no simple domain.
-            SingularMatrixError: the discrete surface or the fit is degenerate.
-        """
+        """The minimal surface that a discrete one leads to."""
         fitted = self._fitted_from(start)
         # another start does not help on rough loops
         if self.request.is_disk and self._is_missed(fitted) and not self._is_rough:

@@ -37,14 +37,10 @@ _ROWS = 512
 class NodeDensity:
     """The parameter t of ∂Ω that a loop asks for: equal steps of t lie denser at its vertices and bends.
 
-    It is the mean of three shares of the loop up to a point: of its length, of its vertices, of its turning; and
-    where the loop is narrower than a point's share of its length more nodes come in. It is made smooth, so that ∂Ω and
-    the slide along it can be analytic. On a circle of equal edges t = s.
-
-    Attributes:
-        curve: Γ.
-        points: number of points that Ω is to be made from, with those for narrow places.
-        narrowest: ratio of a point's share of the length to the width of the loop where it is least, at least 1.
+    It is the mean of three shares of the loop up to a point: of its length, of its vertices, of its turning; and where
+    the loop is narrower than a point's share of its length more nodes come in. It is made smooth, so that ∂Ω and the
+    slide along it can be analytic. On a circle of equal edges t = s. `points` is the number that Ω is to be made from,
+    with those for narrow places.
     """
 
     def __init__(self, curve: BoundaryCurve, points: int) -> None:
@@ -130,9 +126,6 @@ def resolved(
     """The smooth Ω next to a polygon with parameters t, as coarse as it may be, and its Λ.
 
     It follows the polygon closely where that `is_fine`, as at the vertices of rough loops, and in fingers.
-
-    Raises:
-        DomainError: Ω is not simple, or too narrow.
     """
     n = density.points
     for steps, rounding in _SHAPES[is_fine or density.is_narrow :]:
@@ -155,12 +148,7 @@ def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " 
 
 
 def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
-    """Λ on ∂Ω.
-
-    Raises:
-        DomainError: ∂Ω crosses itself, or Ω is so narrow somewhere that n steps do not resolve Λ, or that it asks for
-            more steps than memory has room for.
-    """
+    """Λ on ∂Ω, by a DomainError refused where that crosses itself, or so many steps are not enough or too many."""
     if n > _MOST_STEPS:
         raise DomainError(
             f"the domain is so narrow somewhere that it asks for {n} steps around it, at most {_MOST_STEPS} are tried",

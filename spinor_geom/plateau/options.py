@@ -30,11 +30,7 @@ class Cauchy:
     pole_offset: float = 1.0
 
     def __post_init__(self) -> None:
-        """Checks the options.
-
-        Raises:
-            OptionError: a negative degree or an offset that is not positive.
-        """
+        """Checks the options."""
         if self.degree < 1 or not self.pole_offset > 0:
             raise OptionError(f"a Cauchy network needs degree ≥ 1 and pole_offset > 0, got {self}")
 
@@ -63,11 +59,7 @@ Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy | Laurent
 
 
 def require_model(model: Model) -> None:
-    """Checks the option `model`.
-
-    Raises:
-        OptionError: it is none of those that `solve_plateau` takes.
-    """
+    """Checks the option `model`."""
     if not isinstance(model, (Cauchy, Laurent)) and model not in ("auto", "cauchy", "series", "mlp"):
         raise OptionError(
             f"unknown model {model!r}; choose 'auto', 'cauchy', 'series', 'mlp', Cauchy(...) or Laurent(...)"
@@ -98,11 +90,7 @@ Optimizer: TypeAlias = Literal["levenberg-marquardt", "rmsprop"] | Trainer
 
 
 def optimizer_options(optimizer: Optimizer) -> Trainer:
-    """The options of an optimiser, which may be given by name.
-
-    Raises:
-        OptionError: it is unknown, or trains another representation than p and q.
-    """
+    """The options of an optimiser, which may be given by name."""
     from spinor_geom.training import LevenbergMarquardt, RMSprop
 
     if isinstance(optimizer, RMSprop) and optimizer.representation != "spinor":
@@ -155,11 +143,7 @@ class Options:
         _ = self.trainer
 
     def require_rims(self, count: int) -> None:
-        """Checks that the model has surfaces over so many loops.
-
-        Raises:
-            OptionError: it has not.
-        """
+        """Checks that the model has surfaces over so many loops."""
         if count == 1 and self.laurent is not None:
             raise OptionError("Laurent series span two loops; use model='auto' or 'series' for one")
         if count > 1 and self.trainer is not None:

@@ -273,11 +273,7 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
 
 
 def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
-    """The disk that the routes lead to, or one of less area where that is unstable and may be left.
-
-    Raises:
-        OutOfTimeError, DomainError, FirstFillError, SingularMatrixError, SurfaceError: as `nearest_surface`.
-    """
+    """The disk that the routes lead to, or one of less area where that is unstable and may be left."""
     if routes == (ByNetwork(),) and task.loop.corners.all():
         return _on_sides(task)
     solution = _solution(routes, task)
@@ -301,11 +297,7 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
 
 
 def surface_between(task: Task) -> PlateauSolution | NoConnectedSurface:
-    """The surface of one piece between several loops, or that there is none.
-
-    Raises:
-        OutOfTimeError, DomainError, SingularMatrixError, SurfaceError: as `nearest_surface`.
-    """
+    """The surface of one piece between several loops, or that there is none."""
     try:
         solution = _solution(plan(task), task)
         if task.options.leaves_unstable and solution.route == "annular network":

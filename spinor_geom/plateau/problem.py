@@ -285,12 +285,10 @@ class PlateauProblem:
 def nearest_increasing(
     s: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], bounds: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " n"]:
-    """A non-decreasing slide around the circle near to s, with s_n ≤ s_0 + 1, inside the bounds of each node.
+    """The nearest non-decreasing slide around the circle, s_n ≤ s_0 + 1, inside the bounds: isotonic regression.
 
-    It is the nearest one (isotonic regression) of the circle cut open where the speed |Γ'| is largest, where a change
-    of s costs most.
-
-    Shortening the whole step instead stalls at corners and on noisy curves.
+    The circle is cut where the speed |Γ'| is largest, where a change of s costs most. Shortening the whole step instead
+    stalls at corners and on noisy curves.
     """
     if (np.diff(np.append(s, s[0] + 1)) <= 0).any():
         cut = int(np.argmax(speed))

@@ -179,12 +179,7 @@ def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
 
 
 def _require_apart(loops: Sequence[BoundaryLoop]) -> None:
-    """Checks that loops neither cross or touch themselves nor each other.
-
-    Raises:
-        SelfCrossingLoopError: a loop crosses or touches itself.
-        LoopsMeetError: two loops cross or touch each other.
-    """
+    """Checks that loops neither cross or touch themselves nor each other."""
     for loop in loops:
         require_simple(loop)
     for first, second in combinations(loops, 2):

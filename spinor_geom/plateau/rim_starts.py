@@ -80,10 +80,8 @@ class Placement:
 def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
     """Slides by the curves' own parameters, one shifted against the other, and the modulus where E first has a minimum.
 
-    Where it has none, the modulus is 1 more than between circles of the curves' lengths in one plane.
-
-    The matching comes from the curves alone: of all shifts the one of least energy is taken. The first is the outer
-    rim; the number of nodes is even.
+    Where it has none, the modulus is 1 more than between circles of the curves' lengths in one plane. Of all shifts the
+    one of least energy is taken.
     """
     points = torch.stack([first.samples(n), second.samples(n, back=back)])
     spectrum = torch.fft.rfft(points, dim=1)

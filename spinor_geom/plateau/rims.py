@@ -103,12 +103,7 @@ class RimsSolver:
     request: Request
 
     def on_circles(self) -> Found:
-        """Douglas's surface of least area over a circular domain, or the one nearest to a modulus that was asked for.
-
-        Raises:
-            NoneBetweenError: the energy falls until surfaces between the rims fall apart.
-            SurfaceError: the nodes crowd, or all harmonic surfaces are branched.
-        """
+        """Douglas's surface of least area over a circular domain, or the one nearest to a modulus that was asked for."""
         laurent = self.request.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
@@ -127,12 +122,7 @@ class RimsSolver:
         return self.fitted(best)
 
     def through_points(self) -> Found:
-        """The surface through the points of rough rims.
-
-        Raises:
-            DomainError: the rims' teeth cross in Ω.
-            SurfaceError: no surface was found between averages of the rims, or all are branched.
-        """
+        """The surface through the points of rough rims."""
         placed = self._descended()
         if placed is None:
             raise SurfaceError("no minimal surface was found between averages of the rims")
@@ -153,10 +143,7 @@ class RimsSolver:
         return replace(found, between=_between(placed, smooth.series.antiperiodic, found.surface.largest_period()))
 
     def _descended(self) -> Placement | None:
-        """The surface that the energy falls to from the better start, or from several of nearly the same energy.
-
-        None where it falls apart, or no critical point is reached.
-        """
+        """The surface that the energy falls to from the better start; None where it falls apart, or is not critical."""
         best: Placement | None = None
         with self.request.clock.stage("slides"):
             least = min((start.surface.dirichlet_energy for start in self._starts), default=0.0)
@@ -267,11 +254,7 @@ class RimsSolver:
         return [placed for placed in self.all_critical() if self._problem(placed).index(placed.surface) == 0]
 
     def fitted(self, placed: Placement) -> Found:
-        """The surface with as many nodes as the tolerance asks for, or as help.
-
-        Raises:
-            SurfaceError: all harmonic surfaces are branched.
-        """
+        """The surface with as many nodes as the tolerance asks for, or as help."""
         problem = self._problem(placed, -1)
         best: tuple[Lift, HarmonicSurface] | None = None
         limit = "more nodes on the rims do not help"

@@ -147,10 +147,7 @@ class HarmonicSurface:
         return rotation
 
     def stepped(self, step: Float[Tensor, " k"], *, fixed: bool = False) -> HarmonicSurface:
-        """The energy after a step by arc length and of the moduli, or as much of it as leaves the circles apart.
-
-        This one itself where so many nodes do not resolve the gaps after a small part of it.
-        """
+        """The surface after a step, or as much of it as keeps the circles apart and is resolved; else this one."""
         count = self.slides.numel()
         direction = step[:count].reshape(self.slides.shape) / self.speed
         if fixed:

@@ -31,8 +31,5 @@ def negligible_energy(edges: int, allowed: float) -> float:
 
 
 def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
-    """Whether a loop bends at many of its points, where the curve through them is a cubic spline.
-
-    What the roundest loop of as many points turns by does not count.
-    """
+    """Whether a loop bends at many of its points, more than the roundest one, where the curve through them is cubic."""
     return bool(curve.degree == min(DEGREES) and roughness(loop) - roundest(len(loop)) > ROUGH_TURN)

@@ -85,11 +85,7 @@ class Rim:
         return solution.surface.normal(solution.loop_points_in_domain()[self.indices])
 
     def domain_mesh(self, solution: PlateauSolution) -> PlaneTriangulation:
-        """A mesh of a solution's Ω whose boundary vertices are the rim's points.
-
-        Raises:
-            DomainError: the rim's points in Ω make no simple polygon.
-        """
+        """A mesh of a solution's Ω whose boundary vertices are the rim's points."""
         polygon = solution.loop_points_in_domain()[self.indices]
         return triangulate_polygon(polygon, graded_size(polygon, growth=_GROWTH))
 
@@ -100,11 +96,7 @@ class Rim:
         return x
 
     def round_positions(self, solution: PlateauSolution) -> Float[np.ndarray, "n 3"]:
-        """A solution's positions at the vertices of the round mesh: Ω is mapped harmonically to it.
-
-        Raises:
-            DomainError: the rim's points in Ω make no simple polygon.
-        """
+        """A solution's positions at the vertices of the round mesh: Ω is mapped harmonically to it."""
         mesh, target = self.domain_mesh(solution), self.round_mesh
         m = mesh.boundary_size
         circle = target.points[:m]
@@ -118,10 +110,9 @@ class Rim:
 def leave_unstable(
     solution: PlateauSolution, lower: Callable[[PlateauSolution], PlateauSolution | None], where: str
 ) -> PlateauSolution:
-    """The last of the disks to which an unstable one is left, one of less area after the other.
+    """The last of the disks to which an unstable one is left, one of less area after the other; its reason says so.
 
-    `lower` finds a disk of less area than an unstable one, or none; `where` it looks is the end of a sentence. A disk
-    that could not be left comes back; the reason says what was left.
+    `lower` finds a disk of less area than an unstable one, or none; `where` it looks is the end of a sentence.
     """
     left: list[float] = []
     while solution.stability.verdict == "unstable" and len(left) < _MOST_STARTS:

@@ -94,13 +94,10 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
 def lowest_modes(
     surface: SpinorSurface, mesh: PlaneTriangulation, count: int
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "n k"]]:
-    """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and their functions u.
+    """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and as columns u, at most 1.
 
     Along u·n the second variation of area is (1 − 1/μ)∫|∇u|²: negative where μ < 1. Fewer than `count` come back where
     the mesh has fewer inner vertices.
-
-    Returns:
-        μ, and for each a column with the values of u at the mesh's vertices, the largest |u| being 1.
     """
     curvature = gauss_image_areas(surface.spinors(mesh.points), mesh.faces)
     inner = np.arange(mesh.boundary_size, len(mesh.points))

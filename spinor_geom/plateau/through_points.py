@@ -99,10 +99,7 @@ class PointEquations:
         return cls(by_p=by_p, by_q=by_q, factor=torch.linalg.cholesky(matrix))
 
     def step(self, error: Float[Tensor, "n 3"], away: Complex[Tensor, "k 2"] | None) -> Complex[Tensor, "k 2"]:
-        """The shortest change of the read-outs that takes the distances away.
-
-        Where it is told how far the read-outs are away from others, the changed ones are the nearest to those.
-        """
+        """The shortest change of the read-outs that takes distances away; `away` from others, the nearest to them."""
         wanted = error if away is None else error - self._change(away)
         x, y, z = torch.cholesky_solve(wanted.T.reshape(-1, 1), self.factor).reshape(3, -1)
         xy, z = torch.complex(x, y), torch.complex(z, torch.zeros_like(z))
@@ -329,7 +326,7 @@ def curve_through(
 ) -> BoundaryCurve:
     """Γ: a surface's boundary less its distances from points, which change linearly from one to the next.
 
-    The velocity is dr by the share of the way from each point to the next, at Gauss-Legendre nodes.
+    The velocity is dr by the share of the way, at Gauss-Legendre nodes.
     """
     place = places_in_piece()
     within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)

@@ -79,14 +79,7 @@ def disk_through_points(
     clock: Clock,
     first: Disk | None = None,
 ) -> Found:
-    """The minimal disk through the points of a rough loop, as nearly as they can be met, next to a discrete one.
-
-    Raises:
-        FirstFillError: no discrete disk over the loop was found.
-        DomainError: it has no simple flattening, or one with an edge of no length.
-        SingularMatrixError: the discrete disk is degenerate.
-        SurfaceError: no surface near the discrete one comes near to the points.
-    """
+    """The minimal disk through the points of a rough loop, as nearly as they can be met, next to a discrete one."""
     points = loop.points
     with clock.stage("first fill"):
         disk = first or first_disk(points)
@@ -188,9 +181,6 @@ def surface_through(
     """The surface through points next to a smooth one over averages of the rims, as nearly as they can be met.
 
     The starts are points of each rim's circle that lie about where its points shall.
-
-    Raises:
-        DomainError: the rims' teeth cross in the smooth surface's tangent planes.
     """
     wanted = [torch.tensor(each, device=smooth.shift.device) for each in points]
     outer, *holes = (

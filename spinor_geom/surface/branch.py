@@ -61,9 +61,6 @@ def branch_points(
     The zeros of one generic combination u = a·p + b·q are found by the argument principle; those that the orthogonal
     combination v = −b̄·p + ā·q has too are the common ones. Zeros of u and v nearer to each other than 1e-4 of the
     domain's diameter count as common.
-
-    Raises:
-        ZeroOnContourError: u has a zero on ∂Ω or too near to it, for example a branch point there.
     """
 
     def u(z: Complex[Tensor, " n"]) -> Complex[Tensor, " n"]:

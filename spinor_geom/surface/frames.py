@@ -39,9 +39,6 @@ def phi_from_frames(
 
     Of the tangent dr and of dz only the directions are used, of the normal the part orthogonal to the tangent; none may
     be 0. The scale is λ, length in space per length in Ω.
-
-    Raises:
-        DtypeError: direction_in_omega is not complex.
     """
     if not direction_in_omega.is_complex():
         raise DtypeError(f"direction_in_omega must be complex, got {direction_in_omega.dtype}")
@@ -60,9 +57,6 @@ def spinors_from_phi(
     p² = (φ₁ + iφ₂)/2 and q² = −(φ₁ − iφ₂)/2; the root of the larger is taken and the other follows from φ₃ = 2pq, so
     that no sample divides by a small number. The sign at the first sample is that of the principal root. φ is null and
     not 0; where the frames of neighbours differ by a turn of 180° the sign between them is a guess.
-
-    Raises:
-        DtypeError: phi is not complex.
     """
     if not phi.is_complex():
         raise DtypeError(f"phi must be complex, got {phi.dtype}")
@@ -78,10 +72,7 @@ def spinors_from_phi(
 
 
 def signs_close_up(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Bool[Tensor, "*batch"]:
-    """Whether the spinors of closed sequences come back to themselves, and not to their negatives.
-
-    That belongs to the frames: it does not depend on the signs of the samples. The last is followed by the first.
-    """
+    """Whether the spinors of closed sequences come back to themselves, not to their negatives, whatever their signs."""
     closed: Tensor = _signs(p, q).prod(-1) > 0
     return closed
 
@@ -120,11 +111,7 @@ def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Fl
 
 
 def su2_from_rotation(rotation: Float[Tensor, "3 3"]) -> Complex[Tensor, "2 2"]:
-    """One of the two U in SU(2) for which φ(U(p, q)) is φ(p, q) turned by the rotation.
-
-    Raises:
-        OptionError: the matrix is not a rotation: not orthogonal to 1e-8, or with determinant −1.
-    """
+    """One of the two U in SU(2) for which φ(U(p, q)) is φ(p, q) turned by the rotation."""
     identity = torch.eye(3, dtype=rotation.dtype, device=rotation.device)
     error = float((rotation @ rotation.mT - identity).abs().max())
     if not error <= _ORTHOGONAL:

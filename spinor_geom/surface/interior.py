@@ -86,7 +86,6 @@ def displacements(
 ) -> Float[np.ndarray, "k 3"]:
     """Re ∫ φ dz from the start of a boundary without holes to points inside it, to 1e-10 of the largest.
 
-    Source: Cauchy's integral formula, by panels that the distances of the points from ∂Ω choose, for all points at once
-    by a fast multipole method.
+    By Cauchy's formula on panels that the distances of the points from ∂Ω choose, for all points at once.
     """
     return RimPrimitive.along(boundary, phi, _ORDER, breaks_for(boundary, z)).inside(z).real
