@@ -112,14 +112,7 @@ class ThroughPoints:
         """The disk next to a discrete one, or the surface next to that over averages of several loops."""
         if not task.is_disk:
             return task.rims.through_points()
-        return disk_through_points(
-            task.unit,
-            allowed=task.allowed,
-            steps=task.steps,
-            device=task.options.device,
-            clock=task.clock,
-            first=task.first_disk,
-        )
+        return disk_through_points(task, task.first_disk)
 
 
 @dataclass(frozen=True)

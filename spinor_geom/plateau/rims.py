@@ -103,7 +103,7 @@ class RimsSolver:
     request: Request
 
     def on_circles(self) -> Found:
-        """Douglas's surface of least area over a circular domain, or the one nearest to a modulus that was asked for."""
+        """Douglas's surface of least area over a circular domain, or that nearest to a modulus that was asked for."""
         laurent = self.request.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)

@@ -18,7 +18,6 @@ added for Re ∮ φ dz = 0.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 import torch
@@ -33,16 +32,14 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, SurfaceError
-from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import way_to
+from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
@@ -70,17 +67,10 @@ _FAR = 2.0
 _PLACINGS = 3
 
 
-def disk_through_points(
-    loop: BoundaryLoop,
-    *,
-    allowed: float,
-    steps: Steps,
-    device: torch.device,
-    clock: Clock,
-    first: Disk | None = None,
-) -> Found:
+def disk_through_points(request: Request, first: Disk | None = None) -> Found:
     """The minimal disk through the points of a rough loop, as nearly as they can be met, next to a discrete one."""
-    points = loop.points
+    loop, device, allowed = request.unit, request.options.device, request.allowed
+    points, clock = loop.points, request.clock
     with clock.stage("first fill"):
         disk = first or first_disk(points)
     with clock.stage("flattening"):
@@ -93,10 +83,10 @@ def disk_through_points(
         with clock.stage("features"):
             basis = _basis(flat.boundary, nodes, device)
         with clock.stage("fit"):
-            raw = _fitted(basis, spinors, raw, loop, allowed, steps)
+            raw = _fitted(basis, spinors, raw, request)
         with clock.stage("surface"):
-            network = basis.network(raw)
-            rim = RimPrimitive.along(domain.boundary, partial(_phi_of, network), 2 * nodes)
+            surface = SpinorSurface(basis.network(raw), domain).to(device)
+            (rim,) = surface.rim_primitives(2 * nodes)
             error = rim.at_breaks[:-1].real - points
             error -= error.mean(axis=0)
         if np.linalg.norm(error) <= allowed * len(points) ** 0.5 or is_out_of_time():
@@ -104,7 +94,8 @@ def disk_through_points(
     with clock.stage("surface"):
         root = domain.root
         at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
-        surface = SpinorSurface(network, domain, points[0] + error[0] + at_root.real).to(device)
+        with torch.no_grad():
+            surface.constant.copy_(torch.tensor(points[0] + error[0] + at_root.real))
         found = _passed(surface, [rim], [points], [error], area=rim.area, near="the discrete one")
         bulge = found.curves[0].bulge() / loop.mean_edge_length
         if not bulge <= _FAR:
@@ -118,24 +109,21 @@ def _fitted(
     basis: Basis,
     spinors: Complex[Tensor, "n 2"],
     raw: Complex[Tensor, "k 2"] | None,
-    loop: BoundaryLoop,
-    allowed: float,
-    steps: Steps,
+    request: Request,
 ) -> Complex[Tensor, "k 2"]:
     """Read-outs that meet all points, nearest to p and q of a start in the middle of each edge; from `raw` on."""
     (rim,) = basis.rims
     start = _nearest(rim, spinors)
     readout = start if raw is None else rim.norm.mH @ raw
-    wanted = torch.tensor(loop.points, device=start.device)
+    wanted = torch.tensor(request.unit.points, device=start.device)
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
-    in_edges = rms(here.error) / loop.mean_edge_length
+    in_edges = rms(here.error) / request.unit.mean_edge_length
     if not in_edges <= _FAR:
         raise SurfaceError(
             "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
             f"{in_edges:.0f} edges away from the points"
         )
-
-    return basis.raw(nearest_through(here, readout, start=start, allowed=allowed, steps=steps))
+    return basis.raw(nearest_through(here, readout, start=start, allowed=request.allowed, steps=request.steps))
 
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
@@ -146,12 +134,6 @@ def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], fl
         return PlaneDomain.inside(boundary, flat.log_scale)
     mesh = PlaneTriangulation(points=images, faces=faces, boundary_size=len(flat.boundary))
     return PlaneDomain(boundary=boundary, triangulation=mesh, log_scale=flat.log_scale)
-
-
-def _phi_of(network: CauchyNetwork, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
-    with torch.no_grad():
-        spinors = network.value(torch.from_numpy(z).to(network.poles.device))
-        return np.asarray(phi(*spinors.unbind(-1)).cpu())
 
 
 def _basis(vertices: Complex[np.ndarray, " n"], nodes: int, device: torch.device) -> Basis:
