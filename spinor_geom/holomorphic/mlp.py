@@ -135,9 +135,7 @@ class ComplexMLP(torch.nn.Module):
                 sensitivity = (sensitivity @ weight) * slope
                 sensitivities.append(sensitivity)
             return Linearisation(
-                inputs=tuple(inputs),
-                sensitivities=tuple(reversed(sensitivities)),
-                value=self._read(inputs[-1]),
+                inputs=tuple(inputs), sensitivities=tuple(reversed(sensitivities)), value=self._read(inputs[-1])
             )
 
     def config(self) -> dict[str, Any]:
@@ -239,11 +237,7 @@ def disk_around(domain: PlaneDomain) -> tuple[complex, float]:
 
 
 def _initial(
-    depth: int,
-    width: int,
-    function: Callable[[Tensor], Tensor],
-    gain: float,
-    generator: torch.Generator | None,
+    depth: int, width: int, function: Callable[[Tensor], Tensor], gain: float, generator: torch.Generator | None
 ) -> list[tuple[Complex[Tensor, "2 _ _"], Complex[Tensor, "2 _"]]]:
     """Weight and bias of each layer, its arguments bounded on the unit circle: see `ComplexMLP`."""
 

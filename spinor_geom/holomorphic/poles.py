@@ -134,10 +134,7 @@ def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Pol
     t = np.concatenate([(start + end) / 2, ends])
     tangent = domain.derivative(t)
     position, distance = _cleared(
-        domain,
-        domain.point(t),
-        -1j * tangent / np.abs(tangent),
-        np.concatenate([length / 2, end_length / 3]),
+        domain, domain.point(t), -1j * tangent / np.abs(tangent), np.concatenate([length / 2, end_length / 3])
     )
     return Poles(positions=position, scales=distance)
 

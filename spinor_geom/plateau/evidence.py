@@ -74,9 +74,7 @@ def crossing_faces(surface: SpinorSurface) -> int | None:
     return len(self_intersections(vertices, mesh.faces))
 
 
-def _on_triangles(
-    corners: Complex[np.ndarray, "f 3"],
-) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def _on_triangles(corners: Complex[np.ndarray, "f 3"]) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Nodes and weights on triangles: a square folded to a triangle at its first corner."""
     gauss = rule("gauss", _ORDER)
     u, v = np.meshgrid(gauss.nodes, gauss.nodes, indexing="ij")

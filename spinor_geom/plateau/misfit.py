@@ -133,17 +133,6 @@ class BoundaryResidual:
     mean_edge: float
     diagonal: float
 
-    @classmethod
-    def of(cls, misfit: Misfit, *, mean_edge: float, diagonal: float) -> BoundaryResidual:
-        """A misfit in mesh units, of loops of that size."""
-        return cls(
-            rms=misfit.rms,
-            max=misfit.max,
-            max_per_local_edge=misfit.max_per_local_edge,
-            mean_edge=mean_edge,
-            diagonal=diagonal,
-        )
-
     def verdict(self, tolerance: float, *, steps: int, limit: str) -> tuple[bool, str]:
         """Whether a tolerance is met, and a sentence that says by how much or why not, as the limit ends it."""
         reached = f"residual {self.rms_per_edge:.1e} of the mean edge after {steps} steps"

@@ -74,14 +74,7 @@ class Trainer(Protocol):
         """Whether the network can take over the p and q of a solution."""
         ...
 
-    def disk(
-        self,
-        curve: BoundaryCurve,
-        *,
-        start: PlateauSolution | None,
-        device: torch.device,
-        steps: Steps,
-    ) -> Found:
+    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
         """A minimal disk over Γ at unit size whose p and q are networks, from a solution over it or a random start."""
         ...
 

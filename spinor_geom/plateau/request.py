@@ -128,7 +128,14 @@ class Request:
         scale, history, between = self.scale, tuple(self.steps.history), found.between
         with self.clock.stage("surface"):
             surface = found.surface.transform(scale=scale, translation=self.centre)
-        residual = BoundaryResidual.of(found.misfit.enlarged(scale), mean_edge=_mean_edge(self.loops), diagonal=scale)
+        misfit = found.misfit.enlarged(scale)
+        residual = BoundaryResidual(
+            rms=misfit.rms,
+            max=misfit.max,
+            max_per_local_edge=misfit.max_per_local_edge,
+            mean_edge=_mean_edge(self.loops),
+            diagonal=scale,
+        )
         converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
         order, back = ((0,), (False,)) if between is None else (between.order, between.back)
         loops = [self.loops[k].reversed() if way else self.loops[k] for k, way in zip(order, back, strict=True)]

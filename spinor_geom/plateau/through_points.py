@@ -287,12 +287,7 @@ def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
 
 
 def nearest_through(
-    here: Passing,
-    readout: Complex[Tensor, "k 2"],
-    *,
-    start: Complex[Tensor, "k 2"],
-    allowed: float,
-    steps: Steps,
+    here: Passing, readout: Complex[Tensor, "k 2"], *, start: Complex[Tensor, "k 2"], allowed: float, steps: Steps
 ) -> Complex[Tensor, "k 2"]:
     """Newton's method for the read-outs nearest to a start that meet all points, to half of the distance allowed."""
     linear: PointEquations | None = None

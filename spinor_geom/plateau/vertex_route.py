@@ -106,10 +106,7 @@ def disk_through_points(request: Request, first: Disk | None = None) -> Found:
 
 
 def _fitted(
-    basis: Basis,
-    spinors: Complex[Tensor, "n 2"],
-    raw: Complex[Tensor, "k 2"] | None,
-    request: Request,
+    basis: Basis, spinors: Complex[Tensor, "n 2"], raw: Complex[Tensor, "k 2"] | None, request: Request
 ) -> Complex[Tensor, "k 2"]:
     """Read-outs that meet all points, nearest to p and q of a start in the middle of each edge; from `raw` on."""
     (rim,) = basis.rims
