@@ -210,22 +210,13 @@ class _Search:
     errors: list[SpinorGeomError] = field(default_factory=list)
     starts: int = 0
 
-    def start(self, make_disk: Callable[[], Disk]) -> None:
-        """Solves from a disk that is yet to be made."""
-        try:
-            disk = make_disk()
-        except FAILURES as error:
-            self.errors.append(error)
-        else:
-            self.start_from(disk)
-
-    def start_from(self, disk: Disk) -> PlateauSolution | None:
-        """The solution from a discrete disk, which is kept if it converged and is new; None where there is none."""
+    def start(self, make_disk: Callable[[], Disk]) -> PlateauSolution | None:
+        """The solution from a disk that is yet to be made, kept if it converged and is new; None if there is none."""
         self.starts += 1
         if self.starts > _MOST_STARTS:
             return None
         try:
-            solution = self.solve(disk)
+            solution = self.solve(make_disk())
         except FAILURES as error:
             self.errors.append(error)
             return None
@@ -255,7 +246,7 @@ class _Search:
             unstable = waiting[0].solution
             for direction in _departures(unstable, self.rim):
                 for disk in direction:
-                    found = self.start_from(disk)
+                    found = self.start(partial(replace, disk))
                     if found is not None and _is_lower(found, unstable):
                         break
 
