@@ -76,9 +76,7 @@ def gauss_newton(
     allowed: float,
     steps: Steps,
 ) -> Fit:
-    """Minimises ∮ |r − Γ(s)|² |dz| over read-outs, constant and slide by Levenberg-Marquardt.
-
-    Around a hole the square of the period Re ∮ φ dz is added: a gap is a fault wherever the boundary slides.
+    """Minimises ∮ |r − Γ(s)|² |dz| and the square of Re ∮ φ dz around a hole by Levenberg-Marquardt.
 
     The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s then
     moves along the tangent and back onto the increasing sequences. Below an RMS residual of `allowed` only fast

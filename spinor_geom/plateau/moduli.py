@@ -1,12 +1,9 @@
 """Corners of Γ: which nodes may go where; and the moduli that decide whether Ω's corners or rims can meet those of Γ.
 
-A conformal map takes three boundary points where one wants; with n corners, n − 3 numbers, the moduli of Ω with its
-corners, must be right before a surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them
-to a few digits. They are corrected with the fit: Ω is moved along fields v = conj(g), g holomorphic with g' = 0 at the
-corners. Such a field is conformal at the corners, so their angles stay, and no holomorphic change of coordinates undoes
-it where its Beltrami coefficient conj(g') is along a quadratic differential of Ω.
-
-A harmonic surface between two rims is conformal for one modulus of Ω only: its hole grows or shrinks with the fit.
+A conformal map takes three boundary points where one wants; with n corners n − 3 moduli of Ω must be right before a
+surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them to a few digits, and is moved
+with the fit along fields v = conj(g), g holomorphic with g' = 0 at the corners: conformal there, so that the angles
+stay, and undone by no holomorphic change of coordinates. Between two rims the hole grows or shrinks.
 """
 
 from __future__ import annotations

@@ -188,8 +188,7 @@ def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[
     """A harmonic disk's surface flattened: the Ω over which its scale is the same all along ∂Ω, and its slide there.
 
     With u = log |ds/dz| on ∂Ω, s the length along Γ, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz
-    maps Ω conformally onto the flattening (`flatten` does the same for triangles). Equal lengths of Γ become equal
-    lengths of the new ∂Ω, whose perimeter is 1. Nothing crowds there, whatever Ω was. Where the slide is too uneven to
+    maps Ω conformally onto the flattening. Nothing crowds there, whatever Ω was. Where the slide is too uneven to
     smooth, or the flattening is not simple, Ω stays as it is.
     """
     n = len(disk.slide)

@@ -176,11 +176,7 @@ def _horner(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateauProblem:
-    """Γ, the nodes on ∂Ω, and the features of the model there.
-
-    Where Ω has a hole there are further points behind the nodes, on a way through Ω from the outer boundary's first
-    vertex to its own.
-    """
+    """Γ, the nodes on ∂Ω, and the features of the model there, and behind those on a way to the hole, if any."""
 
     curves: tuple[CurveTensors, ...]  # Γ, one curve for each boundary of Ω
     features: Complex[Tensor, "points n"]  # the model's hidden layer at the nodes and on the way

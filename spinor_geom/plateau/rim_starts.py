@@ -1,8 +1,8 @@
 """Where Douglas's problem for several rims starts: each one's place in Ω, its direction, and what is opposite what.
 
 Two rims are matched by all shifts of one against the other and all moduli at once. More are seen as circles on a sphere
-around some points, and those views taken from which the energy is least. At the end the two circles that are the outer
-one and the one about 0 are chosen such that equal steps of the angle are as even as can be on all rims.
+around some points, from where the energy is least, on the domain on which equal steps of the angle are as even as can
+be.
 """
 
 from __future__ import annotations

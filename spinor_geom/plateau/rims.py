@@ -71,9 +71,8 @@ def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
     """Whether two curves lie in the two halves of the cone ρ < 1.5089·|ζ| about the line between their centres.
 
     Then no connected minimal surface spans them: as the catenoids around that line shrink from outside to a point, the
-    surface, whose boundary none of them meets, touches none of them. Coaxial circles have an annulus wherever no cone
-    parts them; other curves may have none without one. Each half is convex, so that it holds a curve if it holds the
-    control points of its pieces.
+    surface touches none of them. Each half is convex, so that it holds a curve if it holds the control points of its
+    pieces.
 
     Source: Dierkes, Hildebrandt & Tromba, "Regularity of Minimal Surfaces" (2010), chapter 4, the cone theorem.
     """

@@ -47,9 +47,8 @@ def assess_stability(surface: SpinorSurface) -> Stability:
 
     The total curvature ∫|K| dA, an integral along ∂Ω, decides first: below 2π the surface is stable. Otherwise the
     eigenvalues μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated;
-    the surface is stable if the smallest is above 1. The difference of the meshes is the margin within which they leave
-    it open; then finer ones are tried, and after them it is "undecided". Wrinkles of the surface far below the meshes'
-    size, as fits have them in corners, do not count.
+    the surface is stable if the smallest is above 1. Where the difference of the meshes leaves it open finer ones are
+    tried. Wrinkles far below the meshes' size, as fits have them in corners, do not count.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """

@@ -36,12 +36,10 @@ def lifted_spinors(
 ) -> Complex[Tensor, "m 2"]:
     """P and q on each boundary edge of a discrete surface, with the signs that make them continuous on all of it.
 
-    From one edge of a ragged boundary to the next the frame may turn so far that the spinors beside each other do not
-    tell the sign. From face to face it turns less: the signs are handed on along the tree of faces whose steps have the
-    most nearly parallel spinors.
-
-    The first vertices are the boundary, in order; `points` are their images in Ω. Where p and q change their signs
-    around a `branch` c in a hole, p/√(z − c) and q/√(z − c) are given, which do not.
+    On a ragged boundary the spinors beside each other may not tell the sign. From face to face the frame turns less:
+    the signs are handed on along the tree of faces whose steps have the most nearly parallel spinors. The first
+    vertices are the boundary, in order; `points` are their images in Ω. Where p and q change their signs around a
+    `branch` c in a hole, p/√(z − c) and q/√(z − c) are given, which do not.
     """
     import igl
 

@@ -1,8 +1,7 @@
 """What routes share whose surface passes through points: integrals along polygons in Ω, and Newton's method for them.
 
 p and q are sums of features; δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz, so that two complex matrices say
-all of how the points move. There are fewer equations than read-outs: of all solutions the one nearest to a start is
-taken.
+all of how the points move.
 """
 
 from __future__ import annotations

@@ -1,18 +1,16 @@
 """The route for rough rims: the minimal surface through their points that is nearest to a discrete or a smooth one.
 
-Of a mesh's rim only the points are in the mesh. Between them Γ is free, and a rim that was cut along triangles says
-nothing of it: so Γ is the surface's own boundary there. What is left to ask for is that the surface passes through n
-points, 3n equations for the read-outs of p and q, far fewer than there are read-outs. Of their solutions the one is
-taken that is nearest to p and q of a start, in the H¹ norm on ∂Ω: p and q hardly vary along an edge, and Γ keeps near
-to the rim's edges. Nothing slides, no modulus changes, and two to six Newton steps are enough.
+Of a mesh's rim only the points are in the mesh, so between them Γ is the surface's own boundary. n points ask for 3n
+equations for the read-outs of p and q, fewer than there are. Of their solutions the one is taken that is nearest to p
+and q of a start, in the H¹ norm on ∂Ω: p and q hardly vary along an edge, and Γ keeps near to the rim's edges. Nothing
+slides, and two to six Newton steps are enough.
 
-For one rim the start is a discrete minimal disk, and Ω that disk flattened with its boundary lengths kept, a polygon
-whose vertices are matched with the rim's points. For several it is the smooth surface over averages of the rims, on a
-circular domain. Where that comes nearest to each point, along its tangent planes, is the point's place, and the
-polygons through these places, circles with the rims' teeth, bound Ω. p and q are sums of Cauchy units, beside each edge
-for the teeth, and deeper in each hole and as polynomials for what is smooth: places crowd where a rim comes near to
-another one, and powers of the circles' coordinates would be as coarse there as elsewhere. Three equations a hole are
-added for Re ∮ φ dz = 0.
+For one rim the start is a discrete minimal disk, and Ω that disk flattened with its boundary lengths kept. For several
+it is the smooth surface over averages of the rims, on a circular domain; where that comes nearest to each point, along
+its tangent planes, is the point's place, and the polygons through these places, circles with the rims' teeth, bound Ω.
+p and q are sums of Cauchy units, beside each edge for the teeth, and deeper in each hole and as polynomials for what is
+smooth: powers of the circles' coordinates would be too coarse where places crowd. Three equations a hole make Re ∮ φ dz
+= 0.
 """
 
 from __future__ import annotations

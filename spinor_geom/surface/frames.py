@@ -81,8 +81,7 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
     """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
     The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
-    disk it turns once in all, and does not lift; around a zero of φ of order m it turns m + 1 times. The samples are in
-    order, the last is followed by the first.
+    disk it turns once in all, and does not lift; around a zero of φ of order m it turns m + 1 times.
 
     Raises:
         OptionError: frames of neighbours differ by 90° or more, so that a turn between them might go unseen.
