@@ -108,6 +108,10 @@ class LaurentSeries(torch.nn.Module):
         logarithms = torch.log(z[..., None] - self.circles.centres)
         return _sums(self.circles.coordinates(z), outward, inward) + logarithms @ residues
 
+    def residues(self) -> Complex[Tensor, "holes 3"]:
+        """Integrals of p², q² and pq around each hole over 2πi."""
+        return self.integrals()[2]
+
     def integrals(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"], Complex[Tensor, "holes 3"]]:
         """Coefficients of the integrals of p², q² and pq as of p and q themselves, and of log(z − c_j)."""
         products = self.products()
