@@ -16,15 +16,10 @@ _MOST_CANDIDATES = 600
 
 
 def arnoldi_hessenberg(z: Complex[Tensor, " n"], weight: Float[Tensor, " n"], degree: int) -> Complex[Tensor, "d1 d"]:
-    """Coefficients of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials.
+    """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials.
 
-    Args:
-        z: nodes.
-        weight: positive weights that sum to 1; ⟨f, g⟩ = Σ weight·conj(f)·g.
-        degree: highest degree; it must be below the number of nodes.
-
-    Returns:
-        H, shape (degree + 1, degree), upper Hessenberg, with a real positive subdiagonal.
+    ⟨f, g⟩ = Σ weight·conj(f)·g at the nodes z, more than the degree, with weights of sum 1. H is upper Hessenberg, with
+    a real positive subdiagonal.
     """
     # rows times √weight: their products are plain ones, in numpy, where complex ones take a tenth of torch's time
     nodes, root = z.cpu().numpy(), weight.sqrt().cpu().numpy()

@@ -15,13 +15,7 @@ _ENTRIES, _ENTRIES_ON_DEVICES = 1 << 17, 1 << 23
 def in_blocks(
     function: Callable[[Tensor], Tensor], z: Complex[Tensor, "*pts"], width: int
 ) -> Complex[Tensor, "*pts c"]:
-    """A function of a row of points, for points of any shape.
-
-    Args:
-        function: (n,) points to (n, c) values, through a table of n rows.
-        z: points.
-        width: entries in each row.
-    """
+    """A function of a row of points, for points of any shape."""
     entries = _ENTRIES if z.device.type == "cpu" else _ENTRIES_ON_DEVICES
     blocks = torch.split(z.reshape(-1), max(1, entries // max(1, width)))
     values = torch.cat([function(block) for block in blocks])

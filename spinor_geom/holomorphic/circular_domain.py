@@ -14,15 +14,10 @@ from torch import Tensor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircularDomain:
-    """The unit disk less round holes, the first of which is about 0: what is left of the moduli is one rotation.
+    """The unit disk less round holes, the first of which is about 0: what is left of the moduli is one rotation."""
 
-    Attributes:
-        centres: (m − 1,), complex, of the holes; 0 first.
-        log_radii: (m − 1,), of the holes.
-    """
-
-    centres: Complex[Tensor, " holes"]
-    log_radii: Float[Tensor, " holes"]
+    centres: Complex[Tensor, " holes"]  # complex, of the holes; 0 first
+    log_radii: Float[Tensor, " holes"]  # of the holes
 
     @classmethod
     def annulus(cls, modulus: float, device: torch.device | str = "cpu") -> CircularDomain:

@@ -41,10 +41,7 @@ class CauchyInterpolant(torch.nn.Module):
     weights: Tensor
 
     def __init__(
-        self,
-        nodes: Complex[Tensor, " n"],
-        weights: Complex[Tensor, " n"],
-        values: Complex[Tensor, "n 2"],
+        self, nodes: Complex[Tensor, " n"], weights: Complex[Tensor, " n"], values: Complex[Tensor, "n 2"]
     ) -> None:
         """Raises DtypeError where a tensor is not complex."""
         super().__init__()

@@ -135,9 +135,7 @@ class ComplexMLP(torch.nn.Module):
                 sensitivity = (sensitivity @ weight) * slope
                 sensitivities.append(sensitivity)
             return Linearisation(
-                inputs=tuple(inputs),
-                sensitivities=tuple(reversed(sensitivities)),
-                value=self._read(inputs[-1]),
+                inputs=tuple(inputs), sensitivities=tuple(reversed(sensitivities)), value=self._read(inputs[-1])
             )
 
     def config(self) -> dict[str, Any]:
@@ -195,16 +193,11 @@ class Linearisation:
 
     They are holomorphic in the parameters, so their Jacobian J is complex. It is never formed: a layer's part of J Jᴴ
     is a product, entry by entry, of two Gram matrices.
-
-    Attributes:
-        inputs: of each layer, (2, n, in).
-        sensitivities: derivative of the output by each layer's W h + b, (2, n, out).
-        value: (n, 2), p and q themselves.
     """
 
-    inputs: tuple[Complex[Tensor, "2 n _"], ...]
-    sensitivities: tuple[Complex[Tensor, "2 n _"], ...]
-    value: Complex[Tensor, "n 2"]
+    inputs: tuple[Complex[Tensor, "2 n _"], ...]  # of each layer, (2, n, in)
+    sensitivities: tuple[Complex[Tensor, "2 n _"], ...]  # derivative of the output by each layer's W h + b, (2, n, out)
+    value: Complex[Tensor, "n 2"]  # p and q themselves
 
     def kernel(self) -> Complex[Tensor, "2 n n"]:
         """J Jᴴ of p and of q, each by its own parameters."""
@@ -244,11 +237,7 @@ def disk_around(domain: PlaneDomain) -> tuple[complex, float]:
 
 
 def _initial(
-    depth: int,
-    width: int,
-    function: Callable[[Tensor], Tensor],
-    gain: float,
-    generator: torch.Generator | None,
+    depth: int, width: int, function: Callable[[Tensor], Tensor], gain: float, generator: torch.Generator | None
 ) -> list[tuple[Complex[Tensor, "2 _ _"], Complex[Tensor, "2 _"]]]:
     """Weight and bias of each layer, its arguments bounded on the unit circle: see `ComplexMLP`."""
 

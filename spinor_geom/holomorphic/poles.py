@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float
 
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 
@@ -40,10 +40,6 @@ class Poles:
             scales=np.concatenate([self.scales, other.scales]),
         )
 
-    def __getitem__(self, chosen: Bool[np.ndarray, " k"]) -> Poles:
-        """Those that are chosen."""
-        return Poles(positions=self.positions[chosen], scales=self.scales[chosen])
-
 
 def corner_poles(tolerance: float) -> int:
     """Number of poles in a corner's cluster that a distance from Γ, in mean edges, takes."""
@@ -54,10 +50,8 @@ def corner_poles(tolerance: float) -> int:
 def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _CORNER_POLES[-1]) -> Poles:
     """One pole beside each boundary vertex that is no corner, and a cluster on the outer bisector of each corner.
 
-    Args:
-        domain: Ω.
-        offset: distance of a pole from its vertex along the outward normal, in local edge lengths of ∂Ω.
-        at_corner: number of poles in each cluster; see `corner_poles`.
+    The offset is in local edge lengths of ∂Ω, along the outward normal; for the number in each cluster see
+    `corner_poles`.
 
     Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
     Numer. Anal. 57 (2019), for the clusters.
@@ -80,14 +74,12 @@ def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
 
 
 def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
-    """Poles for p and q that are smooth on the edges of a polygon: beside each edge's middle, and at bent vertices.
+    """Poles for p and q that are smooth on a polygon's edges: beside each edge's middle, and at bent vertices.
 
-    Each is at the first of some distances along the outer normal or bisector, in edges, where every edge is at least
-    0.35 of its own length away; in notches too narrow for that there is none. Vertices that turn by less than 45° have
-    none of their own. The scale of a pole's unit is its distance from the polygon.
-
-    Args:
-        vertices: of a simple polygon with Ω on its left.
+    The polygon is simple, with Ω on its left. Each is at the first of some distances along the outer normal or
+    bisector, in edges, where every edge is at least 0.35 of its own length away; in notches too narrow for that there
+    is none. Vertices that turn by less than 45° have none of their own. The scale of a pole's unit is its distance from
+    the polygon.
     """
     step = np.roll(vertices, -1) - vertices
     edge = np.abs(step)
@@ -131,12 +123,7 @@ def _distance_outside(
 
 
 def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Poles:
-    """Poles that resolve given panels of ∂Ω: half a panel length outside its middle, a third outside its ends.
-
-    Args:
-        domain: Ω.
-        panels: their ends as parameters of ∂Ω; the middle is taken forwards from the first to the second.
-    """
+    """Poles that resolve panels of ∂Ω with given ends: half a length outside the middle, a third outside the ends."""
     start, end = panels.T
     length = np.abs(domain.point(end) - domain.point(start))
     both = np.concatenate([start, end])
@@ -147,10 +134,7 @@ def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Pol
     t = np.concatenate([(start + end) / 2, ends])
     tangent = domain.derivative(t)
     position, distance = _cleared(
-        domain,
-        domain.point(t),
-        -1j * tangent / np.abs(tangent),
-        np.concatenate([length / 2, end_length / 3]),
+        domain, domain.point(t), -1j * tangent / np.abs(tangent), np.concatenate([length / 2, end_length / 3])
     )
     return Poles(positions=position, scales=distance)
 

@@ -62,11 +62,7 @@ class PowerSeries(torch.nn.Module):
 
     def config(self) -> dict[str, Any]:
         """Number of terms, centre and radius."""
-        return {
-            "terms": len(self.coefficients),
-            "center": [self.center.real, self.center.imag],
-            "radius": self.radius,
-        }
+        return {"terms": len(self.coefficients), "center": [self.center.real, self.center.imag], "radius": self.radius}
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> PowerSeries:

@@ -45,26 +45,18 @@ _BLOCK = 1 << 14
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Zero:
-    """A zero of a holomorphic function.
+    """A zero of a holomorphic function."""
 
-    Attributes:
-        z: where; for a cluster of zeros nearer to each other than the resolution their mean.
-        order: multiplicity.
-    """
-
-    z: complex
-    order: int
+    z: complex  # where; for a cluster of zeros nearer to each other than the resolution their mean
+    order: int  # multiplicity
 
 
 def find_zeros(
     function: HolomorphicFunction, domain: PlaneDomain, *, resolution: float = RESOLUTION
 ) -> tuple[Zero, ...]:
-    """All zeros of a function inside ∂Ω, with multiplicity.
+    """All zeros of a function, holomorphic on Ω and its boundary, inside ∂Ω, with multiplicity.
 
-    Args:
-        function: holomorphic on Ω and its boundary, evaluated point by point on complex128 tensors.
-        domain: Ω.
-        resolution: zeros nearer to each other than this share of the domain's diameter are reported as one.
+    Those nearer to each other than the resolution, a share of the domain's diameter, are reported as one.
 
     Returns:
         The zeros, ordered by real and then imaginary part; simple and multiple ones are exact to round-off.
@@ -117,11 +109,7 @@ def _along(domain: PlaneDomain, s: Float[np.ndarray, " k"]) -> Complex[np.ndarra
 
 
 def _turning(function: HolomorphicFunction, domain: PlaneDomain) -> Float[np.ndarray, " e"]:
-    """Change of arg f along each piece of ∂Ω, by sampling each finely enough.
-
-    Raises:
-        ZeroOnContourError: f has a zero there, or too near.
-    """
+    """Change of arg f along each piece of ∂Ω, by sampling each finely enough."""
     turning = np.full(len(domain.arcs), np.nan)
     todo = np.arange(len(turning))
     before = np.full(len(todo), np.nan)

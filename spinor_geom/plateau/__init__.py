@@ -2,7 +2,7 @@
 
 The way of a loop, from a module to the next, in one direction:
 
-- `request`: the loops, simple and at unit size, and Γ, the curves through their points; `task`: with their solvers
+- `request`: the loops, simple and at unit size, and Γ, the curves through their points
 - `plan`: which routes are tried, and in what order; the first surface within the tolerance is the answer
 - Ω: `plane_route` takes the inside of Γ, `harmonic_route` the unit disk or a smooth one of `omega`, `network_route` and
   `vertex_route` a flattened discrete surface, `rims` a disk with round holes for several loops

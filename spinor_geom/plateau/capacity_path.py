@@ -25,7 +25,7 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.circles import DirichletForm
 from spinor_geom.plateau.douglas_rims import RimsProblem, is_apart
 from spinor_geom.plateau.newton import MOST_STEPS
-from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface, Moduli
+from spinor_geom.plateau.rims_energy import HarmonicSurface, Moduli
 
 # Steps of log M: the largest, and the least before the path is lost.
 _STEP, _LEAST_STEP = 0.5, 0.002
@@ -47,7 +47,7 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface) -> list[Harmonic
     """
     path = _Path(problem=problem)
     here = path.at(_OnPath.near(problem.point(surface)), None)
-    if here is None or here.here.surface.crowded:
+    if here is None or here.here.crowded:
         raise SurfaceError(
             "the nodes crowd on the rims: the gap between them is too long or too uneven for round circles, and no "
             "surface was found"
@@ -91,11 +91,11 @@ class _Capacity:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _OnPath:
-    here: EnergyPoint
+    here: HarmonicSurface
     multiplier: float  # λ
 
     @classmethod
-    def near(cls, here: EnergyPoint) -> _OnPath:
+    def near(cls, here: HarmonicSurface) -> _OnPath:
         """With the multiplier that suits the moduli's slopes."""
         free = cls(here=here, multiplier=0.0)
         pull = free.capacity.moduli.slopes
@@ -163,7 +163,7 @@ class _Path:
             if there is None:
                 step /= 2
                 continue
-            if is_apart(there.here.domain) or there.here.surface.crowded or not there.is_resolved:
+            if is_apart(there.here.domain) or there.here.crowded or not there.is_resolved:
                 break
             found.append(there)
             here, step = there, min(2 * step, _STEP)
@@ -199,7 +199,7 @@ class _Path:
             share = low.multiplier / (low.multiplier - high.multiplier)
             width = high.log_modulus - low.log_modulus
             middle = self._nearby((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
-            found = self.problem.critical(middle.here.surface)
+            found = self.problem.critical(middle.here)
             log = _OnPath.near(self.problem.point(found)).log_modulus
             if (
                 middle in (low, high)

@@ -25,22 +25,16 @@ class DirichletForm:
 
     ½ ∮ x·Λx dτ is the Dirichlet energy. Between two concentric circles Λ is a multiplier of Fourier series. With more
     holes it differs from |k| by an operator with a smooth kernel, which acts on low frequencies only.
-
-    Attributes:
-        domain: Ω.
-        steps: n, of every circle.
-        own: multipliers of a circle's own values, frequencies 0 … n/2.
-        other: multipliers of the conjugate spectrum of the other of two circles; none where there are more.
-        correction: Λ less |k| on so many equal steps of every circle as resolve it, (m c, m c); none for two circles.
-        error: the correction's deviation from a symmetric matrix, relative to the largest entry of |k|'s.
     """
 
-    domain: CircularDomain
-    steps: int
-    own: Float[Tensor, " f"]
+    domain: CircularDomain  # Ω
+    steps: int  # n, of every circle
+    own: Float[Tensor, " f"]  # multipliers of a circle's own values, frequencies 0 … n/2
+    # multipliers of the conjugate spectrum of the other of two circles; none where there are more
     other: Float[Tensor, " f"] | None
+    # Λ less |k| on so many equal steps of every circle as resolve it, (m c, m c); none for two circles
     correction: Float[Tensor, "mc mc"] | None
-    error: float
+    error: float  # the correction's deviation from a symmetric matrix, relative to the largest entry of |k|'s
 
     @classmethod
     def of(cls, domain: CircularDomain, n: int, *, negligible: float = ROUND_OFF) -> DirichletForm:
@@ -101,12 +95,8 @@ class DirichletForm:
 def multipliers(modulus: Float[Tensor, "*m"], n: int) -> tuple[Float[Tensor, "*m f"], Float[Tensor, "*m f"]]:
     """The Dirichlet-to-Neumann map Λ(m) of cylinders of any moduli on n equal steps of both rims.
 
-    Both rims run with the cylinder on their left, as the boundary of an annulus does: the angle of the first one is
-    2πt, that of the second −2πt. For the frequency k a rim's own part is |k| coth |k|m, the other's −|k| / sinh |k|m
-    (for k = 0: ±1/m).
-
-    Returns:
-        Multipliers of a rim's own values and of the conjugate spectrum of the other rim, frequencies 0 … n/2.
+    Both rims run with the cylinder on their left, as the boundary of an annulus does. For the frequencies k = 0 … n/2 a
+    rim's own part is |k| coth |k|m; the other's, of its conjugate spectrum, is −|k| / sinh |k|m (for k = 0: ±1/m).
     """
     m = modulus[..., None]
     k = torch.arange(n // 2 + 1, dtype=m.dtype, device=m.device)

@@ -17,7 +17,7 @@ from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.plateau.douglas import resampled, smoothed
 from spinor_geom.plateau.newton import MOST_STEPS, minimised
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import EnergyPoint, HarmonicSurface
+from spinor_geom.plateau.rims_energy import HarmonicSurface
 
 # Modulus beyond which all but the distance of the rims' means has decayed to 1e-9 of itself: there is no surface.
 MOST_MODULUS = 20.0
@@ -37,39 +37,28 @@ _FLAT_MODULUS = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimsProblem:
-    """Douglas's problem for curves that run as the boundary of Ω does, the outer one first.
+    """Douglas's problem for curves that run as the boundary of Ω does, the outer one first."""
 
-    Attributes:
-        curves: two or more, as a batch.
-        negligible: as for `DirichletForm.of`.
-        on_step: is called with the gradient at each Newton step; None for silence.
-    """
-
-    curves: CurveTensors
-    negligible: float = ROUND_OFF
-    on_step: Callable[[float], None] | None = None
+    curves: CurveTensors  # two or more, as a batch
+    negligible: float = ROUND_OFF  # as for `DirichletForm.of`
+    on_step: Callable[[float], None] | None = None  # is called with the gradient at each Newton step; None for silence
 
     def at(self, slides: Float[Tensor, "m n"], domain: CircularDomain) -> HarmonicSurface:
         """The harmonic surface with given slides over a given domain."""
-        return EnergyPoint.of(self.curves, slides, domain, self.negligible).surface
+        return HarmonicSurface.of(self.curves, slides, domain, self.negligible)
 
     def descended(self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False) -> HarmonicSurface | None:
         """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
 
-        A modulus runs away then, or a rim shrinks to a point of it. `minimised`, which factors nothing, is no way to
-        here: its steps are not held back in the moduli, so that it leaves shallow valleys (the 5-noid's falls apart),
-        and along splines it takes three times as long.
-
-        Args:
-            start: a surface.
-            tolerance: of gradient and slopes.
-            fixed: whether the moduli stay.
+        A modulus runs away then, or a rim shrinks to a point of it. The moduli may be held fixed. `minimised`, which
+        factors nothing, is no way to here: its steps are not held back in the moduli, so that it leaves shallow valleys
+        (the 5-noid's falls apart), and along splines it takes three times as long.
         """
         here = self.point(start)
         damping = _DAMPING
         for _ in range(MOST_STEPS):
             require_time()
-            size = here.surface.gradient if fixed else here.surface.size
+            size = here.slope if fixed else here.size
             if self.on_step is not None:
                 self.on_step(size)
             if size <= tolerance:
@@ -95,28 +84,28 @@ class RimsProblem:
             if there is None:
                 break
             stays = here.energy - there.energy < ROUNDING * here.energy
-            lower = (there.surface.gradient if fixed else there.surface.size) < _GAIN * size
+            lower = (there.slope if fixed else there.size) < _GAIN * size
             if stays and not lower:
                 break
             here, damping = there, max(damping / _FACTOR, ROUNDING)
-            if not fixed and (here.surface.crowded or is_apart(here.domain)):
+            if not fixed and (here.crowded or is_apart(here.domain)):
                 return None
-        return here.surface
+        return here
 
     def critical(self, near: HarmonicSurface, *, tolerance: float = ROUNDING) -> HarmonicSurface:
         """The critical point next to a surface, a minimum or not, by plain Newton steps while the gradient falls."""
         here = self.point(near)
         for _ in range(MOST_STEPS):
             if self.on_step is not None:
-                self.on_step(here.surface.size)
-            if here.surface.size <= tolerance:
+                self.on_step(here.size)
+            if here.size <= tolerance:
                 break
             step = torch.linalg.solve(here.hessian(), -here.gradient())
             there = here.stepped(step)
-            if not there.surface.size < _GAIN * here.surface.size:
+            if not there.size < _GAIN * here.size:
                 break
             here = there
-        return here.surface
+        return here
 
     def refined(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
         """The critical point with n nodes on each rim."""
@@ -129,16 +118,7 @@ class RimsProblem:
     def settled(
         self, surface: HarmonicSurface, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0
     ) -> HarmonicSurface:
-        """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many nodes.
-
-        Args:
-            surface: start.
-            n: nodes.
-            tolerance: of gradient and slopes.
-            max_steps: limit on steps.
-            near: whether the start is near to a solution, so that plain Newton steps may be taken at once.
-            negligible: fall of the energy over several steps at which to stop.
-        """
+        """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many."""
         start = _AsBatch(here=self.point(self.resampled(surface, n)))
         ((found, _),) = minimised(
             start,
@@ -148,16 +128,16 @@ class RimsProblem:
             near=near,
             on_step=[] if self.on_step is None else [self.on_step],
         )
-        return found.here.surface
+        return found.here
 
     def index(self, surface: HarmonicSurface) -> int:
         """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
         values = torch.linalg.eigvalsh(self.point(surface).hessian())
         return int((values < -_FLAT * values.abs().max()).sum())
 
-    def point(self, surface: HarmonicSurface) -> EnergyPoint:
-        """The energy with its derivatives at a surface."""
-        return EnergyPoint.of(self.curves, surface.slides, surface.domain, self.negligible)
+    def point(self, surface: HarmonicSurface) -> HarmonicSurface:
+        """The surface of the same slides and domain on these curves."""
+        return self.at(surface.slides, surface.domain)
 
 
 def is_apart(domain: CircularDomain) -> bool:
@@ -170,7 +150,7 @@ def is_apart(domain: CircularDomain) -> bool:
 class _AsBatch:
     """One surface's energy as a batch of one, as `newton.Energies`; it is over where n nodes do not resolve a step."""
 
-    here: EnergyPoint
+    here: HarmonicSurface
     is_unresolved: bool = False
 
     @property
@@ -183,7 +163,7 @@ class _AsBatch:
 
     @property
     def size(self) -> Float[Tensor, "1"]:
-        return self.here.slides.new_tensor([self.here.surface.size])
+        return self.here.slides.new_tensor([self.here.size])
 
     @property
     def is_over(self) -> Bool[Tensor, "1"]:

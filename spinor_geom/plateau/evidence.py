@@ -1,30 +1,32 @@
-"""What a solution is checked by beyond its residual: computed when it is first asked for."""
+"""What a solution is checked by that was not used to find it: computed when it is first asked for."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
+import numpy as np
+from jaxtyping import Complex, Float
+
+from spinor_geom.domain.plane_domain import Boundary
+from spinor_geom.domain.quadrature import rule
+from spinor_geom.mesh.intersections import is_graph, self_intersections
 from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.stability import Stability, assess_stability
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
+# Gauss-Legendre nodes along each side of a triangle, of a piece between ∂Ω and its polygon, and of a path to a vertex.
+_ORDER = 3
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
-    """Checks of a surface, each made when it is first read and timed by itself.
-
-    Attributes:
-        surface: the surface.
-        is_plane: whether it is a plane region inside a simple boundary, which does not cross itself.
-        clock: of the stages "stability" and "certificates".
-    """
+    """Checks of a surface, each made when it is first read and timed by itself."""
 
     surface: SpinorSurface
-    is_plane: bool = False
-    clock: Clock = field(default_factory=Clock)
+    is_plane: bool = False  # whether it is a plane region inside a simple boundary, which does not cross itself
+    clock: Clock = field(default_factory=Clock)  # of the stages "stability" and "certificates"
 
     @cached_property
     def stability(self) -> Stability:
@@ -34,12 +36,66 @@ class Evidence:
 
     @cached_property
     def area_in_domain(self) -> float:
-        """The area by quadrature over Ω: see `certificates.area_in_domain`."""
+        """The area by quadrature over Ω."""
         with one_thread(), self.clock.stage("certificates"):
             return area_in_domain(self.surface)
 
     @cached_property
     def self_intersections(self) -> int | None:
-        """Pairs of triangles that cross in the surface's mesh: see `certificates.crossing_faces`."""
+        """Pairs of triangles that cross in the surface's mesh: see `crossing_faces`."""
         with one_thread(), self.clock.stage("certificates"):
             return 0 if self.is_plane else crossing_faces(self.surface)
+
+
+def area_in_domain(surface: SpinorSurface) -> float:
+    """Area ∫_Ω λ² dx dy by quadrature over Ω's triangles and the pieces between them and ∂Ω.
+
+    It is independent of `SpinorSurface.area`, an integral along ∂Ω; near rough rims the triangles do not resolve λ.
+    """
+    mesh = surface.domain.triangulation
+    parts = [_on_triangles(mesh.points[mesh.faces]), *map(_beside_rim, surface.domain.boundaries)]
+    z, weights = map(np.concatenate, zip(*parts, strict=True))
+    return float(weights @ surface.conformal_factor(z) ** 2)
+
+
+def crossing_faces(surface: SpinorSurface) -> int | None:
+    """Pairs of triangles that cross in the surface's mesh over Ω's triangulation.
+
+    None says that nothing is known, because the mesh has positions that are not finite.
+    """
+    mesh = surface.domain.triangulation
+    # whether triangles cross does not hang on the last digits
+    rough = SpinorSurface(surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_ORDER)
+    vertices = rough.position(mesh.points)
+    if not np.isfinite(vertices).all():
+        return None
+    if not mesh.hole_sizes and is_graph(vertices, mesh.faces, mesh.boundary_size):
+        return 0
+    return len(self_intersections(vertices, mesh.faces))
+
+
+def _on_triangles(corners: Complex[np.ndarray, "f 3"]) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Nodes and weights on triangles: a square folded to a triangle at its first corner."""
+    gauss = rule("gauss", _ORDER)
+    u, v = np.meshgrid(gauss.nodes, gauss.nodes, indexing="ij")
+    folded = (gauss.weights[:, None] * gauss.weights * u).ravel()
+    a, b, c = corners.T[:, :, None]
+    z = a + u.ravel() * ((b - a) + v.ravel() * (c - b))
+    weights = np.imag(np.conj(b - a) * (c - a)) * folded
+    return z.ravel(), weights.ravel()
+
+
+def _beside_rim(boundary: Boundary) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Nodes and signed weights between a boundary of Ω and the polygon of its vertices."""
+    along = across = rule("gauss", _ORDER)
+    t, width = boundary.parameters[:-1, None], np.diff(boundary.parameters)[:, None]
+    arc, slope = boundary.point(t + width * along.nodes), width * boundary.derivative(t + width * along.nodes)
+    side = (np.roll(boundary.vertices, -1) - boundary.vertices)[:, None]
+    chord = boundary.vertices[:, None] + side * along.nodes
+    v = across.nodes
+    z = chord[..., None] + (arc - chord)[..., None] * v
+    forwards = side[..., None] + (slope - side)[..., None] * v
+    # Ω lies to the left
+    density = -np.imag(np.conj(forwards) * (arc - chord)[..., None])
+    weights = density * along.weights[:, None] * across.weights
+    return z.ravel(), weights.ravel()

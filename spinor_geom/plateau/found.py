@@ -19,46 +19,28 @@ FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
 
 @dataclass(frozen=True, kw_only=True)
 class Between:
-    """What is found of a surface between several loops beside what a disk has.
+    """What is found of a surface between several loops beside what a disk has."""
 
-    Attributes:
-        order: the numbers of the loops, that of the outer boundary of Ω first.
-        back: whether each, in that order, runs against the boundary of the surface.
-        modulus: see `capacity_path.mean_modulus`; none where Ω is no circular domain.
-        antiperiodic: whether p and q change their sign around each hole.
-        period: the largest |Re ∮ φ dz| around a hole.
-    """
-
-    order: tuple[int, ...]
-    back: tuple[bool, ...]
-    modulus: float | None
-    antiperiodic: tuple[bool, ...]
-    period: float
+    order: tuple[int, ...]  # the numbers of the loops, that of the outer boundary of Ω first
+    back: tuple[bool, ...]  # whether each, in that order, runs against the boundary of the surface
+    modulus: float | None  # see `capacity_path.mean_modulus`; none where Ω is no circular domain
+    antiperiodic: tuple[bool, ...]  # whether p and q change their sign around each hole
+    period: float  # the largest |Re ∮ φ dz| around a hole
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """A minimal surface over loops of common diagonal 1 and centre 0.
-
-    Attributes:
-        surface: the surface.
-        curves: Γ on each boundary of Ω, as that runs.
-        matchings: of each, (n, 2), increasing pairs (t, s): parameters of ∂Ω and of Γ.
-        misfit: distance between its boundary and Γ.
-        area: ½∮ r·Im(φ dz).
-        route: how it was found.
-        limit: what keeps it from coming nearer to Γ, as the end of a sentence.
-        between: of several loops; none for a disk.
-    """
+    """A minimal surface over loops of common diagonal 1 and centre 0."""
 
     surface: SpinorSurface
-    curves: tuple[BoundaryCurve, ...]
+    curves: tuple[BoundaryCurve, ...]  # Γ on each boundary of Ω, as that runs
+    # of each, (n, 2), increasing pairs (t, s): parameters of ∂Ω and of Γ
     matchings: tuple[Float[np.ndarray, "_ 2"], ...]
-    misfit: Misfit
-    area: float
-    route: RouteName
-    limit: str
-    between: Between | None = None
+    misfit: Misfit  # distance between its boundary and Γ
+    area: float  # ½∮ r·Im(φ dz)
+    route: RouteName  # how it was found
+    limit: str  # what keeps it from coming nearer to Γ, as the end of a sentence
+    between: Between | None = None  # of several loops; none for a disk
 
 
 class NoneBetweenError(Exception):

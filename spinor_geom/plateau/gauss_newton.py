@@ -22,27 +22,17 @@ _TRIES = 14
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """State of a fit.
+    """State of a fit."""
 
-    Attributes:
-        readout: (n, 2), read-outs of p and q.
-        constant: (3,), added to the positions that start at 0 at the first panel's start.
-        slide: (nodes,), curve parameters of the nodes.
-        amounts: (k,), how far Ω should move along its modulus fields, to first order; included in the error.
-        error: (nodes, 3), r + c − Γ(slide).
-        tangent: (nodes, 3), Γ′(slide).
-        gap: (holes, 3), Re ∮ φ dz around each hole.
-        energy: the mean of |error|² by arc length of ∂Ω, and the sum of |gap|².
-    """
-
-    readout: Complex[Tensor, "n 2"]
-    constant: Float[Tensor, "3"]
-    slide: Float[Tensor, " nodes"]
+    readout: Complex[Tensor, "n 2"]  # read-outs of p and q
+    constant: Float[Tensor, "3"]  # added to the positions that start at 0 at the first panel's start
+    slide: Float[Tensor, " nodes"]  # curve parameters of the nodes
+    # how far Ω should move along its modulus fields, to first order; included in the error
     amounts: Float[Tensor, " k"]
-    error: Float[Tensor, "nodes 3"]
-    tangent: Float[Tensor, "nodes 3"]
-    gap: Float[Tensor, "holes 3"]
-    energy: float
+    error: Float[Tensor, "nodes 3"]  # r + c − Γ(slide)
+    tangent: Float[Tensor, "nodes 3"]  # Γ′(slide)
+    gap: Float[Tensor, "holes 3"]  # Re ∮ φ dz around each hole
+    energy: float  # the mean of |error|² by arc length of ∂Ω, and the sum of |gap|²
 
     @classmethod
     def at(
@@ -86,19 +76,11 @@ def gauss_newton(
     allowed: float,
     steps: Steps,
 ) -> Fit:
-    """Minimises ∮ |r − Γ(s)|² |dz| over read-outs, constant and slide by Levenberg-Marquardt.
-
-    Around a hole the square of the period Re ∮ φ dz is added: a gap is a fault wherever the boundary slides.
+    """Minimises ∮ |r − Γ(s)|² |dz| and the square of Re ∮ φ dz around a hole by Levenberg-Marquardt.
 
     The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s then
-    moves along the tangent and back onto the increasing sequences.
-
-    Args:
-        problem: nodes, features, Γ.
-        readout: start.
-        slide: start, increasing around the circle.
-        allowed: RMS residual below which only fast convergence goes on.
-        steps: gets those that lower the residual.
+    moves along the tangent and back onto the increasing sequences. Below an RMS residual of `allowed` only fast
+    convergence goes on.
     """
     fit = Fit.at(problem, readout, slide)
     damping = _FIRST_DAMPING

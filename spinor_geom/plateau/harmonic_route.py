@@ -48,14 +48,7 @@ class HarmonicSolver:
         return Aims(request=self.request)
 
     def on_disk(self, begun: Fit | None = None) -> Found:
-        """The minimal disk on the unit disk.
-
-        Args:
-            begun: the fit, where it was made together with others.
-
-        Raises:
-            DomainError: none was found: the loop has corners or is too long for its width, so that nodes crowd.
-        """
+        """The minimal disk on the unit disk, by a fit that may have been begun together with others."""
         refusal = DomainError(
             "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
             vertices=len(self.request.unit),
@@ -68,11 +61,7 @@ class HarmonicSolver:
             raise refusal from error
 
     def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> Found | None:
-        """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none.
-
-        Args:
-            matching: of the unstable one.
-        """
+        """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none."""
         slide = torch.tensor(matching[:, 1], device=self.request.options.device)
         # the cost of its directions is the number of nodes cubed
         start = slide_downhill(self.aims.exact, self._unit_disk, resampled(slide, min(len(slide), 2 * FEWEST_NODES)))
@@ -84,27 +73,14 @@ class HarmonicSolver:
             return None
 
     def unfolded(self) -> Found:
-        """The minimal disk on the loop's unfolded least-area triangulation.
-
-        Raises:
-            FirstFillError: the loop has no such triangulation.
-            DomainError: it is not simple or too narrow, or nodes crowd.
-        """
+        """The minimal disk on the loop's unfolded least-area triangulation."""
         even = np.arange(self._density.points) / self._density.points
         with self.request.clock.stage("first fill"):
             polygon = unfolded_loop(self.request.curve.point(self._density.slide(even)), saws=True)
         return self._on_domain(polygon, even, "unfolded")
 
     def flattened(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Found:
-        """The minimal disk of less energy that a discrete disk leads to, on its flattening.
-
-        Args:
-            disk: over the loop at unit size.
-            rim: indices of the loop's points that are its boundary vertices.
-
-        Raises:
-            DomainError: the flattening is not simple or too narrow, or nodes crowd.
-        """
+        """The minimal disk of less energy that a discrete disk over the points `rim` leads to, on its flattening."""
         with self.request.clock.stage("flattening"):
             polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
         return self._on_domain(polygon, self._density.parameter(self.request.curve.breaks[rim]), "flattened")
@@ -122,13 +98,7 @@ class HarmonicSolver:
         return DirichletForm.of_disk(self._count)
 
     def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], route: RouteName) -> Found:
-        """The minimal disk on the smooth Ω next to a polygon, and on what its own flattening makes of that.
-
-        Args:
-            polygon: near to ∂Ω.
-            t: parameters of its vertices.
-            route: for the record.
-        """
+        """The minimal disk on the smooth Ω next to a polygon, at parameters t, and on its own flattening."""
         with self.request.clock.stage("flattening"):
             # points that stand for single vertices are to be followed
             is_fine = self.aims.is_rough and len(self.request.unit) <= self._density.points
@@ -164,11 +134,7 @@ class HarmonicSolver:
         return Fit(aims=self.aims, form=form, slide=slide, nodes=even(max(len(slide), len(self.request.unit))))
 
     def _fitted(self, fit: Fit, route: RouteName) -> Found:
-        """The minimal disk with as many nodes as the tolerance asks for, or as help.
-
-        Raises:
-            DomainError: the nodes crowd, or all harmonic disks are branched.
-        """
+        """The minimal disk with as many nodes as the tolerance asks for, or as help."""
         fit_together([fit])
         if fit.best is None:
             raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.request.unit))

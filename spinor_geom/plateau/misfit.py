@@ -26,27 +26,18 @@ class Misfit:
 
     The mean is by arc length, of Γ or of the boundary, whichever is longer beside each point: a boundary that passes
     over a part of Γ counts as far from it as one that runs off, and one that has collapsed is not near.
-
-    Attributes:
-        rms: root of the mean squared distance.
-        max: largest distance.
-        max_per_local_edge: largest ratio of the distance to the mean length of the loop's three edges beside it.
-        length: of Γ.
     """
 
-    rms: float
-    max: float
-    max_per_local_edge: float
-    length: float
+    rms: float  # root of the mean squared distance
+    max: float  # largest distance
+    max_per_local_edge: float  # largest ratio of the distance to the mean length of the loop's three edges beside it
+    length: float  # of Γ
 
     @classmethod
     def of(cls, r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: TensorCurve) -> Misfit:
-        """The misfit at points of the boundary and, where Γ is much longer than it, at points of Γ between them.
+        """The misfit at a closed sequence of points of the boundary, with the parameters of the points of Γ near each.
 
-        Args:
-            r: closed sequence of points of the boundary.
-            slide: the parameters of the points of Γ near each, increasing by 1 in one turn.
-            curve: Γ.
+        Where Γ is much longer than the boundary, points of Γ between them count too.
         """
         point, tangent = curve.point_and_derivative(slide)
         known = r, slide, (r - point).norm(dim=-1), tangent.norm(dim=-1), curve.local_edge(slide)
@@ -64,16 +55,7 @@ class Misfit:
         *,
         alone: Callable[[int], TensorCurve],
     ) -> tuple[Misfit, ...]:
-        """The misfits of several boundaries from their own curves; see `of`.
-
-        Args:
-            r: points of the boundaries.
-            slide: parameters of the points of Γ near them.
-            distance: from those.
-            speed: |Γ′| there.
-            local_edge: of the loop there.
-            alone: gives the curve of one of them.
-        """
+        """The misfits of several boundaries, from distances, |Γ′| and edges there; `alone` gives a curve of one."""
         step, chord = torch.diff(slide, append=slide[:, :1] + 1), (r.roll(-1, 1) - r).norm(dim=-1)
         arc = step * (speed + speed.roll(-1, 1)) / 2
         over = step * torch.maximum(speed, speed.roll(-1, 1)) > _PASSED_OVER * chord + distance
@@ -121,13 +103,7 @@ class Misfit:
         )
 
     def excess(self, *, allowed: float, tolerance: float) -> float:
-        """How many times farther from Γ than it may be: 1 or less where the tolerance is met.
-
-        Args:
-            allowed: RMS distance.
-            tolerance: that in mean edges of the loop; no part of it may be missed by more than `LOCAL_TOLERANCES` of
-                them in its own edges.
-        """
+        """How many times farther from Γ than it may be, as RMS or in its own edges: 1 where the tolerance is met."""
         return max(self.rms / allowed, self.max_per_local_edge / (LOCAL_TOLERANCES * tolerance))
 
     def enlarged(self, scale: float) -> Misfit:
@@ -157,26 +133,8 @@ class BoundaryResidual:
     mean_edge: float
     diagonal: float
 
-    @classmethod
-    def of(cls, misfit: Misfit, *, mean_edge: float, diagonal: float) -> BoundaryResidual:
-        """A misfit in mesh units, of loops of that size."""
-        return cls(
-            rms=misfit.rms,
-            max=misfit.max,
-            max_per_local_edge=misfit.max_per_local_edge,
-            mean_edge=mean_edge,
-            diagonal=diagonal,
-        )
-
     def verdict(self, tolerance: float, *, steps: int, limit: str) -> tuple[bool, str]:
-        """Whether a tolerance is met, and a sentence that says by how much or why not.
-
-        Args:
-            tolerance: RMS distance in mean loop edges; a hundred times as much is allowed for the largest distance in
-                the edges beside it.
-            steps: that were taken.
-            limit: what keeps the surface from coming nearer, as the end of a sentence.
-        """
+        """Whether a tolerance is met, and a sentence that says by how much or why not, as the limit ends it."""
         reached = f"residual {self.rms_per_edge:.1e} of the mean edge after {steps} steps"
         if not self.rms_per_edge <= tolerance:
             return False, f"{reached}, above the tolerance {tolerance:.1e}: {limit}"

@@ -1,12 +1,9 @@
 """Corners of Γ: which nodes may go where; and the moduli that decide whether Ω's corners or rims can meet those of Γ.
 
-A conformal map takes three boundary points where one wants; with n corners, n − 3 numbers, the moduli of Ω with its
-corners, must be right before a surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them
-to a few digits. They are corrected with the fit: Ω is moved along fields v = conj(g), g holomorphic with g' = 0 at the
-corners. Such a field is conformal at the corners, so their angles stay, and no holomorphic change of coordinates undoes
-it where its Beltrami coefficient conj(g') is along a quadratic differential of Ω.
-
-A harmonic surface between two rims is conformal for one modulus of Ω only: its hole grows or shrinks with the fit.
+A conformal map takes three boundary points where one wants; with n corners n − 3 moduli of Ω must be right before a
+surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them to a few digits, and is moved
+with the fit along fields v = conj(g), g holomorphic with g' = 0 at the corners: conformal there, so that the angles
+stay, and undone by no holomorphic change of coordinates. Between two rims the hole grows or shrinks.
 """
 
 from __future__ import annotations
@@ -43,14 +40,11 @@ class CornerPairs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModulusFields:
-    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps its corners' angles, or a hole's growth.
+    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps its corners' angles, or a hole's growth."""
 
-    Attributes:
-        nodes: (nodes, k), at the nodes of the panels they were made with, one field a column, in units of Ω.
-        vertices: (m, k), at the vertices of ∂Ω, or of its hole; each field is as large as Ω's diameter at most.
-    """
-
+    # at the nodes of the panels they were made with, one field a column, in units of Ω
     nodes: Complex[np.ndarray, "nodes k"]
+    # at the vertices of ∂Ω, or of its hole; each field is as large as Ω's diameter at most
     vertices: Complex[np.ndarray, "m k"]
 
     @classmethod
@@ -60,12 +54,6 @@ class ModulusFields:
         The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
         real along ∂Ω. Of all g' made of the features that vanish at the corners, those nearest to this are taken. On a
         strip they stretch it along its length, however it winds.
-
-        Args:
-            domain: Ω.
-            panels: on ∂Ω, with a break at each vertex.
-            features: holomorphic functions at their nodes, smooth at the corners: the moved boundary's spline must
-                resolve what they make.
 
         Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
         """
@@ -92,11 +80,7 @@ class ModulusFields:
 
     @classmethod
     def of_hole(cls, domain: PlaneDomain, panels: Panels) -> ModulusFields:
-        """The field along the hole's normals, about as long as the annulus is wide, at most as the hole's radius.
-
-        Longer where there is more room, it keeps the hole's shape near to a level curve of the harmonic function
-        between the boundaries.
-        """
+        """The field along the hole's normals: longer where there is room, it keeps it near to a level curve."""
         (hole,), outer = domain.holes, domain.boundary.vertices
         w = hole.vertices
         ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
@@ -112,11 +96,7 @@ class ModulusFields:
         return cls(nodes=nodes[:, None], vertices=field[:, None])
 
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
-        """Ω with its hole grown, or with its boundary's vertices moved, at most by a tenth of its diameter.
-
-        Raises:
-            DomainError: the moved boundaries are not simple, or cross.
-        """
+        """Ω with its hole grown, or with its boundary's vertices moved, at most by a tenth of its diameter."""
         move = self.vertices @ amounts
         if domain.holes:
             hole = SplineBoundary.through(domain.holes[0].vertices + move)

@@ -1,4 +1,4 @@
-"""The network and the nodes of one round of a fit, and their refinement where the residual is."""
+"""The network and the nodes of one round of a fit, its residual between them, and their refinement where that is."""
 
 from __future__ import annotations
 
@@ -15,37 +15,29 @@ from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
 from spinor_geom.plateau.gauss_newton import Fit
+from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.moduli import CornerPairs, ModulusFields
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, TensorCurve
 
 # Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
 # time grows with the cube.
 _MAX_FEATURES = 420
+# Gauss-Newton steps from a matched point of Γ to the nearest one: two or three are taken where they are not far apart.
+_PROJECTIONS = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Discretisation:
-    """Poles, panels and the network made from them.
+    """Poles, panels and the network made from them."""
 
-    Attributes:
-        domain: Ω.
-        pairs: corners of Ω and Γ.
-        poles: poles outside Ω.
-        degree: of the polynomials.
-        at_corner: number of poles that are clustered at each corner.
-        panels: nodes on ∂Ω.
-        network: features orthonormal on the nodes.
-        problem: the same as tensors, with Γ.
-    """
-
-    domain: PlaneDomain
-    pairs: CornerPairs
-    poles: Poles
-    degree: int
-    at_corner: int
-    panels: Panels
-    network: CauchyNetwork
-    problem: PlateauProblem
+    domain: PlaneDomain  # Ω
+    pairs: CornerPairs  # corners of Ω and Γ
+    poles: Poles  # poles outside Ω
+    degree: int  # of the polynomials
+    at_corner: int  # number of poles that are clustered at each corner
+    panels: Panels  # nodes on ∂Ω
+    network: CauchyNetwork  # features orthonormal on the nodes
+    problem: PlateauProblem  # the same as tensors, with Γ
 
     @classmethod
     def first(
@@ -61,26 +53,13 @@ class Discretisation:
     ) -> Discretisation:
         """One pole a boundary vertex, panels between the vertices and halving towards corners.
 
-        Args:
-            domain: Ω.
-            curves: Γ, one curve for each boundary of Ω.
-            pairs: corners of Ω and Γ.
-            degree: highest degree of the polynomials.
-            offset: of the poles, in local edges.
-            tolerance: RMS distance from Γ, in mean edges, that is asked for: corners take fewer poles for a loose one.
-            branch: a point in the hole around which p and q change their sign; none where they are single-valued.
+        The offset of the poles is in local edges; corners take fewer poles for a loose tolerance, the RMS distance from
+        Γ in mean edges. `branch` is a point in the hole around which p and q change their sign.
         """
         at_corner = corner_poles(tolerance)
-        return cls._of(
-            domain,
-            curves,
-            pairs,
-            poles=place_poles(domain, offset=offset, at_corner=at_corner),
-            breaks=tuple(map(panel_breaks, domain.boundaries)),
-            degree=degree,
-            at_corner=at_corner,
-            branch=branch,
-        )
+        poles = place_poles(domain, offset=offset, at_corner=at_corner)
+        breaks = tuple(map(panel_breaks, domain.boundaries))
+        return cls._of(domain, curves, pairs, poles, breaks, degree, at_corner, branch)
 
     @classmethod
     def _of(
@@ -88,7 +67,6 @@ class Discretisation:
         domain: PlaneDomain,
         curves: tuple[CurveTensors, ...],
         pairs: CornerPairs,
-        *,
         poles: Poles,
         breaks: tuple[Float[np.ndarray, " _"], ...],
         degree: int,
@@ -123,9 +101,8 @@ class Discretisation:
     def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
         """More poles and shorter panels where the residual is; None where nothing more may be added.
 
-        Args:
-            energy: integral of the squared residual over each panel, as a share of the whole boundary.
-            goal: panels matter until those left out have less than half of goal² together.
+        The energy is the integral of the squared residual over each panel; those matter until the ones left out have
+        less than half of goal² together.
         """
         order = np.argsort(energy)
         matter = np.empty(len(energy), dtype=bool)
@@ -147,16 +124,7 @@ class Discretisation:
         self, domain: PlaneDomain, pairs: CornerPairs, poles: Poles, breaks: tuple[Float[np.ndarray, " _"], ...]
     ) -> Discretisation:
         """The same curves on another Ω, or with other poles or panels."""
-        return self._of(
-            domain,
-            self.problem.curves,
-            pairs,
-            poles=poles,
-            breaks=breaks,
-            degree=self.degree,
-            at_corner=self.at_corner,
-            branch=self.branch,
-        )
+        return self._of(domain, self.problem.curves, pairs, poles, breaks, self.degree, self.at_corner, self.branch)
 
     @property
     def branch(self) -> complex | None:
@@ -169,11 +137,7 @@ class Discretisation:
         return self.degree + len(self.poles.positions) + 2 > _MAX_FEATURES
 
     def share_at_corners(self, energy: Float[np.ndarray, " panels"]) -> float:
-        """Share of a residual on the edges of ∂Ω that end at its corners.
-
-        Args:
-            energy: integral of the squared residual over each panel.
-        """
+        """Share of a residual on the edges of ∂Ω that end at its corners."""
         middle = self.panels.ends.mean(axis=1)
         edge = np.searchsorted(self.domain.arcs[:, 0], middle, side="right") - 1
         corners = [boundary.corners for boundary in self.domain.boundaries]
@@ -212,11 +176,7 @@ class Discretisation:
         return float(np.abs(self._modulus_fields.vertices @ fit.amounts.cpu().numpy()).max(initial=0.0))
 
     def moved(self, fit: Fit, *, offset: float) -> Discretisation:
-        """The discretisation of Ω moved along its modulus fields as a fit asks, poles placed anew.
-
-        Raises:
-            DomainError: the moved domain is not simple.
-        """
+        """The discretisation of Ω moved along its modulus fields as a fit asks, poles placed anew."""
         domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
         rims = zip(self.panels.rim_breaks, self.domain.boundaries, domain.boundaries, strict=True)
         pairs = CornerPairs(t=domain.boundary.parameters[:-1][domain.boundary.corners], s=self.pairs.s)
@@ -257,3 +217,47 @@ def interpolate_matching(matching: Float[np.ndarray, "n 2"], t: Float[np.ndarray
     """Curve parameters s at parameters t of ∂Ω, linear between the pairs and continued around the circle."""
     around = np.concatenate([matching[-1:] - 1, matching, matching[:1] + 1])
     return np.asarray(np.interp(t, around[:, 0], around[:, 1]))
+
+
+def independent_residual(
+    stage: Discretisation, fit: Fit, *, points: int
+) -> tuple[Misfit, Float[np.ndarray, " panels"]]:
+    """Distance to Γ on panels of another order, that share no node with those of the fit.
+
+    Each point is projected on Γ near its matched parameter, not on the nearest part of Γ: a boundary that lies on the
+    wrong part of the curve is not excused.
+
+    Returns:
+        The misfit of all rims, and the integral of the squared distance over each panel by arc length of ∂Ω, which has
+        length 1 there.
+    """
+    count = len(stage.panels.ends)
+    order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
+    dense = Panels.around(stage.domain, stage.panels.rim_breaks, order)
+    problem = PlateauProblem.on_panels(stage.domain, dense, stage.network, stage.problem.curves, stage.pairs)
+    velocity = problem.velocities(fit.readout)
+    r = problem.integrate(velocity).real + fit.constant
+    slide = torch.as_tensor(stage.matched(fit, dense), device=r.device)
+    squares, rims = [], []
+    for position, parameter, curve in zip(problem.by_rim(r), problem.by_rim(slide), problem.curves, strict=True):
+        parameter = projected(position, parameter, curve, limit=0.5 / len(stage.panels.t))
+        squares.append((position - curve.point_and_derivative(parameter)[0]).square().sum(1))
+        rims.append(Misfit.of(position, parameter, curve))
+    misfit = Misfit.together(rims)
+    # closing it moves the boundary by about as much
+    gap = float(problem.around_hole(velocity).real.norm())
+    energy = (problem.arc_weights * torch.cat(squares)).reshape(count, order).sum(1)
+    return misfit.and_astray(gap), energy.cpu().numpy()
+
+
+def projected(
+    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: TensorCurve, *, limit: float
+) -> Float[Tensor, " n"]:
+    """Parameters of the points of Γ nearest to given points, by Gauss-Newton steps of at most `limit` from a start."""
+    for _ in range(_PROJECTIONS):
+        point, tangent = curve.point_and_derivative(slide)
+        move = ((r - point) * tangent).sum(1) / tangent.square().sum(1)
+        slide = slide + move.clamp(-limit, limit)
+        if float(move.abs().max()) < torch.finfo(move.dtype).eps ** 0.5:  # nothing is left of the next step
+            break
+    return slide

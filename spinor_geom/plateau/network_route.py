@@ -29,15 +29,14 @@ from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.moduli import CornerPairs
-from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.network import Discretisation, independent_residual
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
-from spinor_geom.plateau.residual import independent_residual
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.through_points import PointEquations
 from spinor_geom.surface.formulas import phi
-from spinor_geom.surface.frames import spin_invariant
+from spinor_geom.surface.frames import signs_close_up
 from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
@@ -98,13 +97,7 @@ class NetworkSolver:
 
     @cached_property
     def first_surface(self) -> Disk:
-        """The discrete disk or annulus over the points that stand for the loops.
-
-        Raises:
-            FirstFillError: no discrete disk over the loop was found.
-            DomainError: there is no discrete annulus between the loops.
-            SingularMatrixError: it is degenerate.
-        """
+        """The discrete disk or annulus over the points that stand for the loops."""
         rims = [side.loop.points[side.indices] for side in self._sides]
         with self.request.clock.stage("first fill"):
             return first_disk(*rims) if len(rims) == 1 else discrete_annulus(*rims)[1]
@@ -132,12 +125,7 @@ class NetworkSolver:
         return any(map(is_rough, self.request.units, self.request.curves))
 
     def found_from(self, start: Disk) -> Found:
-        """The minimal surface that a discrete one leads to.
-
-        Raises:
-            DomainError: its flattening gives no simple domain.
-            SingularMatrixError: the discrete surface or the fit is degenerate.
-        """
+        """The minimal surface that a discrete one leads to."""
         fitted = self._fitted_from(start)
         # another start does not help on rough loops
         if self.request.is_disk and self._is_missed(fitted) and not self._is_rough:
@@ -152,7 +140,7 @@ class NetworkSolver:
                 back=tuple(side.back for side in self._sides),
                 modulus=None,
                 antiperiodic=(fitted.stage.branch is not None,),
-                period=float(np.linalg.norm(surface.periods().real)),
+                period=surface.largest_period(),
             )
         return Found(
             curves=tuple(side.curve for side in self._sides),
@@ -196,7 +184,7 @@ class NetworkSolver:
             lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, device)
             spinors, branch = lifted(), None
             rims = torch.split(spinors, list(self._sizes))
-            if holes and all(spin_invariant(*rim.unbind(-1)) < 0 for rim in rims):
+            if holes and not any(bool(signs_close_up(*rim.unbind(-1))) for rim in rims):
                 branch = _middle(flat.rims[1])
                 spinors = lifted(branch=branch)
             corners = sides[0].corners

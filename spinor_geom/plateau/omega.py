@@ -37,14 +37,10 @@ _ROWS = 512
 class NodeDensity:
     """The parameter t of ∂Ω that a loop asks for: equal steps of t lie denser at its vertices and bends.
 
-    It is the mean of three shares of the loop up to a point: of its length, of its vertices, of its turning; and
-    where the loop is narrower than a point's share of its length more nodes come in. It is made smooth, so that ∂Ω and
-    the slide along it can be analytic. On a circle of equal edges t = s.
-
-    Attributes:
-        curve: Γ.
-        points: number of points that Ω is to be made from, with those for narrow places.
-        narrowest: ratio of a point's share of the length to the width of the loop where it is least, at least 1.
+    It is the mean of three shares of the loop up to a point: of its length, of its vertices, of its turning; and where
+    the loop is narrower than a point's share of its length more nodes come in. It is made smooth, so that ∂Ω and the
+    slide along it can be analytic. On a circle of equal edges t = s. `points` is the number that Ω is to be made from,
+    with those for narrow places.
     """
 
     def __init__(self, curve: BoundaryCurve, points: int) -> None:
@@ -110,19 +106,12 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
-    """How ∂Ω is parametrised, resolved and rounded.
+    """How ∂Ω is parametrised, resolved and rounded."""
 
-    Attributes:
-        density: of its nodes.
-        count: number of its vertices.
-        steps: that resolve it.
-        width: standard deviation of the Gaussian that rounds it, as a share of ∂Ω.
-    """
-
-    density: NodeDensity
-    count: int
-    steps: int
-    width: float
+    density: NodeDensity  # of its nodes
+    count: int  # number of its vertices
+    steps: int  # that resolve it
+    width: float  # standard deviation of the Gaussian that rounds it, as a share of ∂Ω
 
 
 def resolved(
@@ -134,18 +123,9 @@ def resolved(
     count: int,
     device: torch.device,
 ) -> tuple[Shape, DirichletForm]:
-    """The smooth Ω next to a polygon, as coarse as it may be, and its Λ.
+    """The smooth Ω next to a polygon with parameters t, as coarse as it may be, and its Λ.
 
-    Args:
-        polygon: vertices, counter-clockwise.
-        t: their parameters, increasing.
-        density: of the nodes on ∂Ω.
-        is_fine: whether the polygon is to be followed closely, as at the vertices of rough loops; it is in fingers.
-        count: number of vertices of ∂Ω.
-        device: of Λ.
-
-    Raises:
-        DomainError: Ω is not simple, or too narrow.
+    It follows the polygon closely where that `is_fine`, as at the vertices of rough loops, and in fingers.
     """
     n = density.points
     for steps, rounding in _SHAPES[is_fine or density.is_narrow :]:
@@ -158,13 +138,7 @@ def resolved(
 
 
 def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], shape: Shape) -> FourierBoundary:
-    """An analytic curve near to a polygon: a spline through its vertices, rounded off.
-
-    Args:
-        polygon: vertices, counter-clockwise.
-        t: their parameters, increasing.
-        shape: of the curve; it has a quarter as many frequencies of either sign as steps.
-    """
+    """An analytic curve near to a polygon: a spline through its vertices at parameters t, rounded off."""
     spline = CubicSpline(np.append(t, t[0] + 1), np.append(polygon, polygon[0]), bc_type="periodic")
     highest = shape.steps // 4
     n = 2 * _OVERSAMPLING * highest
@@ -174,17 +148,7 @@ def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " 
 
 
 def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
-    """Λ on ∂Ω.
-
-    Args:
-        boundary: ∂Ω.
-        n: steps.
-        device: of Λ.
-
-    Raises:
-        DomainError: ∂Ω crosses itself, or Ω is so narrow somewhere that n steps do not resolve Λ, or that it asks for
-            more steps than memory has room for.
-    """
+    """Λ on ∂Ω, by a DomainError refused where that crosses itself, or so many steps are not enough or too many."""
     if n > _MOST_STEPS:
         raise DomainError(
             f"the domain is so narrow somewhere that it asks for {n} steps around it, at most {_MOST_STEPS} are tried",
@@ -224,14 +188,8 @@ def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[
     """A harmonic disk's surface flattened: the Ω over which its scale is the same all along ∂Ω, and its slide there.
 
     With u = log |ds/dz| on ∂Ω, s the length along Γ, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz
-    maps Ω conformally onto the flattening (`flatten` does the same for triangles). Equal lengths of Γ become equal
-    lengths of the new ∂Ω, whose perimeter is 1. Nothing crowds there, whatever Ω was. Where the slide is too uneven to
+    maps Ω conformally onto the flattening. Nothing crowds there, whatever Ω was. Where the slide is too uneven to
     smooth, or the flattening is not simple, Ω stays as it is.
-
-    Args:
-        disk: a harmonic disk over Ω.
-        form: Λ of Ω.
-        shape: of the new ∂Ω; its Gaussian smooths the scale, too.
     """
     n = len(disk.slide)
     even = np.arange(n) / n

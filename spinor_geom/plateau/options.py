@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import torch
 
 from spinor_geom.errors import OptionError
-from spinor_geom.plateau.trained_route import Optimizer, Trainer, optimizer_options
+
+if TYPE_CHECKING:
+    from spinor_geom.mesh.curve import BoundaryCurve
+    from spinor_geom.plateau.found import Found
+    from spinor_geom.plateau.solution import PlateauSolution
+    from spinor_geom.plateau.steps import Steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,11 +30,7 @@ class Cauchy:
     pole_offset: float = 1.0
 
     def __post_init__(self) -> None:
-        """Checks the options.
-
-        Raises:
-            OptionError: a negative degree or an offset that is not positive.
-        """
+        """Checks the options."""
         if self.degree < 1 or not self.pole_offset > 0:
             raise OptionError(f"a Cauchy network needs degree ≥ 1 and pole_offset > 0, got {self}")
 
@@ -58,15 +59,48 @@ Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy | Laurent
 
 
 def require_model(model: Model) -> None:
-    """Checks the option `model`.
-
-    Raises:
-        OptionError: it is none of those that `solve_plateau` takes.
-    """
+    """Checks the option `model`."""
     if not isinstance(model, (Cauchy, Laurent)) and model not in ("auto", "cauchy", "series", "mlp"):
         raise OptionError(
             f"unknown model {model!r}; choose 'auto', 'cauchy', 'series', 'mlp', Cauchy(...) or Laurent(...)"
         )
+
+
+class Trainer(Protocol):
+    """The options of a network and its training: `LevenbergMarquardt` or `RMSprop` of `spinor_geom.training`."""
+
+    @property
+    def takes_start(self) -> bool:
+        """Whether the network can take over the p and q of a solution."""
+        ...
+
+    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
+        """A minimal disk over Γ at unit size whose p and q are networks, from a solution over it or a random start."""
+        ...
+
+
+Optimizer: TypeAlias = Literal["levenberg-marquardt", "rmsprop"] | Trainer
+
+
+def optimizer_options(optimizer: Optimizer) -> Trainer:
+    """The options of an optimiser, which may be given by name."""
+    from spinor_geom.training import LevenbergMarquardt, RMSprop
+
+    if isinstance(optimizer, RMSprop) and optimizer.representation != "spinor":
+        raise OptionError(
+            f"a Plateau solution has p and q, not the representation {optimizer.representation!r}; train that with "
+            "spinor_geom.training.train_by_rmsprop"
+        )
+    if isinstance(optimizer, (LevenbergMarquardt, RMSprop)):
+        return optimizer
+    if optimizer == "levenberg-marquardt":
+        return LevenbergMarquardt()
+    if optimizer == "rmsprop":
+        return RMSprop()
+    raise OptionError(
+        f"unknown optimizer {optimizer!r}; choose 'levenberg-marquardt', 'rmsprop', LevenbergMarquardt(...) or "
+        "RMSprop(...)"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,11 +136,7 @@ class Options:
         _ = self.trainer
 
     def require_rims(self, count: int) -> None:
-        """Checks that the model has surfaces over so many loops.
-
-        Raises:
-            OptionError: it has not.
-        """
+        """Checks that the model has surfaces over so many loops."""
         if count == 1 and self.laurent is not None:
             raise OptionError("Laurent series span two loops; use model='auto' or 'series' for one")
         if count > 1 and self.trainer is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -15,16 +15,19 @@ from spinor_geom.errors import DomainError, FirstFillError, SpinorGeomError, Sur
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
+from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError
-from spinor_geom.plateau.harmonic_route import points_of_domain, suits_unit_disk
+from spinor_geom.plateau.harmonic_fit import Fit
+from spinor_geom.plateau.harmonic_route import HarmonicSolver, points_of_domain, suits_unit_disk
+from spinor_geom.plateau.network_route import NetworkSolver, rim_indices
 from spinor_geom.plateau.omega import NodeDensity
+from spinor_geom.plateau.options import Trainer
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
-from spinor_geom.plateau.rims import obstacle
+from spinor_geom.plateau.request import Request
+from spinor_geom.plateau.rims import RimsSolver, obstacle
 from spinor_geom.plateau.roughness import ROUGH_TURN, is_rough, roughness, roundest
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
-from spinor_geom.plateau.solutions import find_disks, leave_unstable, lower_beside
-from spinor_geom.plateau.task import Task
-from spinor_geom.plateau.trained_route import Trainer
+from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable, lower_beside
 from spinor_geom.plateau.vertex_route import disk_through_points
 
 # Rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³.
@@ -34,6 +37,38 @@ _FEW_POINTS = 8
 # Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
 # is met to 1e-6 of a side, with none to 1e-2.
 _PARTS_OF_A_SIDE = 8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task(Request):
+    """Loops to be spanned."""
+
+    on_disk: Fit | None = None  # the fit on the unit disk, where it was made together with those of other loops
+    first_disk: Disk | None = None  # the first discrete disk, likewise
+
+    def anew(self) -> Task:
+        """The same loops, with no steps and no time taken."""
+        return replace(self, steps=replace(self.steps, history=[]), clock=Clock(), on_disk=None)
+
+    @property
+    def rim(self) -> Rim:
+        """The loop of a disk with the points that discrete disks over it have."""
+        return Rim(loop=self.loop, indices=rim_indices(self.unit))
+
+    @cached_property
+    def network(self) -> NetworkSolver:
+        """Of one loop's or two loops' Cauchy network."""
+        return NetworkSolver(request=self)
+
+    @cached_property
+    def harmonic(self) -> HarmonicSolver:
+        """Of Douglas's slide of one loop."""
+        return HarmonicSolver(request=self)
+
+    @cached_property
+    def rims(self) -> RimsSolver:
+        """Of several loops."""
+        return RimsSolver(request=self)
 
 
 class Route(Protocol):
@@ -60,13 +95,9 @@ class InPlane:
 
 @dataclass(frozen=True)
 class NoneBetween:
-    """Nowhere: no surface of one piece spans several loops.
+    """Nowhere: no surface of one piece spans several loops."""
 
-    Attributes:
-        reason: how it is known.
-    """
-
-    reason: str
+    reason: str  # how it is known
 
     def surface(self, task: Task) -> Found:
         """Says so."""
@@ -81,14 +112,7 @@ class ThroughPoints:
         """The disk next to a discrete one, or the surface next to that over averages of several loops."""
         if not task.is_disk:
             return task.rims.through_points()
-        return disk_through_points(
-            task.unit,
-            allowed=task.allowed,
-            steps=task.steps,
-            device=task.options.device,
-            clock=task.clock,
-            first=task.first_disk,
-        )
+        return disk_through_points(task, task.first_disk)
 
 
 @dataclass(frozen=True)
@@ -242,15 +266,7 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
 
 
 def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
-    """The disk that the routes lead to, or one of less area where that is unstable and may be left.
-
-    Args:
-        task: of one loop.
-        routes: its plan.
-
-    Raises:
-        OutOfTimeError, DomainError, FirstFillError, SingularMatrixError, SurfaceError: as `nearest_surface`.
-    """
+    """The disk that the routes lead to, or one of less area where that is unstable and may be left."""
     if routes == (ByNetwork(),) and task.loop.corners.all():
         return _on_sides(task)
     solution = _solution(routes, task)
@@ -274,11 +290,7 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
 
 
 def surface_between(task: Task) -> PlateauSolution | NoConnectedSurface:
-    """The surface of one piece between several loops, or that there is none.
-
-    Raises:
-        OutOfTimeError, DomainError, SingularMatrixError, SurfaceError: as `nearest_surface`.
-    """
+    """The surface of one piece between several loops, or that there is none."""
     try:
         solution = _solution(plan(task), task)
         if task.options.leaves_unstable and solution.route == "annular network":

@@ -26,13 +26,7 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 
 def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
-    """Whether loops lie in one plane, but for rounding errors, where so much is allowed those of float32.
-
-    Args:
-        loops: of any common size.
-        allowed: RMS distance from Γ, in their common diagonal: loops that were rounded to float32 lie in a plane if it
-            is not less than that.
-    """
+    """Whether loops lie in one plane, but for rounding: of float32 where so much of their diagonal is allowed."""
     points = np.concatenate([loop.points for loop in loops])
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     plane = loops[0].plane
@@ -46,12 +40,6 @@ def plane_region(
     """The region inside one of some loops of one plane and outside the others, itself as Ω and constant p and q.
 
     It is the only minimal surface over them, and lies on the left of the first loop.
-
-    Args:
-        loops: at unit size, in one plane: see `lie_in_plane`.
-        curves: Γ through each.
-        device: of the surface.
-        clock: of the stages.
 
     Raises:
         DomainError: a curve crosses itself or another one between the points, or they bound no such region.
@@ -89,7 +77,7 @@ def plane_region(
                 back=back,
                 modulus=None,
                 antiperiodic=(False,) * (len(rims) - 1),
-                period=float(np.linalg.norm(surface.periods().real, axis=1).max()),
+                period=surface.largest_period(),
             )
         return Found(
             surface=surface.to(device),

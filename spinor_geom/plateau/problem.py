@@ -176,32 +176,17 @@ def _horner(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateauProblem:
-    """Γ, the nodes on ∂Ω, and the features of the model there.
+    """Γ, the nodes on ∂Ω, and the features of the model there, and behind those on a way to the hole, if any."""
 
-    Where Ω has a hole there are further points behind the nodes, on a way through Ω from the outer boundary's first
-    vertex to its own.
-
-    Attributes:
-        curves: Γ, one curve for each boundary of Ω.
-        features: (points, n), the model's hidden layer at the nodes and on the way.
-        dz: (points,), dz/dt.
-        weights: (points,), quadrature weights in t.
-        widths: (panels,), lengths of the panels in t.
-        rims: numbers of panels of each boundary.
-        cumulative: (order, order), integration matrix of a panel of length 1.
-        slide_bounds: (nodes, 2), lowest and highest curve parameter of each node.
-        fields: (nodes, k), fields along which Ω may move to change its moduli.
-    """
-
-    curves: tuple[CurveTensors, ...]
-    features: Complex[Tensor, "points n"]
-    dz: Complex[Tensor, " points"]
-    weights: Float[Tensor, " points"]
-    widths: Float[Tensor, " panels"]
-    rims: tuple[int, ...]
-    cumulative: Float[Tensor, "order order"]
-    slide_bounds: Float[Tensor, "nodes 2"]
-    fields: Complex[Tensor, "nodes k"]
+    curves: tuple[CurveTensors, ...]  # Γ, one curve for each boundary of Ω
+    features: Complex[Tensor, "points n"]  # the model's hidden layer at the nodes and on the way
+    dz: Complex[Tensor, " points"]  # dz/dt
+    weights: Float[Tensor, " points"]  # quadrature weights in t
+    widths: Float[Tensor, " panels"]  # lengths of the panels in t
+    rims: tuple[int, ...]  # numbers of panels of each boundary
+    cumulative: Float[Tensor, "order order"]  # integration matrix of a panel of length 1
+    slide_bounds: Float[Tensor, "nodes 2"]  # lowest and highest curve parameter of each node
+    fields: Complex[Tensor, "nodes k"]  # fields along which Ω may move to change its moduli
 
     @classmethod
     def on_panels(
@@ -296,16 +281,10 @@ class PlateauProblem:
 def nearest_increasing(
     s: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], bounds: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " n"]:
-    """A non-decreasing slide around the circle near to s, with s_n ≤ s_0 + 1, inside the bounds of each node.
+    """The nearest non-decreasing slide around the circle, s_n ≤ s_0 + 1, inside the bounds: isotonic regression.
 
-    It is the nearest one (isotonic regression) of the circle cut open at one node.
-
-    Shortening the whole step instead stalls at corners and on noisy curves.
-
-    Args:
-        s: parameters of the nodes in order; they may lie in any interval of about length 1.
-        speed: |Γ'| at the nodes; the circle is cut where it is largest, where a change of s costs most.
-        bounds: lowest and highest s of each node, non-decreasing both.
+    The circle is cut where the speed |Γ'| is largest, where a change of s costs most. Shortening the whole step instead
+    stalls at corners and on noisy curves.
     """
     if (np.diff(np.append(s, s[0] + 1)) <= 0).any():
         cut = int(np.argmax(speed))
@@ -316,16 +295,22 @@ def nearest_increasing(
     return np.asarray(np.clip(s, *bounds.T))
 
 
-def way_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """Quadrature nodes on a way through Ω from its boundary's first vertex to its hole's, and their weights dz."""
-    if not domain.holes:
-        return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
-    halves = []
-    for end in (0, len(domain.boundary.vertices)):
-        halves.append([end])
-        while halves[-1][-1] != domain.root:
-            halves[-1].append(int(domain.paths.parent[halves[-1][-1]]))
-    corners = domain.triangulation.points[[*halves[0], *halves[1][-2::-1]]]
-    nodes, weights = rule("gauss", PATH_ORDER)
+def way_to(
+    domain: PlaneDomain, vertex: int, order: int = PATH_ORDER
+) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """Quadrature nodes on a way through Ω from its root to a vertex of its triangulation, and their weights dz."""
+    way = [vertex]
+    while way[-1] != domain.root:
+        way.append(int(domain.paths.parent[way[-1]]))
+    corners = domain.triangulation.points[way[::-1]]
+    nodes, weights = rule("gauss", order)
     step = np.diff(corners)[:, None]
     return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()
+
+
+def way_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """Those on a way through Ω from its boundary's first vertex to its hole's; none where it has no hole."""
+    if not domain.holes:
+        return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
+    (there, back), (here, ahead) = way_to(domain, 0), way_to(domain, len(domain.boundary.vertices))
+    return np.append(there, here), np.append(-back, ahead)

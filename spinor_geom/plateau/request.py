@@ -29,27 +29,17 @@ Frame: TypeAlias = tuple[tuple[BoundaryLoop, ...], Float[np.ndarray, "3"], float
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Request:
-    """A loop or several, Γ through them, and how the surface is asked for.
+    """A loop or several, Γ through them, and how the surface is asked for."""
 
-    Attributes:
-        loops: as they were given.
-        units: with their common centre at 0 and their common diagonal 1, where every tolerance is a ratio.
-        curves: Γ through each, at unit size.
-        centre: of the loops.
-        scale: their common diagonal.
-        options: of the call.
-        steps: of all routes.
-        clock: of their stages.
-    """
-
-    loops: tuple[BoundaryLoop, ...]
+    loops: tuple[BoundaryLoop, ...]  # as they were given
+    # with their common centre at 0 and their common diagonal 1, where every tolerance is a ratio
     units: tuple[BoundaryLoop, ...]
-    curves: tuple[BoundaryCurve, ...]
-    centre: Float[np.ndarray, "3"]
-    scale: float
-    options: Options
-    steps: Steps
-    clock: Clock = field(default_factory=Clock)
+    curves: tuple[BoundaryCurve, ...]  # Γ through each, at unit size
+    centre: Float[np.ndarray, "3"]  # of the loops
+    scale: float  # their common diagonal
+    options: Options  # of the call
+    steps: Steps  # of all routes
+    clock: Clock = field(default_factory=Clock)  # of their stages
 
     @classmethod
     def of(
@@ -81,14 +71,7 @@ class Request:
         options: Options,
         on_iteration: Callable[[Iteration], None] | None = None,
     ) -> AnyRequest:
-        """The request of loops that are known to be simple and apart.
-
-        Args:
-            loops: in any coordinates.
-            curves: Γ through each at any size and place; none for the smooth one through its points.
-            options: of the call.
-            on_iteration: is called after each step.
-        """
+        """The request of loops that are known to be simple and apart; for None the smooth curve through the points."""
         units, centre, scale = _at_unit_size(loops)
         return cls(
             loops=tuple(loops),
@@ -163,7 +146,14 @@ class Request:
         scale, history, between = self.scale, tuple(self.steps.history), found.between
         with self.clock.stage("surface"):
             surface = found.surface.transform(scale=scale, translation=self.centre)
-        residual = BoundaryResidual.of(found.misfit.enlarged(scale), mean_edge=_mean_edge(self.loops), diagonal=scale)
+        misfit = found.misfit.enlarged(scale)
+        residual = BoundaryResidual(
+            rms=misfit.rms,
+            max=misfit.max,
+            max_per_local_edge=misfit.max_per_local_edge,
+            mean_edge=_mean_edge(self.loops),
+            diagonal=scale,
+        )
         converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
         order, back = ((0,), (False,)) if between is None else (between.order, between.back)
         loops = [self.loops[k].reversed() if way else self.loops[k] for k, way in zip(order, back, strict=True)]
@@ -239,12 +229,7 @@ def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
 
 
 def _require_apart(loops: Sequence[BoundaryLoop]) -> None:
-    """Checks that loops neither cross or touch themselves nor each other.
-
-    Raises:
-        SelfCrossingLoopError: a loop crosses or touches itself.
-        LoopsMeetError: two loops cross or touch each other.
-    """
+    """Checks that loops neither cross or touch themselves nor each other."""
     for loop in loops:
         require_simple(loop)
     for first, second in combinations(loops, 2):

@@ -1,8 +1,8 @@
 """Where Douglas's problem for several rims starts: each one's place in Ω, its direction, and what is opposite what.
 
 Two rims are matched by all shifts of one against the other and all moduli at once. More are seen as circles on a sphere
-around some points, and those views taken from which the energy is least. At the end the two circles that are the outer
-one and the one about 0 are chosen such that equal steps of the angle are as even as can be on all rims.
+around some points, from where the energy is least, on the domain on which equal steps of the angle are as even as can
+be.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.plateau.circles import multipliers
-from spinor_geom.plateau.douglas_rims import MOST_MODULUS, RimsProblem
+from spinor_geom.plateau.douglas_rims import MOST_MODULUS
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 
@@ -37,15 +38,10 @@ _NARROWEST, _CLEAR, _SHRINKINGS = 0.9999, 0.1, 20
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rim:
-    """A curve in both directions.
+    """A curve in both directions."""
 
-    Attributes:
-        number: of the rim among those that were given.
-        ways: its curve as it was given, and reversed.
-    """
-
-    number: int
-    ways: tuple[CurveTensors, CurveTensors]
+    number: int  # of the rim among those that were given
+    ways: tuple[CurveTensors, CurveTensors]  # its curve as it was given, and reversed
 
     def samples(self, n: int, *, back: bool = False) -> Float[Tensor, "n 3"]:
         """Points at equal steps of the parameter."""
@@ -56,16 +52,10 @@ class Rim:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placement:
-    """Rims in their places.
+    """Rims in their places."""
 
-    Attributes:
-        rims: that of the outer circle, of the hole about 0, and of all others.
-        back: which of them run against the curve that was given.
-        surface: the harmonic surface.
-    """
-
-    rims: tuple[Rim, ...]
-    back: tuple[bool, ...]
+    rims: tuple[Rim, ...]  # that of the outer circle, of the hole about 0, and of all others
+    back: tuple[bool, ...]  # which of them run against the curve that was given
     surface: HarmonicSurface
 
     @classmethod
@@ -73,7 +63,8 @@ class Placement:
         cls, rims: Sequence[Rim], back: Sequence[bool], slides: Float[Tensor, "m n"], domain: CircularDomain
     ) -> Placement:
         """The placement with given slides over a given domain."""
-        surface = _problem_of(rims, back).at(slides, domain)
+        curves = CurveTensors.batch([rim.ways[way] for rim, way in zip(rims, back, strict=True)])
+        surface = HarmonicSurface.of(curves, slides, domain, ROUND_OFF)
         return cls(rims=tuple(rims), back=tuple(back), surface=surface)
 
     def with_first_as_given(self) -> Placement:
@@ -85,28 +76,12 @@ class Placement:
         ahead = torch.cat([1 - slides[:, :1], 2 - slides[:, 1:].flip(1)], dim=1)
         return Placement.of(self.rims, [not back for back in self.back], ahead, mirrored)
 
-    @property
-    def problem(self) -> RimsProblem:
-        """Douglas's problem for the curves as they run here."""
-        return _problem_of(self.rims, self.back)
-
-
-def _problem_of(rims: Sequence[Rim], back: Sequence[bool]) -> RimsProblem:
-    return RimsProblem(curves=CurveTensors.batch([rim.ways[way] for rim, way in zip(rims, back, strict=True)]))
-
 
 def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
     """Slides by the curves' own parameters, one shifted against the other, and the modulus where E first has a minimum.
 
-    Where it has none, the modulus is 1 more than between circles of the curves' lengths in one plane.
-
-    The matching comes from the curves alone: of all shifts the one of least energy is taken.
-
-    Args:
-        first: the outer rim.
-        second: the inner rim.
-        n: nodes on each, an even number.
-        back: whether the second one runs against the curve that was given.
+    Where it has none, the modulus is 1 more than between circles of the curves' lengths in one plane. Of all shifts the
+    one of least energy is taken.
     """
     points = torch.stack([first.samples(n), second.samples(n, back=back)])
     spectrum = torch.fft.rfft(points, dim=1)
@@ -129,14 +104,10 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
 
 
 def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
-    """Starts with the rims as circles on a sphere around a point.
+    """Starts with three rims or more as circles on a sphere around a point, at an even number of nodes.
 
     From the rims' middle those of a junction are seen beside each other, and from above those of a hole and of islands
     in it; circles that cross are made smaller.
-
-    Args:
-        rims: three or more.
-        n: nodes on each, an even number.
     """
     samples = torch.stack([rim.samples(_NODES) for rim in rims])
     middle = samples.mean(1).mean(0)
@@ -144,7 +115,7 @@ def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
     size = (samples - middle).norm(dim=-1).max()
     ways = [torch.zeros_like(axes[0]), *(share * way for share in _EYES for way in (*axes, *-axes))]
     starts = [_seen(rims, samples, middle + size * way) for way in ways]
-    found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.energy)
+    found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.dirichlet_energy)
     return [_spread(start, n) for start in found[:_KEPT]]
 
 

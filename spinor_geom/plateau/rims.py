@@ -11,34 +11,33 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.fft import next_fast_len
+from scipy.interpolate import BPoly, PPoly
+from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import SurfaceError
+from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.cone import parted_by_cone
 from spinor_geom.plateau.douglas_rims import ROUNDING, RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
-from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from spinor_geom.plateau.newton import MOST_STEPS
-from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
 from spinor_geom.plateau.rims_energy import HarmonicSurface
-from spinor_geom.plateau.rims_through_points import surface_through
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
-from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.vertex_route import surface_through
 
 # Fewest nodes on each rim where a surface is sought, nodes on all together for which matrices are factored, and most on
 # each.
@@ -55,8 +54,6 @@ _WELL_BELOW = 1e-3
 _RIVAL = 1.3
 # Gradient above which a search has found nothing, and above which the energy is brought down anew.
 _SETTLED, _POOR = 1e-3, 1e-6
-# So many times more nodes that are not worthwhile do not help.
-_PATIENCE = 3
 # The smooth curve that leads to a rough one: its width as a share of the loop, and how many curves there are between.
 _AVERAGE, _DEFORMATIONS = 0.03, 4
 
@@ -70,100 +67,91 @@ def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> 
     return None
 
 
+def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
+    """Whether two curves lie in the two halves of the cone ρ < 1.5089·|ζ| about the line between their centres.
+
+    Then no connected minimal surface spans them: as the catenoids around that line shrink from outside to a point, the
+    surface touches none of them. Each half is convex, so that it holds a curve if it holds the control points of its
+    pieces.
+
+    Source: Dierkes, Hildebrandt & Tromba, "Regularity of Minimal Surfaces" (2010), chapter 4, the cone theorem.
+    """
+    # the catenoids around an axis, of all sizes, touch the cone with this radius at height 1
+    opening = np.sinh(brentq(lambda x: x * np.tanh(x) - 1, 1, 2))
+    pieces = (PPoly(curve.coefficients, curve.breaks) for curve in (first, second))
+    points = [BPoly.from_power_basis(piece).c.reshape(-1, 3) for piece in pieces]
+    centres = [some.mean(axis=0) for some in points]
+    axis = centres[1] - centres[0]
+    length = float(np.linalg.norm(axis))
+    if not length:
+        return False
+    ends = []
+    for some, side in zip(points, (1, -1), strict=True):
+        away = some - centres[0]
+        height = away @ axis / length
+        radius = np.linalg.norm(away - height[:, None] * axis / length, axis=1)
+        # the apex has to lie beyond this height to the side of the other curve
+        ends.append(side * float((side * height + radius / opening).max()))
+    return ends[0] < ends[1]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimsSolver:
-    """Several loops on their routes.
+    """Several loops on their routes."""
 
-    Attributes:
-        loops: at unit size.
-        curves: Γ through each.
-        options: of the call.
-        allowed: RMS distance from Γ to reach.
-        steps: of all routes.
-        clock: of the stages.
-    """
-
-    loops: tuple[BoundaryLoop, ...]
-    curves: tuple[BoundaryCurve, ...]
-    options: Options
-    allowed: float
-    steps: Steps
-    clock: Clock
+    request: Request
 
     def on_circles(self) -> Found:
-        """Douglas's surface of least area over a circular domain, or the one nearest to a modulus that was asked for.
-
-        Raises:
-            NoneBetweenError: the energy falls until surfaces between the rims fall apart.
-            SurfaceError: the nodes crowd, or all harmonic surfaces are branched.
-        """
-        laurent = self.options.laurent
+        """Douglas's surface of least area over a circular domain, or that nearest to a modulus that was asked for."""
+        laurent = self.request.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
-            found = self._stable() if self.options.leaves_unstable else self.all_critical()
+            found = self._stable() if self.request.options.leaves_unstable else self.all_critical()
             moduli = [abs(math.log(mean_modulus(placed.surface.domain)) - log) for placed in found]
             best = min(zip(moduli, found, strict=True), key=lambda pair: pair[0], default=(0.0, None))[1]
         else:
             best = self._descended()
-            if best is None and len(self.loops) == 2:
-                best = min(self._stable(), key=lambda placed: placed.surface.energy, default=None)
+            if best is None and len(self.request.units) == 2:
+                best = min(self._stable(), key=lambda placed: placed.surface.dirichlet_energy, default=None)
         if best is None:
             until = "with the modulus, however large that is"
-            if len(self.loops) > 2:
+            if len(self.request.units) > 2:
                 until = "until they fall apart, whatever was tried"
             raise NoneBetweenError(f"the energy of surfaces between the rims falls {until}")
         return self.fitted(best)
 
     def through_points(self) -> Found:
-        """The surface through the points of rough rims.
-
-        Raises:
-            DomainError: the rims' teeth cross in Ω.
-            SurfaceError: no surface was found between averages of the rims, or all are branched.
-        """
+        """The surface through the points of rough rims."""
         placed = self._descended()
         if placed is None:
             raise SurfaceError("no minimal surface was found between averages of the rims")
         problem = self._problem(placed)
-        with self.clock.stage("lift"):
-            smooth = lifted_between(placed.surface, problem.curves, allowed=self.allowed)
-            circles = self._circles(placed)
+        with self.request.clock.stage("lift"):
+            smooth = lifted_between(placed.surface, problem.curves, allowed=self.request.allowed)
+            circles = self._circles(placed, placed.surface.domain)
         points, starts = [], []
         for rim, back, slide, circle in zip(placed.rims, placed.back, smooth.slides, circles, strict=True):
-            loop, average = self.loops[rim.number], self._way[0][rim.number]
+            loop, average = self.request.units[rim.number], self._way[0][rim.number]
             if back:
                 loop, average = loop.reversed(), average.reversed()
             match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
-            starts.append(torch.as_tensor(match.points_in_domain(), device=self.options.device))
-        with self.clock.stage("fit"):
-            passed = surface_through(smooth, starts, points, allowed=self.allowed, steps=self.steps)
-        return Found(
-            surface=passed.surface,
-            curves=passed.curves,
-            matchings=tuple(
-                np.column_stack([boundary.parameters[:-1], curve.breaks[:-1]])
-                for boundary, curve in zip(passed.surface.domain.boundaries, passed.curves, strict=True)
-            ),
-            misfit=passed.misfit,
-            area=passed.area,
-            route="vertices",
-            limit="no minimal surface near that over averages of the rims passes through their points more nearly",
-            between=_between(placed, smooth.series.antiperiodic, passed.period),
-        )
+            starts.append(torch.as_tensor(match.points_in_domain(), device=self.request.options.device))
+        with self.request.clock.stage("fit"):
+            found = surface_through(smooth, starts, points, allowed=self.request.allowed, steps=self.request.steps)
+        return replace(found, between=_between(placed, smooth.series.antiperiodic, found.surface.largest_period()))
 
     def _descended(self) -> Placement | None:
-        """The surface that the energy falls to from the better start, or from several of nearly the same energy.
-
-        None where it falls apart, or no critical point is reached.
-        """
+        """The surface that the energy falls to from the better start; None where it falls apart, or is not critical."""
         best: Placement | None = None
-        with self.clock.stage("slides"):
-            least = min((start.surface.energy for start in self._starts), default=0.0)
+        with self.request.clock.stage("slides"):
+            least = min((start.surface.dirichlet_energy for start in self._starts), default=0.0)
             for start in self._starts:
-                if start.surface.energy <= _RIVAL * least:
+                if start.surface.dirichlet_energy <= _RIVAL * least:
                     lower = self._lower(start)
-                    if lower is not None and (best is None or lower.surface.energy < best.surface.energy):
+                    if lower is not None and (
+                        best is None or lower.surface.dirichlet_energy < best.surface.dirichlet_energy
+                    ):
                         best = lower
             if best is None:
                 return None
@@ -181,15 +169,15 @@ class RimsSolver:
             if lower is not None and lower.size <= _SETTLED:
                 return replace(start, surface=lower)
             n, fallen = 2 * n, fallen + (lower is None)
-            if len(self.loops) == 2 or fallen == 2 or n * len(self.loops) > _DENSE_IN_ALL:
+            if len(self.request.units) == 2 or fallen == 2 or n * len(self.request.units) > _DENSE_IN_ALL:
                 return None
 
     @cached_property
     def _coarse_nodes(self) -> int:
         """Nodes on each of two rims that resolve the gap: its width against their length is about the modulus."""
-        first, second = (curve.coefficients[-1] for curve in self.curves)
+        first, second = (curve.coefficients[-1] for curve in self.request.curves)
         gap = float(np.mean(cKDTree(first).query(second)[0]))
-        length = sum(loop.perimeter for loop in self.loops) / 2
+        length = sum(loop.perimeter for loop in self.request.units) / 2
         return _even(np.clip(_NODES_PER_GAP * length / gap, _FEWEST_NODES, _DENSE_IN_ALL / 2))
 
     @cached_property
@@ -207,21 +195,21 @@ class RimsSolver:
         Newton's method finds its way through many sharp bends only if they grow on it.
         """
         if not self._is_noisy:
-            return (self.curves,)
-        ways = [_grown(curve) for curve in self.curves]
+            return (self.request.curves,)
+        ways = [_grown(curve) for curve in self.request.curves]
         return tuple(zip(*ways, strict=True))
 
     @cached_property
     def _is_noisy(self) -> bool:
         """Whether one of the loops is rough, or its curve a cubic spline without corners: no smoother one is shown."""
-        return any(map(is_rough, self.loops, self.curves)) or any(
-            curve.degree == min(DEGREES) and not curve.corners.any() for curve in self.curves
+        return any(map(is_rough, self.request.units, self.request.curves)) or any(
+            curve.degree == min(DEGREES) and not curve.corners.any() for curve in self.request.curves
         )
 
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
         """All rims on each step of their way, in both directions."""
-        device = self.options.device
+        device = self.request.options.device
         return tuple(
             tuple(
                 Rim(number=k, ways=(CurveTensors.of(curve, device), CurveTensors.of(curve.reversed(), device)))
@@ -237,7 +225,7 @@ class RimsSolver:
         return RimsProblem(
             curves=CurveTensors.batch(ways),
             negligible=negligible,
-            on_step=partial(self.steps.take, "Douglas-Newton"),
+            on_step=partial(self.request.steps.take, "Douglas-Newton"),
         )
 
     def all_critical(self) -> list[Placement]:
@@ -245,17 +233,17 @@ class RimsSolver:
 
         Over more the one of least energy and those on its path.
         """
-        if len(self.loops) > 2:
+        if len(self.request.units) > 2:
             best = self._descended()
             if best is None:
                 return []
             problem, n = self._problem(best), best.surface.slides.shape[1]
-            with self.clock.stage("moduli"):
+            with self.request.clock.stage("moduli"):
                 # on half of the nodes, whose steps cost an eighth
                 found = all_on_path(problem, problem.refined(best.surface, n // 2))
                 return [replace(best, surface=problem.refined(surface, n)) for surface in found]
-        start = min(self._starts, key=lambda start: start.surface.energy)
-        with self.clock.stage("moduli"):
+        start = min(self._starts, key=lambda start: start.surface.dirichlet_energy)
+        with self.request.clock.stage("moduli"):
             problem = self._problem(start)
             held = problem.descended(start.surface, tolerance=_POOR, fixed=True)
             assert held is not None  # a modulus that stays does not run away
@@ -265,90 +253,31 @@ class RimsSolver:
         return [placed for placed in self.all_critical() if self._problem(placed).index(placed.surface) == 0]
 
     def fitted(self, placed: Placement) -> Found:
-        """The surface with as many nodes as the tolerance asks for, or as help.
-
-        Raises:
-            SurfaceError: all harmonic surfaces are branched.
-        """
+        """The surface with as many nodes as the tolerance asks for, or as help."""
         problem = self._problem(placed, -1)
         best: tuple[Lift, HarmonicSurface] | None = None
-        vain = 0
-        error, limit = SurfaceError("no minimal surface was found"), "more nodes on the rims do not help"
+        limit = "more nodes on the rims do not help"
         for finer in self._finer(placed):
             goal = self._goal(finer)
-            with self.clock.stage("lift"):
-                try:
-                    lift = lifted_between(finer, problem.curves, allowed=goal)
-                except SurfaceError as failure:  # more nodes may tell the sheets apart
-                    error = failure
-                    continue
-            vain = 0 if best is None or lift.misfit.rms < WORTHWHILE * best[0].misfit.rms else vain + 1
-            if best is None or lift.misfit.rms < best[0].misfit.rms:
+            with self.request.clock.stage("lift"):
+                lift = lifted_between(finer, problem.curves, allowed=goal)
+            before = math.inf if best is None else best[0].misfit.rms
+            if best is None or lift.misfit.rms < before:
                 best = lift, finer
-            told = best[0].misfit
-            met = told.rms <= goal and told.max_per_local_edge <= LOCAL_TOLERANCES * self.options.tolerance
-            if met or vain == _PATIENCE:
+            if best[0].misfit.excess(allowed=goal, tolerance=self.request.options.tolerance) <= 1:
+                break
+            if lift.misfit.rms >= WORTHWHILE * before:
                 break
         else:
             limit = f"{_MOST_NODES} nodes on each rim are the most that are tried"
-        if best is None:
-            raise error
-        return self._found(*best, placed=placed, limit=limit)
-
-    def _goal(self, surface: HarmonicSurface) -> float:
-        """Distance at which no more nodes are taken."""
-        if self.options.is_series:
-            return 0.0
-        return self.allowed * (_WELL_BELOW if surface.slides.numel() <= _DENSE_IN_ALL else 1.0)
-
-    def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
-        """The surface over the loops' own curves, and with more and more nodes."""
-        problem, surface = self._problem(placed, -1), placed.surface
-        stable = self._problem(placed).index(surface) == 0
-        if self._is_noisy:
-            n = _even(_PER_EDGE * max(map(len, self.loops)))
-            with self.clock.stage("slides"):
-                for step in range(1, len(self._way)):
-                    surface = self._settled(self._problem(placed, step), surface, n, near=False)
-        while True:
-            yield surface
-            require_time()
-            n = _even(2 * surface.slides.shape[1])
-            if n > _MOST_NODES or not self.steps.left:
-                return
-            with self.clock.stage("slides"):
-                if stable and n * len(self.loops) > _DENSE_IN_ALL:
-                    surface = self._settled(problem, surface, n, near=not self._is_noisy)
-                    continue
-                finer: HarmonicSurface | None = problem.refined(surface, n)
-                if stable and finer is not None and finer.gradient > _POOR:
-                    finer = problem.descended(finer, tolerance=ROUNDING)
-            if finer is None:
-                return
-            surface = finer
-
-    def _settled(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, near: bool) -> HarmonicSurface:
-        edges = max(map(len, self.loops))
-        return problem.settled(
-            surface,
-            n,
-            tolerance=ROUGH_GRADIENT * self.options.tolerance if self._is_noisy else ROUNDING,
-            max_steps=min(MOST_STEPS, self.steps.left),
-            near=near,
-            negligible=negligible_energy(edges, self.allowed) if self._is_noisy else 0.0,
-        )
-
-    def _circles(self, placed: Placement) -> list[FourierBoundary]:
-        counts = [points_of_domain(self.loops[rim.number]) for rim in placed.rims]
-        return circles_of(placed.surface.domain, counts)
-
-    def _found(self, lift: Lift, harmonic: HarmonicSurface, *, placed: Placement, limit: str) -> Found:
-        with self.clock.stage("surface"):
-            surface = surface_of(lift, *self._circles(replace(placed, surface=harmonic)))
+        assert best is not None  # the first one is there with as many nodes as it was found with
+        with self.request.clock.stage("surface"):
+            lift, harmonic = best
+            surface = surface_of(lift, *self._circles(placed, harmonic.domain))
         return Found(
             surface=surface,
             curves=tuple(
-                self.curves[rim.number].reversed() if back else self.curves[rim.number]
+                self.request.curves[rim.number].reversed() if back else self.request.curves[rim.number]
                 for rim, back in zip(placed.rims, placed.back, strict=True)
             ),
             matchings=tuple(_matching(slide) for slide in lift.slides),
@@ -358,6 +287,47 @@ class RimsSolver:
             limit=limit,
             between=_between(replace(placed, surface=harmonic), lift.series.antiperiodic, lift.period),
         )
+
+    def _goal(self, surface: HarmonicSurface) -> float:
+        """Distance at which no more nodes are taken."""
+        if self.request.options.is_series:
+            return float(np.finfo(np.float64).tiny)
+        return self.request.allowed * (_WELL_BELOW if surface.slides.numel() <= _DENSE_IN_ALL else 1.0)
+
+    def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
+        """The surface over the loops' own curves, and with more and more nodes."""
+        problem, surface = self._problem(placed, -1), placed.surface
+        stable = self._problem(placed).index(surface) == 0
+        if self._is_noisy:
+            n = _even(_PER_EDGE * max(map(len, self.request.units)))
+            with self.request.clock.stage("slides"):
+                for step in range(1, len(self._way)):
+                    surface = self._settled(self._problem(placed, step), surface, n, near=False)
+        while True:
+            yield surface
+            require_time()
+            n = _even(2 * surface.slides.shape[1])
+            if n > _MOST_NODES or not self.request.steps.left:
+                return
+            with self.request.clock.stage("slides"):
+                if stable and n * len(self.request.units) > _DENSE_IN_ALL:
+                    surface = self._settled(problem, surface, n, near=not self._is_noisy)
+                else:
+                    surface = problem.refined(surface, n)
+
+    def _settled(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, near: bool) -> HarmonicSurface:
+        edges = max(map(len, self.request.units))
+        return problem.settled(
+            surface,
+            n,
+            tolerance=ROUGH_GRADIENT * self.request.options.tolerance if self._is_noisy else ROUNDING,
+            max_steps=min(MOST_STEPS, self.request.steps.left),
+            near=near,
+            negligible=negligible_energy(edges, self.request.allowed) if self._is_noisy else 0.0,
+        )
+
+    def _circles(self, placed: Placement, domain: CircularDomain) -> list[FourierBoundary]:
+        return circles_of(domain, [points_of_domain(self.request.units[rim.number]) for rim in placed.rims])
 
 
 def _between(placed: Placement, antiperiodic: tuple[bool, ...], period: float) -> Between:

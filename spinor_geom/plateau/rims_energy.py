@@ -30,71 +30,27 @@ _UNRESOLVED = 1e-2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSurface:
-    """A harmonic surface over a circular domain whose rims lie on curves at equal steps of every circle's angle.
+    """A harmonic surface over a circular domain, its rims on curves at equal steps of every circle's angle.
 
-    Attributes:
-        slides: (m, n), curve parameters at each node, increasing.
-        points: (m, n, 3), the points of the curves.
-        domain: Ω.
-        energy: Dirichlet energy: the area where the surface is conformal, more elsewhere.
-        gradient: RMS of the energy's derivative by arc length, relative to that of ΛX; without what a rotation of Ω has
-            of it, which so many nodes feel and the surface does not.
-        slopes: derivatives of the energy by the moduli, over the energy.
+    The energy and its derivatives by slides and moduli are sums over the nodes, without the factor 2π/n.
     """
 
-    slides: Float[Tensor, "m n"]
-    points: Float[Tensor, "m n 3"]
-    domain: CircularDomain
-    energy: float
-    gradient: float
-    slopes: Float[Tensor, " p"]
-
-    @property
-    def crowded(self) -> bool:
-        """Whether the nodes leave out a large part of a curve, so that the energy means nothing."""
-        steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
-        return float(steps.max()) * self.slides.shape[1] > CROWDED
-
-    @property
-    def size(self) -> float:
-        """The larger of the gradient and the steepest slope."""
-        return max(self.gradient, float(self.slopes.abs().max()))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EnergyPoint:
-    """The energy with its derivatives at given slides and moduli; sums over the nodes, without the factor 2π/n.
-
-    Attributes:
-        curves: of the rims, as the boundary of Ω runs, as a batch.
-        slides: (m, n), curve parameters.
-        points: (m, n, 3), of the curves.
-        speed: (m, n), of the curves by their parameters.
-        unit: (m, n, 3), their tangents.
-        bends: (m, n), Γ″·ΛX by arc length.
-        form: Λ.
-        negligible: as for `DirichletForm.of`.
-        energy: E.
-        by_slides: (m n,), derivative of E by arc length.
-        normal: (m, n, 3), ΛX.
-    """
-
-    curves: CurveTensors
-    slides: Float[Tensor, "m n"]
-    points: Float[Tensor, "m n 3"]
-    speed: Float[Tensor, "m n"]
-    unit: Float[Tensor, "m n 3"]
-    bends: Float[Tensor, "m n"]
-    form: DirichletForm
-    negligible: float
-    energy: float
-    by_slides: Float[Tensor, " mn"]
-    normal: Float[Tensor, "m n 3"]
+    curves: CurveTensors  # of the rims, as the boundary of Ω runs, as a batch
+    slides: Float[Tensor, "m n"]  # curve parameters
+    points: Float[Tensor, "m n 3"]  # of the curves
+    speed: Float[Tensor, "m n"]  # of the curves by their parameters
+    unit: Float[Tensor, "m n 3"]  # their tangents
+    bends: Float[Tensor, "m n"]  # Γ″·ΛX by arc length
+    form: DirichletForm  # Λ
+    negligible: float  # as for `DirichletForm.of`
+    energy: float  # E
+    by_slides: Float[Tensor, " mn"]  # derivative of E by arc length
+    normal: Float[Tensor, "m n 3"]  # ΛX
 
     @classmethod
     def of(
         cls, curves: CurveTensors, slides: Float[Tensor, "m n"], domain: CircularDomain, negligible: float
-    ) -> EnergyPoint:
+    ) -> HarmonicSurface:
         """The energy with given slides over a given domain."""
         points, tangent, second = curves.point_and_derivatives(slides)
         form = DirichletForm.of(domain, slides.shape[1], negligible=negligible)
@@ -125,18 +81,27 @@ class EnergyPoint:
         """Derivatives by the moduli."""
         return Moduli.of(self.form, self.points, self.normal)
 
+    @property
+    def dirichlet_energy(self) -> float:
+        """E with its factor: the area where the surface is conformal, more elsewhere."""
+        return self.energy * 2 * math.pi / self.slides.shape[1]
+
+    @property
+    def crowded(self) -> bool:
+        """Whether the nodes leave out a large part of a curve, so that the energy means nothing."""
+        steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
+        return float(steps.max()) * self.slides.shape[1] > CROWDED
+
     @cached_property
-    def surface(self) -> HarmonicSurface:
-        """The harmonic surface itself."""
-        slides, normal = self.gradient()[: len(self.by_slides)], self.normal.square().sum(-1).mean()
-        return HarmonicSurface(
-            slides=self.slides,
-            points=self.points,
-            domain=self.domain,
-            energy=self.energy * 2 * math.pi / self.slides.shape[1],
-            gradient=float((slides.square().mean() / normal).sqrt()),
-            slopes=self.moduli.slopes / self.energy,
-        )
+    def slope(self) -> float:
+        """RMS derivative by arc length, relative to that of ΛX, but for a rotation of Ω, which only nodes feel."""
+        by_slides, normal = self.gradient()[: len(self.by_slides)], self.normal.square().sum(-1).mean()
+        return float((by_slides.square().mean() / normal).sqrt())
+
+    @cached_property
+    def size(self) -> float:
+        """The larger of that and the steepest derivative by a modulus, over the energy."""
+        return max(self.slope, float(self.moduli.slopes.abs().max()) / self.energy)
 
     @property
     def stiffness(self) -> float:
@@ -181,21 +146,18 @@ class EnergyPoint:
         rotation: Tensor = torch.cat([turned.flatten(), _without_first_place(places)]) / turned.norm()
         return rotation
 
-    def stepped(self, step: Float[Tensor, " k"], *, fixed: bool = False) -> EnergyPoint:
-        """The energy after a step by arc length and of the moduli, or as much of it as leaves the circles apart.
-
-        This one itself where so many nodes do not resolve the gaps after a small part of it.
-        """
+    def stepped(self, step: Float[Tensor, " k"], *, fixed: bool = False) -> HarmonicSurface:
+        """The surface after a step, or as much of it as keeps the circles apart and is resolved; else this one."""
         count = self.slides.numel()
         direction = step[:count].reshape(self.slides.shape) / self.speed
         if fixed:
-            return EnergyPoint.of(self.curves, slid(self.slides, direction, 1.0), self.domain, self.negligible)
+            return HarmonicSurface.of(self.curves, slid(self.slides, direction, 1.0), self.domain, self.negligible)
         along = step[count:]
         share = min(1.0, _LARGEST_STEP / max(float(along.abs().max()), _LARGEST_STEP))
         for _ in range(_MOST_HALVINGS):
             domain = self.domain.moved(share * along)
             if float(domain.room[1].min()) > 0:
-                there = EnergyPoint.of(self.curves, slid(self.slides, direction, share), domain, self.negligible)
+                there = HarmonicSurface.of(self.curves, slid(self.slides, direction, share), domain, self.negligible)
                 if there.form.error <= max(_UNRESOLVED, self.form.error):
                     return there
             share /= 2
@@ -207,16 +169,11 @@ class Moduli:
     """Derivatives by the moduli: of each hole its place, by the distance to the next circle, and its log modulus.
 
     The first hole stays about 0.
-
-    Attributes:
-        form: Λ.
-        null: ∂X/∂τ + iΛX on the holes.
-        moves: v/z′ of the three moduli of each hole.
     """
 
-    form: DirichletForm
-    null: Complex[Tensor, "h n c"]
-    moves: Complex[Tensor, "h 3 n"]
+    form: DirichletForm  # Λ
+    null: Complex[Tensor, "h n c"]  # ∂X/∂τ + iΛX on the holes
+    moves: Complex[Tensor, "h 3 n"]  # v/z′ of the three moduli of each hole
 
     @classmethod
     def of(cls, form: DirichletForm, points: Float[Tensor, "m n c"], normal: Float[Tensor, "m n c"]) -> Moduli:

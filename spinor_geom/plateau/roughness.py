@@ -26,18 +26,10 @@ def roundest(points: int) -> float:
 
 
 def negligible_energy(edges: int, allowed: float) -> float:
-    """A fall of the energy that is none on a rough loop: a thousandth of that of waves as long as an edge, and as high.
-
-    Args:
-        edges: of the loop.
-        allowed: RMS distance from Γ, at unit size.
-    """
+    """A fall of the energy that is none on a rough loop: a thousandth of that of waves as long and high as an edge."""
     return 1e-3 * 2 * np.pi * edges * allowed**2
 
 
 def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
-    """Whether a loop bends at many of its points, where the curve through them is a cubic spline.
-
-    What the roundest loop of as many points turns by does not count.
-    """
+    """Whether a loop bends at many of its points, more than the roundest one, where the curve through them is cubic."""
     return bool(curve.degree == min(DEGREES) and roughness(loop) - roundest(len(loop)) > ROUGH_TURN)

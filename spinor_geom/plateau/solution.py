@@ -250,7 +250,7 @@ class PlateauSolution(Shown):
     def area_in_domain(self) -> float:
         """The area by quadrature in Ω, a check of `area` over smooth rims; beside rough ones it is off by percents.
 
-        See `certificates.area_in_domain`.
+        See `evidence.area_in_domain`.
         """
         return self.evidence.area_in_domain
 

@@ -47,15 +47,10 @@ Solve: TypeAlias = Callable[[Disk], PlateauSolution]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rim:
-    """The points of a loop that stand for it in discrete disks.
-
-    Attributes:
-        loop: the loop.
-        indices: of the points in it, ascending.
-    """
+    """The points of a loop that stand for it in discrete disks."""
 
     loop: BoundaryLoop
-    indices: Int[np.ndarray, " m"]
+    indices: Int[np.ndarray, " m"]  # of the points in it, ascending
 
     @cached_property
     def points(self) -> Float[np.ndarray, "m 3"]:
@@ -90,11 +85,7 @@ class Rim:
         return solution.surface.normal(solution.loop_points_in_domain()[self.indices])
 
     def domain_mesh(self, solution: PlateauSolution) -> PlaneTriangulation:
-        """A mesh of a solution's Ω whose boundary vertices are the rim's points.
-
-        Raises:
-            DomainError: the rim's points in Ω make no simple polygon.
-        """
+        """A mesh of a solution's Ω whose boundary vertices are the rim's points."""
         polygon = solution.loop_points_in_domain()[self.indices]
         return triangulate_polygon(polygon, graded_size(polygon, growth=_GROWTH))
 
@@ -105,11 +96,7 @@ class Rim:
         return x
 
     def round_positions(self, solution: PlateauSolution) -> Float[np.ndarray, "n 3"]:
-        """A solution's positions at the vertices of the round mesh: Ω is mapped harmonically to it.
-
-        Raises:
-            DomainError: the rim's points in Ω make no simple polygon.
-        """
+        """A solution's positions at the vertices of the round mesh: Ω is mapped harmonically to it."""
         mesh, target = self.domain_mesh(solution), self.round_mesh
         m = mesh.boundary_size
         circle = target.points[:m]
@@ -123,15 +110,9 @@ class Rim:
 def leave_unstable(
     solution: PlateauSolution, lower: Callable[[PlateauSolution], PlateauSolution | None], where: str
 ) -> PlateauSolution:
-    """The last of the disks to which an unstable one is left, one of less area after the other.
+    """The last of the disks to which an unstable one is left, one of less area after the other; its reason says so.
 
-    Args:
-        solution: it comes back as it is unless its verdict is "unstable".
-        lower: finds a disk of less area than an unstable one; none where it does not.
-        where: it looks, as the end of a sentence.
-
-    Returns:
-        A disk that is not unstable, or one that could not be left; its reason says what was left.
+    `lower` finds a disk of less area than an unstable one, or none; `where` it looks is the end of a sentence.
     """
     left: list[float] = []
     while solution.stability.verdict == "unstable" and len(left) < _MOST_STARTS:
@@ -153,12 +134,6 @@ def lower_beside(solution: PlateauSolution, rim: Rim, solve: Solve, steps: Steps
 
     The disk is moved along an eigenvector of its second variation to the least area, the area descends from there, and
     the solver starts from the discrete disk that this leads to.
-
-    Args:
-        solution: the unstable one.
-        rim: of the loop.
-        solve: the solver.
-        steps: that it takes.
     """
     for direction in _departures(solution, rim):
         for disk in direction:
@@ -182,10 +157,6 @@ def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
     to both sides along each of its eigenvectors. Where Γ bounds no degenerate disk, Σ(−1)^index = 1 over all disks;
     while the sum is larger, the averages of pairs of stable disks are starts too, because between two minima there is a
     saddle.
-
-    Args:
-        rim: of the loop.
-        solve: the solver.
 
     Returns:
         Different disks, all converged; the nearest one alone where none converged.
@@ -239,22 +210,13 @@ class _Search:
     errors: list[SpinorGeomError] = field(default_factory=list)
     starts: int = 0
 
-    def start(self, make_disk: Callable[[], Disk]) -> None:
-        """Solves from a disk that is yet to be made."""
-        try:
-            disk = make_disk()
-        except FAILURES as error:
-            self.errors.append(error)
-        else:
-            self.start_from(disk)
-
-    def start_from(self, disk: Disk) -> PlateauSolution | None:
-        """The solution from a discrete disk, which is kept if it converged and is new; None where there is none."""
+    def start(self, make_disk: Callable[[], Disk]) -> PlateauSolution | None:
+        """The solution from a disk that is yet to be made, kept if it converged and is new; None if there is none."""
         self.starts += 1
         if self.starts > _MOST_STARTS:
             return None
         try:
-            solution = self.solve(disk)
+            solution = self.solve(make_disk())
         except FAILURES as error:
             self.errors.append(error)
             return None
@@ -284,7 +246,7 @@ class _Search:
             unstable = waiting[0].solution
             for direction in _departures(unstable, self.rim):
                 for disk in direction:
-                    found = self.start_from(disk)
+                    found = self.start(partial(replace, disk))
                     if found is not None and _is_lower(found, unstable):
                         break
 

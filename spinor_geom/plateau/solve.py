@@ -19,13 +19,20 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.harmonic_fit import BATCH_NODES, FEWEST_NODES
 from spinor_geom.plateau.harmonic_route import HarmonicSolver
-from spinor_geom.plateau.options import Cauchy, Model, Options
-from spinor_geom.plateau.plan import OnUnitDisk, Route, ThroughPoints, all_surfaces, minimal_disk, plan, surface_between
+from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options
+from spinor_geom.plateau.plan import (
+    OnUnitDisk,
+    Route,
+    Task,
+    ThroughPoints,
+    all_surfaces,
+    minimal_disk,
+    plan,
+    surface_between,
+)
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import Iteration
-from spinor_geom.plateau.task import Task
 from spinor_geom.plateau.threads import one_thread
-from spinor_geom.plateau.trained_route import Optimizer
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack

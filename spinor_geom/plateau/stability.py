@@ -49,9 +49,8 @@ def assess_stability(surface: SpinorSurface) -> Stability:
 
     The total curvature ∫|K| dA, an integral along ∂Ω, decides first: below 2π the surface is stable. Otherwise the
     eigenvalues μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated;
-    the surface is stable if the smallest is above 1. The difference of the meshes is the margin within which they leave
-    it open; then finer ones are tried, and after them it is "undecided". Wrinkles of the surface far below the meshes'
-    size, as fits have them in corners, do not count.
+    the surface is stable if the smallest is above 1. Where the difference of the meshes leaves it open finer ones are
+    tried. Wrinkles far below the meshes' size, as fits have them in corners, do not count.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
@@ -96,17 +95,10 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
 def lowest_modes(
     surface: SpinorSurface, mesh: PlaneTriangulation, count: int
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "n k"]]:
-    """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and their functions u.
+    """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and as columns u, at most 1.
 
-    Along u·n the second variation of area is (1 − 1/μ)∫|∇u|²: negative where μ < 1.
-
-    Args:
-        surface: a minimal surface.
-        mesh: of its Ω or most of it.
-        count: how many; fewer come back where the mesh has fewer inner vertices.
-
-    Returns:
-        μ, and for each a column with the values of u at the mesh's vertices, the largest |u| being 1.
+    Along u·n the second variation of area is (1 − 1/μ)∫|∇u|²: negative where μ < 1. Fewer than `count` come back where
+    the mesh has fewer inner vertices.
     """
     curvature = gauss_image_areas(surface.spinors(mesh.points), mesh.faces)
     inner = np.arange(mesh.boundary_size, len(mesh.points))

@@ -36,17 +36,10 @@ def lifted_spinors(
 ) -> Complex[Tensor, "m 2"]:
     """P and q on each boundary edge of a discrete surface, with the signs that make them continuous on all of it.
 
-    From one edge of a ragged boundary to the next the frame may turn so far that the spinors beside each other do not
-    tell the sign. From face to face it turns less: the signs are handed on along the tree of faces whose steps have the
-    most nearly parallel spinors.
-
-    Args:
-        vertices: the first m are the boundary, in order.
-        faces: counter-clockwise.
-        points: the images of the vertices in Ω.
-        rims: numbers of the boundary vertices of each rim.
-        device: of the result.
-        branch: c in a hole around which p and q change their signs: p/√(z − c) and q/√(z − c), which do not, are given.
+    On a ragged boundary the spinors beside each other may not tell the sign. From face to face the frame turns less:
+    the signs are handed on along the tree of faces whose steps have the most nearly parallel spinors. The first
+    vertices are the boundary, in order; `points` are their images in Ω. Where p and q change their signs around a
+    `branch` c in a hole, p/√(z − c) and q/√(z − c) are given, which do not.
     """
     import igl
 
@@ -85,15 +78,7 @@ def lifted_frames(
     rims: Rims,
     device: torch.device,
 ) -> Complex[Tensor, "m 3"]:
-    """φ on each boundary edge of a discrete surface, as its frames there say.
-
-    Args:
-        vertices: the first m are the boundary, in order.
-        faces: counter-clockwise.
-        boundary: the images of the boundary vertices in Ω.
-        rims: numbers of the boundary vertices of each rim.
-        device: of the result.
-    """
+    """φ on each boundary edge of a discrete surface, of its first vertices in order, as its frames there say."""
     m = len(boundary)
     after = rim_successors(rims)
     corner = vertices[faces[_faces_along(faces, after)]]

@@ -36,17 +36,11 @@ class Iteration:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Steps:
-    """Steps in their order, and who hears of them.
+    """Steps in their order, and who hears of them."""
 
-    Attributes:
-        limit: on their number.
-        on_iteration: is called with each.
-        history: those so far.
-    """
-
-    limit: int
-    on_iteration: Callable[[Iteration], None] | None = None
-    history: list[Iteration] = field(default_factory=list)
+    limit: int  # on their number
+    on_iteration: Callable[[Iteration], None] | None = None  # is called with each
+    history: list[Iteration] = field(default_factory=list)  # those so far
 
     def take(self, method: Method, residual: float) -> None:
         """Takes down the next step and tells it; see `Iteration`."""

@@ -1,8 +1,7 @@
 """What routes share whose surface passes through points: integrals along polygons in Ω, and Newton's method for them.
 
 p and q are sums of features; δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz, so that two complex matrices say
-all of how the points move. There are fewer equations than read-outs: of all solutions the one nearest to a start is
-taken.
+all of how the points move.
 """
 
 from __future__ import annotations
@@ -48,21 +47,10 @@ class EdgeIntegrals:
     polygon: Complex[Tensor, " n"]
     spinors: Complex[Tensor, "n g 2"]
 
-    @property
-    def nodes(self) -> int:
-        """Number on each edge."""
-        return self.spinors.shape[1]
-
-    @property
-    def velocity(self) -> Complex[Tensor, "n g 3"]:
-        """φ dz by the share of the edge."""
-        step = self.polygon.roll(-1) - self.polygon
-        return phi(self.spinors[..., 0], self.spinors[..., 1]) * step[:, None, None]
-
     @cached_property
     def _weighted(self) -> Complex[Tensor, "n 2 g"]:
         """P dz and q dz by the quadrature's weights."""
-        weights = torch.tensor(rule("gauss", self.nodes).weights, device=self.polygon.device)
+        weights = torch.tensor(rule("gauss", self.spinors.shape[1]).weights, device=self.polygon.device)
         return self.spinors.mT * ((self.polygon.roll(-1) - self.polygon)[:, None] * weights)[:, None]
 
     def changes(self, features: Complex[Tensor, "n g k"]) -> Complex[Tensor, "n 2 k"]:
@@ -87,17 +75,11 @@ class EdgeIntegrals:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointEquations:
-    """The distances of points from where they shall be as linear functions of orthonormal read-outs.
+    """The distances of points from where they shall be as linear functions of orthonormal read-outs."""
 
-    Attributes:
-        by_p: conjugates of ∫ 2pf dz to each point for all features f.
-        by_q: of ∫ 2qf dz.
-        factor: of the Gram matrix of the 3n functions.
-    """
-
-    by_p: Complex[Tensor, "k n"]
-    by_q: Complex[Tensor, "k n"]
-    factor: Float[Tensor, "n3 n3"]
+    by_p: Complex[Tensor, "k n"]  # conjugates of ∫ 2pf dz to each point for all features f
+    by_q: Complex[Tensor, "k n"]  # of ∫ 2qf dz
+    factor: Float[Tensor, "n3 n3"]  # of the Gram matrix of the 3n functions
 
     @classmethod
     def of(cls, by_p: Complex[Tensor, "k n"], by_q: Complex[Tensor, "k n"]) -> PointEquations:
@@ -116,12 +98,7 @@ class PointEquations:
         return cls(by_p=by_p, by_q=by_q, factor=torch.linalg.cholesky(matrix))
 
     def step(self, error: Float[Tensor, "n 3"], away: Complex[Tensor, "k 2"] | None) -> Complex[Tensor, "k 2"]:
-        """The shortest change of the read-outs that takes the distances away.
-
-        Args:
-            error: the distances.
-            away: read-outs less those that the changed ones shall be nearest to; none for the change itself.
-        """
+        """The shortest change of the read-outs that takes distances away; `away` from others, the nearest to them."""
         wanted = error if away is None else error - self._change(away)
         x, y, z = torch.cholesky_solve(wanted.T.reshape(-1, 1), self.factor).reshape(3, -1)
         xy, z = torch.complex(x, y), torch.complex(z, torch.zeros_like(z))
@@ -171,20 +148,12 @@ class Basis:
         cls,
         polygons: Sequence[Complex[Tensor, "_"]],
         poles: Sequence[Poles],
-        ways: Sequence[tuple[Complex[Tensor, "_"], Complex[Tensor, "_"]]],
+        ways: Sequence[tuple[Complex[np.ndarray, "_"], Complex[np.ndarray, "_"]]],
         branches: Complex[Tensor, " b"],
         *,
         nodes: int,
     ) -> Basis:
-        """The features on the rims of Ω.
-
-        Args:
-            polygons: the rims.
-            poles: of each.
-            ways: quadrature nodes on a way to each of several from the root of Ω, and dz times their weights.
-            branches: points in holes around which p and q change their sign.
-            nodes: on each edge.
-        """
+        """The features on the rims of Ω."""
         outer = polygons[0]
         positions = torch.as_tensor(np.concatenate([each.positions for each in poles]), device=outer.device)
         scales = torch.as_tensor(np.concatenate([each.scales for each in poles]), device=outer.device)
@@ -215,7 +184,7 @@ class Basis:
             )
         on_ways = [
             (raw_features(z, hessenberg, positions, scales) * sign_changing(z, branches)[..., None], dz)
-            for z, dz in ways
+            for z, dz in ([torch.as_tensor(part, device=outer.device) for part in way] for way in ways)
         ]
         return cls(
             hessenberg=hessenberg,
@@ -317,22 +286,9 @@ def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
 
 
 def nearest_through(
-    here: Passing,
-    readout: Complex[Tensor, "k 2"],
-    *,
-    start: Complex[Tensor, "k 2"],
-    allowed: float,
-    steps: Steps,
+    here: Passing, readout: Complex[Tensor, "k 2"], *, start: Complex[Tensor, "k 2"], allowed: float, steps: Steps
 ) -> Complex[Tensor, "k 2"]:
-    """Newton's method for the read-outs nearest to a start that meet all points.
-
-    Args:
-        here: the surface to set out from.
-        readout: its read-outs.
-        start: those to stay near to.
-        allowed: RMS distance; at half of it it stops.
-        steps: gets those that lower the distance.
-    """
+    """Newton's method for the read-outs nearest to a start that meet all points, to half of the distance allowed."""
     linear: PointEquations | None = None
     distance = rms(here.error)
     while distance > allowed / 2 and not steps.are_spent:
@@ -364,10 +320,7 @@ def curve_through(
 ) -> BoundaryCurve:
     """Γ: a surface's boundary less its distances from points, which change linearly from one to the next.
 
-    Args:
-        points: on Γ.
-        velocity: dr by the share of the way from each point to the next, at Gauss-Legendre nodes.
-        error: the surface's boundary at the points less those.
+    The velocity is dr by the share of the way, at Gauss-Legendre nodes.
     """
     place = places_in_piece()
     within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
@@ -382,12 +335,7 @@ def curve_through(
 
 
 def misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:
-    """The misfit of a surface's boundary off Γ by what its points are, and linearly between them.
-
-    Args:
-        curve: Γ; see `curve_through`.
-        error: of the points.
-    """
+    """The misfit of a surface's boundary off Γ by what its points are, and linearly between them."""
     points = curve.coefficients[-1]
     length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     after, beside = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2

@@ -1,20 +1,25 @@
-"""The route for rough rims: the minimal surface through a rim's points that is nearest to a discrete one.
+"""The route for rough rims: the minimal surface through their points that is nearest to a discrete or a smooth one.
 
-Of a mesh's rim only the points are in the mesh. Between them Γ is free, and a rim that was cut along triangles says
-nothing of it: so Γ is the surface's own boundary there. What is left to ask for is that the surface passes through n
-points, 3n equations for the read-outs of p and q, far fewer than there are read-outs. Of their solutions the one is
-taken that is nearest to p and q of a discrete minimal disk, in the H¹ norm on ∂Ω: p and q hardly vary along an edge,
-and Γ keeps near to the rim's edges. Ω is that disk flattened with its boundary lengths kept, a polygon whose vertices
-are matched with the rim's points; nothing slides, nothing crowds, and two to six Newton steps are enough.
+Of a mesh's rim only the points are in the mesh, so between them Γ is the surface's own boundary. n points ask for 3n
+equations for the read-outs of p and q, fewer than there are. Of their solutions the one is taken that is nearest to p
+and q of a start, in the H¹ norm on ∂Ω: p and q hardly vary along an edge, and Γ keeps near to the rim's edges. Nothing
+slides, and two to six Newton steps are enough.
+
+For one rim the start is a discrete minimal disk, and Ω that disk flattened with its boundary lengths kept. For several
+it is the smooth surface over averages of the rims, on a circular domain; where that comes nearest to each point, along
+its tangent planes, is the point's place, and the polygons through these places, circles with the rims' teeth, bound Ω.
+p and q are sums of Cauchy units, beside each edge for the teeth, and deeper in each hole and as polynomials for what is
+smooth: powers of the circles' coordinates would be too coarse where places crowd. Three equations a hole make Re ∮ φ dz
+= 0.
 """
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Int
+from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
@@ -24,15 +29,19 @@ from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
-from spinor_geom.errors import SurfaceError
-from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.poles import polygon_poles
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.clock import Clock
+from spinor_geom.errors import DomainError, SurfaceError
+from spinor_geom.holomorphic.laurent import LaurentSeries
+from spinor_geom.holomorphic.poles import Poles, polygon_poles
+from spinor_geom.holomorphic.series import power_sums
 from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.lift import Lift
+from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.problem import way_to
+from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.through_points import (
+    DEGREE,
     NODES,
     Basis,
     OnRim,
@@ -40,45 +49,26 @@ from spinor_geom.plateau.through_points import (
     curve_through,
     misfit_at_points,
     nearest_through,
+    nodes_on_edges,
     polygon_through,
     rms,
     shares,
 )
-from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # So many edges away from the points no start has led to a surface through them, and a boundary that leaves the loop's
 # edges by as many would cross what is beside them.
 _FAR = 2.0
+# Newton steps to a point's place.
+_PLACINGS = 3
 
 
-def disk_through_points(
-    loop: BoundaryLoop,
-    *,
-    allowed: float,
-    steps: Steps,
-    device: torch.device,
-    clock: Clock,
-    first: Disk | None = None,
-) -> Found:
-    """The minimal disk through the points of a rough loop, as nearly as they can be met.
-
-    Args:
-        loop: at unit size.
-        allowed: RMS distance of its points from the surface to reach.
-        steps: gets those of Newton's method.
-        device: where the linear algebra runs.
-        clock: of the stages.
-        first: the first discrete disk, where it was made together with those of other loops.
-
-    Raises:
-        FirstFillError: no discrete disk over the loop was found.
-        DomainError: it has no simple flattening, or one with an edge of no length.
-        SingularMatrixError: the discrete disk is degenerate.
-        SurfaceError: no surface near the discrete one comes near to the points.
-    """
-    points = loop.points
+def disk_through_points(request: Request, first: Disk | None = None) -> Found:
+    """The minimal disk through the points of a rough loop, as nearly as they can be met, next to a discrete one."""
+    loop, device, allowed = request.unit, request.options.device, request.allowed
+    points, clock = loop.points, request.clock
     with clock.stage("first fill"):
         disk = first or first_disk(points)
     with clock.stage("flattening"):
@@ -91,66 +81,44 @@ def disk_through_points(
         with clock.stage("features"):
             basis = _basis(flat.boundary, nodes, device)
         with clock.stage("fit"):
-            raw = _fitted(basis, spinors, raw, loop, allowed, steps)
+            raw = _fitted(basis, spinors, raw, request)
         with clock.stage("surface"):
-            network = basis.network(raw)
-            rim = RimPrimitive.along(domain.boundary, partial(_phi_of, network), 2 * nodes)
+            surface = SpinorSurface(basis.network(raw), domain).to(device)
+            (rim,) = surface.rim_primitives(2 * nodes)
             error = rim.at_breaks[:-1].real - points
             error -= error.mean(axis=0)
         if np.linalg.norm(error) <= allowed * len(points) ** 0.5 or is_out_of_time():
             break
     with clock.stage("surface"):
-        velocity = rim.velocity.real.reshape(len(points), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
-        curve = curve_through(points, velocity, error)
-        bulge = curve.bulge() / loop.mean_edge_length
+        root = domain.root
+        at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
+        with torch.no_grad():
+            surface.constant.copy_(torch.tensor(points[0] + error[0] + at_root.real))
+        found = _passed(surface, [rim], [points], [error], area=rim.area, near="the discrete one")
+        bulge = found.curves[0].bulge() / loop.mean_edge_length
         if not bulge <= _FAR:
             raise SurfaceError(
                 f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
             )
-        root = domain.root
-        at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
-        return Found(
-            surface=SpinorSurface(network, domain, points[0] + error[0] + at_root.real).to(device),
-            curves=(curve,),
-            matchings=(np.column_stack([domain.boundary.parameters[:-1], curve.breaks[:-1]]),),
-            misfit=misfit_at_points(curve, error),
-            area=rim.area,
-            route="vertices",
-            limit="no minimal surface near the discrete one passes through the loop's points more nearly",
-        )
+        return found
 
 
 def _fitted(
-    basis: Basis,
-    spinors: Complex[Tensor, "n 2"],
-    raw: Complex[Tensor, "k 2"] | None,
-    loop: BoundaryLoop,
-    allowed: float,
-    steps: Steps,
+    basis: Basis, spinors: Complex[Tensor, "n 2"], raw: Complex[Tensor, "k 2"] | None, request: Request
 ) -> Complex[Tensor, "k 2"]:
-    """Read-outs of the features that meet the loop's points, nearest to p and q of a start in the norm of the basis.
-
-    Args:
-        basis: of p and q.
-        spinors: p and q of the start in the middle of each edge.
-        raw: read-outs to set out from; none for the start's.
-        loop: at unit size.
-        allowed: RMS distance of its points.
-        steps: gets those that are done.
-    """
+    """Read-outs that meet all points, nearest to p and q of a start in the middle of each edge; from `raw` on."""
     (rim,) = basis.rims
     start = _nearest(rim, spinors)
     readout = start if raw is None else rim.norm.mH @ raw
-    wanted = torch.tensor(loop.points, device=start.device)
+    wanted = torch.tensor(request.unit.points, device=start.device)
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
-    in_edges = rms(here.error) / loop.mean_edge_length
+    in_edges = rms(here.error) / request.unit.mean_edge_length
     if not in_edges <= _FAR:
         raise SurfaceError(
             "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
             f"{in_edges:.0f} edges away from the points"
         )
-
-    return basis.raw(nearest_through(here, readout, start=start, allowed=allowed, steps=steps))
+    return basis.raw(nearest_through(here, readout, start=start, allowed=request.allowed, steps=request.steps))
 
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
@@ -161,12 +129,6 @@ def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], fl
         return PlaneDomain.inside(boundary, flat.log_scale)
     mesh = PlaneTriangulation(points=images, faces=faces, boundary_size=len(flat.boundary))
     return PlaneDomain(boundary=boundary, triangulation=mesh, log_scale=flat.log_scale)
-
-
-def _phi_of(network: CauchyNetwork, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
-    with torch.no_grad():
-        spinors = network.value(torch.from_numpy(z).to(network.poles.device))
-        return np.asarray(phi(*spinors.unbind(-1)).cpu())
 
 
 def _basis(vertices: Complex[np.ndarray, " n"], nodes: int, device: torch.device) -> Basis:
@@ -183,3 +145,117 @@ def _nearest(rim: OnRim, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 
     back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
     ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
     return rim.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
+
+
+def surface_through(
+    smooth: Lift,
+    starts: Sequence[Complex[Tensor, " _"]],
+    points: Sequence[Float[np.ndarray, "_ 3"]],
+    *,
+    allowed: float,
+    steps: Steps,
+) -> Found:
+    """The surface through points next to a smooth one over averages of the rims, as nearly as they can be met.
+
+    The starts are points of each rim's circle that lie about where its points shall.
+    """
+    wanted = [torch.tensor(each, device=smooth.shift.device) for each in points]
+    outer, *holes = (
+        polygon_through(_feet(smooth, z, each).cpu().numpy()) for z, each in zip(starts, wanted, strict=True)
+    )
+    domain = PlaneDomain.inside(outer, holes=tuple(holes))
+    basis, start = _basis_around(domain, smooth.series)
+    here = Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
+    readout = nearest_through(here, start, start=start, allowed=allowed, steps=steps)
+    return _placed(here.at(here.at(readout).closed(readout)), domain)
+
+
+def _feet(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "n 3"]) -> Complex[Tensor, " n"]:
+    """Where a surface comes nearest to points."""
+    z = start
+    with torch.no_grad():
+        for _ in range(_PLACINGS):
+            velocity = phi(*smooth.series.value(z).unbind(-1))
+            away = points - smooth.shift - null_vector(*smooth.series.primitive(z).unbind(-1)).real
+            z = z + 2 * (away * velocity.conj()).sum(-1) / velocity.abs().square().sum(-1)
+    return z
+
+
+def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[Tensor, "k 2"]]:
+    """The features on the rims of Ω, and their orthonormal read-outs for the smooth surface."""
+    circles = smooth.circles
+    device = circles.radii.device
+    poles = [polygon_poles(boundary.vertices) for boundary in domain.boundaries]
+    if domain.contains(circles.centres.cpu().numpy()).any():
+        raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
+    for number, centre in enumerate(circles.centres.tolist(), 1):
+        poles[number] += _deep_poles(domain.boundaries[number].vertices, centre)
+    sizes = [len(boundary.vertices) for boundary in domain.boundaries]
+    firsts = [sum(sizes[:number]) for number in range(len(sizes))]
+    basis = Basis.on(
+        [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries],
+        poles,
+        [way_to(domain, first, NODES) for first in firsts],
+        circles.centres[torch.tensor(smooth.antiperiodic, device=device)],
+        nodes=NODES,
+    )
+    parts = [_part(smooth, nodes_on_edges(rim.polygon, NODES), number) for number, rim in enumerate(basis.rims)]
+    return basis, torch.cat([rim.nearest(part) for rim, part in zip(basis.rims, parts, strict=True)])
+
+
+def _deep_poles(hole: Complex[np.ndarray, " n"], centre: complex) -> Poles:
+    """Poles halfway to the middle of a hole, for what is smooth around it: as many as there are polynomials."""
+    turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
+    radius = np.abs(hole - centre).min() / 2
+    return Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
+
+
+def _part(smooth: LaurentSeries, z: Complex[Tensor, "*pts"], number: int) -> Complex[Tensor, "*pts 2"]:
+    """What one circle's powers bring to p and q, without what changes sign."""
+    zeta = smooth.circles.coordinates(z)[number]
+    if number == 0:
+        return power_sums(zeta, smooth.outward.detach())
+    return zeta[..., None] * power_sums(zeta, smooth.inward[number - 1].detach())
+
+
+def _placed(here: Passing, domain: PlaneDomain) -> Found:
+    """The surface, its distances from the points told by integrals along ∂Ω with twice as many nodes."""
+    surface = SpinorSurface(here.basis.network(here.raw), domain).to(here.raw.device)
+    rims = surface.rim_primitives(2 * NODES)
+    starts = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
+    points = [each.cpu().numpy() for each in here.points]
+    off = [start + rim.at_breaks[:-1].real - each for start, rim, each in zip(starts, rims, points, strict=True)]
+    mean = np.concatenate(off).mean(axis=0)
+    with torch.no_grad():
+        surface.constant.sub_(surface.constant.new_tensor(mean))
+    area = sum(rim.area + 0.5 * float(start @ rim.at_breaks[-1].imag) for start, rim in zip(starts, rims, strict=True))
+    return _passed(surface, rims, points, [each - mean for each in off], area=area, near="that over averages")
+
+
+def _passed(
+    surface: SpinorSurface,
+    rims: Sequence[RimPrimitive],
+    points: Sequence[Float[np.ndarray, "_ 3"]],
+    errors: Sequence[Float[np.ndarray, "_ 3"]],
+    *,
+    area: float,
+    near: str,
+) -> Found:
+    """A surface whose boundary is so far off the points of each rim."""
+    curves, misfits = [], []
+    for rim, own, error in zip(rims, points, errors, strict=True):
+        velocity = rim.velocity.real.reshape(len(own), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
+        curves.append(curve_through(own, velocity, error))
+        misfits.append(misfit_at_points(curves[-1], error))
+    return Found(
+        surface=surface,
+        curves=tuple(curves),
+        matchings=tuple(
+            np.column_stack([boundary.parameters[:-1], curve.breaks[:-1]])
+            for boundary, curve in zip(surface.domain.boundaries, curves, strict=True)
+        ),
+        misfit=Misfit.together(misfits),
+        area=area,
+        route="vertices",
+        limit=f"no minimal surface near {near} passes through the points more nearly",
+    )

@@ -18,13 +18,9 @@ from spinor_geom.mesh.arrays import igl_arrays
 def find_anchors(z: Complex[Tensor, "*pts"], domain: PlaneDomain) -> Int[Tensor, "*pts"]:
     """For points of Ω the vertices of its triangulation that they see along straight segments inside Ω.
 
-    That is the nearest corner of the triangle that holds the point, not the nearest vertex of all: that one may lie
-    across a gap of Ω. Inner corners come before those on ∂Ω: near ∂Ω the poles are near too. A point outside all
-    triangles (between ∂Ω and its polygon) belongs to the nearest one. It works inside the transforms of torch.func too,
-    and has no derivative.
-
-    Raises:
-        DomainError: a point is NaN or infinite.
+    That is the nearest corner of the triangle that holds the point, or of the nearest triangle: the nearest vertex of
+    all may lie across a gap of Ω. Inner corners come before those on ∂Ω: near ∂Ω the poles are near too. It works
+    inside the transforms of torch.func too, and has no derivative. A point that is not finite is a DomainError.
     """
     index: Tensor = _Lookup.apply(z, domain)  # type: ignore[no-untyped-call] # torch leaves `apply` untyped
     return index

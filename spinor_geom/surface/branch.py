@@ -56,19 +56,11 @@ def branch_points(
     phi: Callable[[Complex[Tensor, " n"]], Complex[Tensor, "n 3"]],
     domain: PlaneDomain,
 ) -> tuple[BranchPoint, ...]:
-    """Common zeros of p and q inside ∂Ω, with their orders and invariants.
+    """Common zeros of p and q, z ↦ (p, q), inside ∂Ω, with their orders and invariants.
 
     The zeros of one generic combination u = a·p + b·q are found by the argument principle; those that the orthogonal
     combination v = −b̄·p + ā·q has too are the common ones. Zeros of u and v nearer to each other than 1e-4 of the
     domain's diameter count as common.
-
-    Args:
-        spinors: z ↦ (p, q), holomorphic on Ω.
-        phi: z ↦ φ.
-        domain: Ω.
-
-    Raises:
-        ZeroOnContourError: u has a zero on ∂Ω or too near to it, for example a branch point there.
     """
 
     def u(z: Complex[Tensor, " n"]) -> Complex[Tensor, " n"]:
@@ -90,13 +82,7 @@ def branch_points(
 def with_invariants(
     zeros: Sequence[Zero], phi: Callable[[Complex[Tensor, " n"]], Complex[Tensor, "n 3"]], domain: PlaneDomain
 ) -> tuple[BranchPoint, ...]:
-    """All zeros of φ in Ω as branch points, each with the invariant of a circle around it.
-
-    Args:
-        zeros: of φ, with their orders.
-        phi: z ↦ φ.
-        domain: Ω.
-    """
+    """All zeros of φ in Ω as branch points, each with the invariant of a circle around it."""
     z = np.array([zero.z for zero in zeros])
     apart = np.abs(z[:, None] - np.concatenate([z, domain.boundary.vertices]))
     np.fill_diagonal(apart, np.inf)

@@ -21,17 +21,11 @@ _NODES = 1 << 15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FundamentalForms:
-    """First and second fundamental form of a surface r(x, y) at some points.
+    """First and second fundamental form of a surface r(x, y) at some points."""
 
-    Attributes:
-        first: ((r_x·r_x, r_x·r_y), (r_x·r_y, r_y·r_y)).
-        second: ((r_xx·n, r_xy·n), (r_xy·n, r_yy·n)).
-        normal: n = (r_x × r_y)/|r_x × r_y|.
-    """
-
-    first: Float[Tensor, "*pts 2 2"]
-    second: Float[Tensor, "*pts 2 2"]
-    normal: Float[Tensor, "*pts 3"]
+    first: Float[Tensor, "*pts 2 2"]  # ((r_x·r_x, r_x·r_y), (r_x·r_y, r_y·r_y))
+    second: Float[Tensor, "*pts 2 2"]  # ((r_xx·n, r_xy·n), (r_xy·n, r_yy·n))
+    normal: Float[Tensor, "*pts 3"]  # n = (r_x × r_y)/|r_x × r_y|
 
     @property
     def mean(self) -> Float[Tensor, "*pts"]:
@@ -43,13 +37,7 @@ class FundamentalForms:
 
 
 def fundamental_forms(position: Position, x: Float[Tensor, "*pts"], y: Float[Tensor, "*pts"]) -> FundamentalForms:
-    """Fundamental forms of r = position(x, y), all points at once.
-
-    Args:
-        position: evaluates the surface point by point; differentiable twice in forward mode.
-        x: first coordinates.
-        y: second coordinates, same shape.
-    """
+    """Fundamental forms of r = position(x, y), all points at once; it is differentiated twice in forward mode."""
     # one tangent for the whole batch gives every point's derivative, because points do not mix
     along_x, along_y = (torch.ones_like(x), torch.zeros_like(y)), (torch.zeros_like(x), torch.ones_like(y))
 
@@ -78,11 +66,7 @@ def mean_curvature_of_integrals(
 ) -> Float[Tensor, " n"]:
     """H at the ends of segments of the surface that a rule draws, in 1/length, by automatic differentiation.
 
-    Args:
-        integrate: displacements along segments, as `SpinorSurface.integrate`.
-        start: of the segments; their positions are constants and drop out of the derivatives.
-        end: points where H is measured.
-        order: of the rule.
+    The segments' starts are constants and drop out of the derivatives.
     """
 
     def mean(a: Complex[Tensor, " n"], b: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:

@@ -73,10 +73,7 @@ def weierstrass_data(
 
 
 def hopf_differential(
-    p: Complex[Tensor, "*pts"],
-    q: Complex[Tensor, "*pts"],
-    dp: Complex[Tensor, "*pts"],
-    dq: Complex[Tensor, "*pts"],
+    p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"], dp: Complex[Tensor, "*pts"], dq: Complex[Tensor, "*pts"]
 ) -> Complex[Tensor, "*pts"]:
     """Q = φ′·n = 2(p q′ − p′ q), the coefficient of II = Re(Q dz²)."""
     _require_complex(p=p, q=q, dp=dp, dq=dq)
@@ -84,10 +81,7 @@ def hopf_differential(
 
 
 def gauss_curvature(
-    p: Complex[Tensor, "*pts"],
-    q: Complex[Tensor, "*pts"],
-    dp: Complex[Tensor, "*pts"],
-    dq: Complex[Tensor, "*pts"],
+    p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"], dp: Complex[Tensor, "*pts"], dq: Complex[Tensor, "*pts"]
 ) -> Float[Tensor, "*pts"]:
     """Gauss curvature K = −4|p′q − pq′|²/(|p|² + |q|²)⁴ ≤ 0, in 1/length²."""
     return -_square(hopf_differential(p, q, dp, dq)) / conformal_factor(p, q) ** 4
@@ -100,10 +94,7 @@ def first_fundamental_form(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"
 
 
 def second_fundamental_form(
-    p: Complex[Tensor, "*pts"],
-    q: Complex[Tensor, "*pts"],
-    dp: Complex[Tensor, "*pts"],
-    dq: Complex[Tensor, "*pts"],
+    p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"], dp: Complex[Tensor, "*pts"], dq: Complex[Tensor, "*pts"]
 ) -> Float[Tensor, "*pts 2 2"]:
     """Second fundamental form ((r_xx·n, r_xy·n), (r_xy·n, r_yy·n)) = ((Re Q, −Im Q), (−Im Q, −Re Q)).
 

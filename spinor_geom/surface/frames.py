@@ -35,19 +35,10 @@ def phi_from_frames(
     direction_in_omega: Complex[Tensor, "*batch n"],
     scale: Float[Tensor, "*batch n"],
 ) -> Complex[Tensor, "*batch n 3"]:
-    """φ = scale·(T − iν)·conj(τ) with ν = N × T, at each sample of a curve.
+    """φ = scale·(T − iν)·conj(τ) with ν = N × T, at each sample of a curve: φ·φ = 0 and |φ|² = 2·scale².
 
-    Args:
-        tangent: dr along the curve; only its direction is used, it must not be 0.
-        normal: surface normal; only its part orthogonal to the tangent is used, it must not be 0.
-        direction_in_omega: dz along the curve; only its direction is used, it must not be 0.
-        scale: length in space per length in Ω, λ.
-
-    Returns:
-        φ with φ·φ = 0 and |φ|² = 2·scale².
-
-    Raises:
-        DtypeError: direction_in_omega is not complex.
+    Of the tangent dr and of dz only the directions are used, of the normal the part orthogonal to the tangent; none may
+    be 0. The scale is λ, length in space per length in Ω.
     """
     if not direction_in_omega.is_complex():
         raise DtypeError(f"direction_in_omega must be complex, got {direction_in_omega.dtype}")
@@ -64,17 +55,8 @@ def spinors_from_phi(
     """Spinors p, q at the samples of a curve, with the sign that makes them continuous along the sequence.
 
     p² = (φ₁ + iφ₂)/2 and q² = −(φ₁ − iφ₂)/2; the root of the larger is taken and the other follows from φ₃ = 2pq, so
-    that no sample divides by a small number. The sign at the first sample is that of the principal root.
-
-    Args:
-        phi: φ ≠ 0 at each sample, null (φ·φ = 0); the frames of neighbours must differ by
-            less than a turn of 180°, or the sign between them is a guess.
-
-    Returns:
-        p, q.
-
-    Raises:
-        DtypeError: phi is not complex.
+    that no sample divides by a small number. The sign at the first sample is that of the principal root. φ is null and
+    not 0; where the frames of neighbours differ by a turn of 180° the sign between them is a guess.
     """
     if not phi.is_complex():
         raise DtypeError(f"phi must be complex, got {phi.dtype}")
@@ -89,23 +71,8 @@ def spinors_from_phi(
     return p * sign, q * sign
 
 
-def spin_invariant(
-    p: Complex[Tensor, " n"],
-    q: Complex[Tensor, " n"],
-) -> Literal[1, -1]:
-    """Whether the spinors of a closed sequence come back to themselves: +1, or to their negative: −1.
-
-    The invariant belongs to the frames: it does not depend on the signs of the samples.
-
-    Args:
-        p: p at the samples of a closed curve, in order (the last is followed by the first).
-        q: q at the same samples.
-    """
-    return 1 if bool(signs_close_up(p, q)) else -1
-
-
 def signs_close_up(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Bool[Tensor, "*batch"]:
-    """Whether the spinors of closed sequences come back to themselves, and not to their negatives."""
+    """Whether the spinors of closed sequences come back to themselves, not to their negatives, whatever their signs."""
     closed: Tensor = _signs(p, q).prod(-1) > 0
     return closed
 
@@ -115,10 +82,6 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
 
     The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
     disk it turns once in all, and does not lift; around a zero of φ of order m it turns m + 1 times.
-
-    Args:
-        phi: φ ≠ 0 at samples of a closed curve, in order (the last is followed by the first).
-        direction_in_omega: dz along the curve at the same samples; only its direction is used.
 
     Raises:
         OptionError: frames of neighbours differ by 90° or more, so that a turn between them might go unseen.
@@ -137,7 +100,7 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
         raise OptionError(
             f"the frames of the samples {(k - 1) % len(p)} and {k} differ by 90° or more; take more samples"
         )
-    return 1 if spin_invariant(p, q) > 0 else 0
+    return 1 if bool(signs_close_up(p, q)) else 0
 
 
 def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
@@ -147,11 +110,7 @@ def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Fl
 
 
 def su2_from_rotation(rotation: Float[Tensor, "3 3"]) -> Complex[Tensor, "2 2"]:
-    """One of the two U in SU(2) for which φ(U(p, q)) is φ(p, q) turned by the rotation.
-
-    Raises:
-        OptionError: the matrix is not a rotation: not orthogonal to 1e-8, or with determinant −1.
-    """
+    """One of the two U in SU(2) for which φ(U(p, q)) is φ(p, q) turned by the rotation."""
     identity = torch.eye(3, dtype=rotation.dtype, device=rotation.device)
     error = float((rotation @ rotation.mT - identity).abs().max())
     if not error <= _ORTHOGONAL:

@@ -23,19 +23,12 @@ _HALVINGS = 40
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimPrimitive:
-    """∫ φ dz along one boundary of Ω.
+    """∫ φ dz along one boundary of Ω."""
 
-    Attributes:
-        panels: on the boundary.
-        velocity: φ dz/dt at their nodes.
-        primitive: ∫ φ dz from the boundary's start to the nodes.
-        at_breaks: to the panels' ends; the last is ∮ φ dz.
-    """
-
-    panels: Panels
-    velocity: Complex[np.ndarray, "n 3"]
-    primitive: Complex[np.ndarray, "n 3"]
-    at_breaks: Complex[np.ndarray, "b 3"]
+    panels: Panels  # on the boundary
+    velocity: Complex[np.ndarray, "n 3"]  # φ dz/dt at their nodes
+    primitive: Complex[np.ndarray, "n 3"]  # ∫ φ dz from the boundary's start to the nodes
+    at_breaks: Complex[np.ndarray, "b 3"]  # to the panels' ends; the last is ∮ φ dz
 
     @classmethod
     def along(
@@ -91,14 +84,8 @@ def displacements(
     phi: Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]],
     z: Complex[np.ndarray, " k"],
 ) -> Float[np.ndarray, "k 3"]:
-    """Re ∫ φ dz from the start of a boundary to points inside it, to 1e-10 of the largest.
+    """Re ∫ φ dz from the start of a boundary without holes to points inside it, to 1e-10 of the largest.
 
-    Args:
-        boundary: of Ω, which has no holes.
-        phi: as a function.
-        z: inside Ω.
-
-    Source: Cauchy's integral formula, by panels that the distances of the points from ∂Ω choose, for all points at once
-    by a fast multipole method.
+    By Cauchy's formula on panels that the distances of the points from ∂Ω choose, for all points at once.
     """
     return RimPrimitive.along(boundary, phi, _ORDER, breaks_for(boundary, z)).inside(z).real

@@ -98,8 +98,6 @@ class SpinorSurface(Shown, torch.nn.Module):
         """Whether positions need no quadrature: the model has closed integrals, and no other rule was asked for."""
         return self.quadrature == "gauss" and isinstance(self.model, IntegrableModel)
 
-    # --- p and q ------------------------------------------------------------------------------------------------------
-
     def spinors(self, z: Points) -> Points:
         """(p, q), shape (*pts, 2)."""
         return self._answer(self._spinors, z)
@@ -116,8 +114,6 @@ class SpinorSurface(Shown, torch.nn.Module):
     def gauss_map(self, z: Points) -> Points:
         """The normal projected stereographically from +e₃, g = (n₁ + i n₂)/(1 − n₃) = −p/q, shape (*pts)."""
         return self._answer(lambda w: formulas.gauss_map(*self._pair(w)), z)
-
-    # --- points and normals -------------------------------------------------------------------------------------------
 
     def position(self, z: Points) -> Points:
         """Positions r(z), shape (*pts, 3).
@@ -148,19 +144,12 @@ class SpinorSurface(Shown, torch.nn.Module):
         return np.asarray(moved[: len(z)] + constant)
 
     def integrate(self, start: Points, end: Points) -> Points:
-        """Displacements r(end) − r(start) by quadrature along straight segments, shape (*pts, 3).
-
-        Args:
-            start: points of Ω.
-            end: points of Ω, same shape; each segment must lie in Ω.
-        """
+        """Displacements r(end) − r(start) by quadrature along straight segments in Ω, shape (*pts, 3)."""
         return self._answer(self._integrate, start, end)
 
     def normal(self, z: Points) -> Points:
         """Unit normals n = (r_x × r_y)/λ², shape (*pts, 3); NaN at branch points."""
         return self._answer(lambda w: formulas.normal(*self._pair(w)), z)
-
-    # --- metric and curvature -----------------------------------------------------------------------------------------
 
     def conformal_factor(self, z: Points) -> Points:
         """λ = |p|² + |q|²: length in space per length in Ω, shape (*pts)."""
@@ -215,6 +204,10 @@ class SpinorSurface(Shown, torch.nn.Module):
         rims = [RimPrimitive.along(boundary, self._null_curve, self.order) for boundary in self.domain.holes]
         return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
 
+    def largest_period(self) -> float:
+        """The largest |Re ∮ φ dz| around a hole: the gap by which the surface does not close."""
+        return float(np.linalg.norm(self.periods().real, axis=1).max())
+
     def branch_points(self) -> tuple[branch.BranchPoint, ...]:
         """Common zeros of p and q in Ω, where the surface is not an immersion; empty for a regular surface.
 
@@ -242,10 +235,8 @@ class SpinorSurface(Shown, torch.nn.Module):
     def loop_invariant(self, z: Complex[np.ndarray, " n"]) -> Literal[0, 1]:
         """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
-        It is 0 for a simple curve whatever branch points it encloses: p and q make removable ones only.
-
-        Args:
-            z: samples of the curve, in order; the last is followed by the first.
+        It is 0 for a simple curve whatever branch points it encloses: p and q make removable ones only. The samples are
+        in order, the last is followed by the first.
 
         Raises:
             OptionError: frames of neighbours differ by 90° or more; more samples are needed.
@@ -253,16 +244,12 @@ class SpinorSurface(Shown, torch.nn.Module):
         closed = torch.from_numpy(np.array(z, dtype=np.complex128))
         return frames.loop_invariant(self._on_cpu(self._phi)(closed), closed.roll(-1) - closed.roll(1))
 
-    # --- surfaces from this one ---------------------------------------------------------------------------------------
-
     def associate(self, angle: float) -> SpinorSurface:
-        """The associate surface with φ turned into e^{i·angle}φ, on a copy of the model; isometric to this one.
+        """The associate surface with φ turned into e^{i·angle}φ, the angle in radians, on a copy of the model.
 
-        It keeps `root` and the normals; the angle π/2 gives the conjugate surface (the catenoid's is a helicoid).
-        Around a hole of Ω the associate closes only where the surface has no flux there: see `periods`.
-
-        Args:
-            angle: in radians.
+        It is isometric to this one and keeps `root` and the normals; the angle π/2 gives the conjugate surface (the
+        catenoid's is a helicoid). Around a hole of Ω the associate closes only where the surface has no flux there: see
+        `periods`.
 
         Raises:
             PeriodError: the associate does not close around a hole.
@@ -301,8 +288,6 @@ class SpinorSurface(Shown, torch.nn.Module):
         turned = self.spinor_map if rotation is None else frames.su2_from_rotation(matrix) @ self.spinor_map
         return self._derived(scale**0.5 * turned, scale * (matrix @ self.constant) + shift)
 
-    # --- files --------------------------------------------------------------------------------------------------------
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the surface with its domain to one file (safetensors with a JSON description), replacing the file.
 
@@ -319,8 +304,6 @@ class SpinorSurface(Shown, torch.nn.Module):
             StorageError: the file is missing, damaged, not a saved surface, or of an unknown version.
         """
         return cls(**storage.read(path))
-
-    # --- on tensors ---------------------------------------------------------------------------------------------------
 
     def _answer(self, function: Callable[..., Tensor], *points: Points) -> Points:
         first = points[0]

@@ -32,11 +32,7 @@ VERSION = 7
 
 
 def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
-    """Writes a surface; the file appears whole or not at all.
-
-    Raises:
-        StorageError: the model or the boundary is of a kind that cannot be read again.
-    """
+    """Writes a surface; the file appears whole or not at all."""
     kind = getattr(surface.model, "kind", type(surface.model).__name__)
     if kind not in MODELS or not isinstance(surface.model, MODELS[kind]):
         raise StorageError(f"a model of kind {kind!r} cannot be saved; known: {', '.join(sorted(MODELS))}", kind=kind)
@@ -69,11 +65,7 @@ def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The arguments of the `SpinorSurface` that `write` wrote.
-
-    Raises:
-        StorageError: the file is missing, damaged, not a saved surface, or of an unknown version.
-    """
+    """The arguments of the `SpinorSurface` that `write` wrote."""
     name = os.fspath(path)
     try:
         with safetensors.safe_open(name, framework="pt") as file:

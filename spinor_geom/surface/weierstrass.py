@@ -74,11 +74,7 @@ class WeierstrassSurface(torch.nn.Module):
         return np.asarray(r.cpu().numpy()).reshape(*np.shape(z), 3)
 
     def branch_points(self) -> tuple[BranchPoint, ...]:
-        """Zeros of f in Ω, where the surface is not an immersion; those of odd order are not removable.
-
-        Raises:
-            ZeroOnContourError: a zero lies on ∂Ω or too near to it.
-        """
+        """Zeros of f in Ω, where the surface is not an immersion; those of odd order are not removable."""
         zeros = find_zeros(lambda z: self._data_on_cpu(z)[..., 0], self.domain)
         return with_invariants(zeros, lambda z: weierstrass_phi(*self._data_on_cpu(z).unbind(-1)), self.domain)
 

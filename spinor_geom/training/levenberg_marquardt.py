@@ -86,7 +86,7 @@ class LevenbergMarquardt:
             )
 
     def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
-        """A minimal disk over a curve at unit size; see `plateau.trained_route.Trainer`."""
+        """A minimal disk over a curve at unit size; see `plateau.options.Trainer`."""
         unit = None
         if start is not None:
             loop = start.loop

@@ -112,7 +112,7 @@ class RMSprop:
             raise OptionError(f"unknown representation {self.representation!r}; choose one of: {', '.join(FORMS)}")
 
     def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
-        """A minimal disk over a curve at unit size, from random parameters; see `plateau.trained_route.Trainer`."""
+        """A minimal disk over a curve at unit size, from random parameters; see `plateau.options.Trainer`."""
         assert start is None
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
         trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=taken_by(steps))

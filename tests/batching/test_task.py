@@ -124,7 +124,7 @@ def test_other_formats_hold_the_same_triangles(tmp_path: Path, format: str) -> N
 def test_loops_alone_are_written_without_being_solved(
     mixed: Path, tmp_path: Path, format: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("spinor_geom.plateau.task.Task.of", lambda *_: pytest.fail("a loop was solved"))
+    monkeypatch.setattr("spinor_geom.plateau.plan.Task.of", lambda *_: pytest.fail("a loop was solved"))
     solved([mixed], tmp_path / "out", what="loops", format=format)
     (first, second) = record(tmp_path / "out", "in/two.obj")["loops"]
     assert (first["status"], first["vertices"], second["vertices"]) == ("done", 12, 30)

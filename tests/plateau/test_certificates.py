@@ -6,7 +6,7 @@ import pytest
 from spinor_geom import BoundaryLoop, gallery
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.certificates import area_in_domain, crossing_faces
+from spinor_geom.plateau.evidence import area_in_domain, crossing_faces
 
 
 @pytest.mark.parametrize("radius", [0.5, 1.0, 1.5])

@@ -11,7 +11,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.capacity_path import mean_modulus
 from spinor_geom.plateau.circles import DirichletForm
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import EnergyPoint
+from spinor_geom.plateau.rims_energy import HarmonicSurface
 from tests.plateau.rims import facing
 
 
@@ -53,13 +53,13 @@ def test_derivatives_of_the_energy():
     n = 160
     even = torch.arange(n, dtype=torch.float64) / n
     slides = even + 0.02 * torch.sin(2 * np.pi * even + torch.arange(4)[:, None])
-    here = EnergyPoint.of(curves, slides, THREE, 1e-17)
+    here = HarmonicSurface.of(curves, slides, THREE, 1e-17)
     gradient, count, step = here.gradient(), slides.numel(), 1e-4
     hessian = here.hessian() - here.stiffness * torch.outer(here.rotation, here.rotation)
     for k in range(len(gradient) - count):
         move = torch.zeros(len(gradient) - count, dtype=torch.float64)
         move[k] = step
-        after, before = (EnergyPoint.of(curves, slides, THREE.moved(way * move), 1e-17) for way in (1, -1))
+        after, before = (HarmonicSurface.of(curves, slides, THREE.moved(way * move), 1e-17) for way in (1, -1))
         assert (after.energy - before.energy) / (2 * step) == pytest.approx(float(gradient[count + k]), rel=1e-5)
         second = (after.energy - 2 * here.energy + before.energy) / step**2
         assert second == pytest.approx(float(hessian[count + k, count + k]), rel=1e-4)
@@ -72,5 +72,5 @@ def test_a_rotation_of_the_domain_changes_nothing():
     loops = facing(np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -0.5, -0.3]]))
     curves = CurveTensors.batch([CurveTensors.of(BoundaryCurve.from_loop(loop), torch.device("cpu")) for loop in loops])
     slides = (torch.arange(160, dtype=torch.float64) / 160).expand(4, -1)
-    here = EnergyPoint.of(curves, slides, THREE, 1e-17)
+    here = HarmonicSurface.of(curves, slides, THREE, 1e-17)
     assert abs(float(here.gradient() @ here.rotation)) < 1e-10 * float(here.gradient().norm())

@@ -14,7 +14,7 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.task import Task
+from spinor_geom.plateau.plan import Task
 from spinor_geom.surface.formulas import phi
 from tests.loops import noisy_ellipse
 

@@ -20,7 +20,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energy
 from spinor_geom.plateau.lift import circles_of, lifted_between, lifted_together, surface_of
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import EnergyPoint
+from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.traces import with_between_nodes
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.formulas import phi
@@ -214,7 +214,7 @@ def between(name, n, *, disturbed=0.0):
         )
     together = CurveTensors.batch(curves)
     off = disturbed * torch.sin(6 * np.pi * t)
-    return known, together, EnergyPoint.of(together, torch.stack(slides) + off, domain, 1e-17).surface
+    return known, together, HarmonicSurface.of(together, torch.stack(slides) + off, domain, 1e-17)
 
 
 @pytest.mark.parametrize("name", BETWEEN)

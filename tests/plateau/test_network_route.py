@@ -6,7 +6,7 @@ import pytest
 from spinor_geom import gallery
 from spinor_geom.plateau import network_route, solve_plateau
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.task import Task
+from spinor_geom.plateau.plan import Task
 
 
 @pytest.mark.parametrize("order", [1, 2])

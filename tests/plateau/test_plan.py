@@ -23,11 +23,11 @@ from spinor_geom.plateau.plan import (
     OnUnfolding,
     OnUnitDisk,
     Route,
+    Task,
     ThroughPoints,
     nearest_surface,
     plan,
 )
-from spinor_geom.plateau.task import Task
 from spinor_geom.training import LevenbergMarquardt
 from tests.loops import CONVEX, noisy_ellipse, planar
 from tests.plateau.rims import TETRAHEDRON, coaxial, facing, ring, sampled

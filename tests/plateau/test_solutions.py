@@ -140,7 +140,7 @@ def test_ridge_between_two_stable_disks_leads_to_the_saddle(monkeypatch):
     # mirrored in the harmonic disk, which is beside the saddle
     middle = rim.round_disk()
     first = rim.round_positions(search.entries[0].solution)
-    search.start_from(replace(middle, vertices=2 * middle.vertices - first))
+    search.start(lambda: replace(middle, vertices=2 * middle.vertices - first))
     (pair,) = list(search.open_pairs())
     search.start(partial(search.ridge, *pair))
     assert [s.stability.index for s in search.result()] == [0, 0, 1]

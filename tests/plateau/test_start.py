@@ -18,7 +18,7 @@ from spinor_geom.plateau.solve import solve_plateau
 from spinor_geom.plateau.start import images_in_plane, lifted_frames, lifted_spinors
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.formulas import phi
-from spinor_geom.surface.frames import spin_invariant, spinors_from_phi
+from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from tests.loops import noisy_ellipse
 
 CPU = torch.device("cpu")
@@ -108,7 +108,7 @@ def test_signs_are_right_where_frames_turn_so_far_that_neighbours_on_the_boundar
     disk = first_disk(loop.points)
     flat = flatten(disk.vertices, disk.faces, len(loop)).boundary
     frames = spinors_from_phi(lifted_frames(disk.vertices, disk.faces, flat, (len(loop),), CPU))
-    assert spin_invariant(*frames) == -1
+    assert not signs_close_up(*frames)
     solution = solve_plateau(loop, between="free")
     assert solution.route == "vertices"
     assert solution.converged

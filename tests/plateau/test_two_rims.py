@@ -14,12 +14,12 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
 from spinor_geom.plateau.capacity_path import all_on_path
+from spinor_geom.plateau.douglas_rims import RimsProblem
 from spinor_geom.plateau.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.plan import ByNetwork
+from spinor_geom.plateau.plan import ByNetwork, Task
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Rim, start_between
-from spinor_geom.plateau.task import Task
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 
@@ -154,8 +154,9 @@ def test_inertia_of_the_energy_is_the_index_of_the_area(h):
         ways = tuple(CurveTensors.of(way, torch.device("cpu")) for way in (curve, curve.reversed()))
         rims.append(Rim(number=number, ways=ways))
     start = start_between(*rims, 48, back=True)
-    held = start.problem.descended(start.surface, tolerance=1e-6, fixed=True)
-    assert [start.problem.index(surface) for surface in all_on_path(start.problem, held)] == [0, 1]
+    problem = RimsProblem(curves=start.surface.curves)
+    held = problem.descended(start.surface, tolerance=1e-6, fixed=True)
+    assert [problem.index(surface) for surface in all_on_path(problem, held)] == [0, 1]
 
 
 @pytest.mark.parametrize("distance", [2.1, 3.0])

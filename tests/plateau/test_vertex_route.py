@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-import torch
 import trimesh
 
 import spinor_geom as sg
@@ -14,8 +15,9 @@ from spinor_geom.gallery.surfaces import enneper
 from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.vertex_route import disk_through_points
 
@@ -128,15 +130,12 @@ def test_steps_are_told_and_bounded() -> None:
 
 def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = rim_of(3, 0.7)
-    unit = BoundaryLoop.from_points((loop.points - loop.centroid) / loop.diagonal, corners=[])
-    allowed = 1e-3 * unit.mean_edge_length
+    request = Request.of([loop], Options(max_iterations=20))
 
     def solved() -> Found:
-        return disk_through_points(
-            unit, allowed=allowed, steps=Steps(limit=20), device=torch.device("cpu"), clock=Clock()
-        )
+        return disk_through_points(replace(request, steps=Steps(limit=20)))
 
-    assert solved().misfit.rms < allowed
+    assert solved().misfit.rms < request.allowed
     monkeypatch.setattr("spinor_geom.plateau.vertex_route._FAR", 1e-3)
     with pytest.raises(SurfaceError, match="edges away from the points"):
         solved()

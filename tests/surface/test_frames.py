@@ -27,7 +27,7 @@ def test_frames_of_an_exact_surface_give_its_phi_and_spinors_back():
     exact = torch.stack([p, q])
     sign = torch.sign((lifted[:, 0] * exact[:, 0].conj()).sum().real)
     np.testing.assert_allclose(sign * lifted, exact, atol=1e-14)  # one sign for all samples
-    assert frames.spin_invariant(*lifted) == 1
+    assert frames.signs_close_up(*lifted)
 
 
 def test_frame_and_direction_agree_with_the_surface():
@@ -58,9 +58,9 @@ def test_lift_works_where_p_or_q_vanishes():
 def test_a_full_turn_of_the_frame_does_not_close_up():
     # the spinor turns half as fast as the frame: one full turn about e3 along the sequence gives −1, two give +1
     angle = 2 * np.pi * torch.arange(24, dtype=torch.float64) / 24
-    for turns, invariant in ((1, -1), (2, 1), (3, -1), (0, 1)):
+    for turns, closes in ((1, False), (2, True), (3, False), (0, True)):
         phi = torch.exp(1j * turns * angle)[:, None] * torch.tensor([1, -1j, 0], dtype=torch.complex128)
-        assert frames.spin_invariant(*frames.spinors_from_phi(phi)) == invariant
+        assert bool(frames.signs_close_up(*frames.spinors_from_phi(phi))) == closes
 
 
 def test_signs_are_continuous_however_the_roots_fall():
