@@ -24,6 +24,8 @@ from spinor_geom.plateau.problem import CurveTensors
 _MOST_HALVINGS = 4
 # Largest step of a modulus: of its logarithm, or of a place by the distance to the next circle.
 _LARGEST_STEP = 0.5
+# Share of a curve that no step may be: few nodes do not crowd before they are all in one place.
+_LARGE_PART = 0.5
 # Error of Λ, relative, above which so many nodes do not resolve the gaps between the circles.
 _UNRESOLVED = 1e-2
 
@@ -90,7 +92,7 @@ class HarmonicSurface:
     def crowded(self) -> bool:
         """Whether the nodes leave out a large part of a curve, so that the energy means nothing."""
         steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
-        return float(steps.max()) * self.slides.shape[1] > CROWDED
+        return float(steps.max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
 
     @cached_property
     def slope(self) -> float:

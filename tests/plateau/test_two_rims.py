@@ -312,3 +312,13 @@ def test_models_without_annuli_are_refused():
 def test_an_annulus_has_no_single_loop():
     with pytest.raises(SeveralRimsError, match="take its loops and curves from `rims`"):
         _ = wavy().loop
+
+
+@pytest.mark.parametrize("x", [0.0, 0.5])
+def test_a_small_rim_over_a_large_one_is_joined_to_it(x):
+    # of few nodes on each, all of those on the small one used to fall into one place, where nothing is left to span
+    large, small = ring(1.0, 0.0, stretch=2.0), ring(0.2, 0.05, centre=(x, 0.1))
+    solution = solve_plateau([sampled(large, 80), sampled(small, 24)])
+    assert solution.converged
+    # nearly the plane region between them
+    assert solution.area == pytest.approx(np.pi * (2 - 0.2**2), rel=2e-3)
