@@ -114,6 +114,14 @@ def test_noisy_loops(ratio, seed):
     assert abs(largest / solution.boundary_residual.max - 1) < 0.4
 
 
+def test_noisy_loops_get_more_nodes_where_these_help_slowly():
+    # twice as many do not quite halve the distance: it was left to the network, which has no room for so many bends
+    loop = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), 300), 0.15, seed=0)
+    solution = solve_plateau(loop, tolerance=1e-2)
+    assert solution.converged
+    assert solution.route == "unfolded"
+
+
 # --- invariance -------------------------------------------------------------------------------------------------------
 
 
