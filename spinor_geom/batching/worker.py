@@ -16,7 +16,7 @@ from spinor_geom.isolate import Event, FaultError, Process
 SOLVER = "spinor_geom.batching.solver"
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
 # Bytes that the C library keeps instead of asking the system for them anew: Dask has its workers give back all of them,
-# and a quarter of the time went into that. These are the values that the library would come to by itself.
+# and a fifth of the time went into that. These are the values that the library would come to by itself.
 KEPT = {"MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(64 << 20)}
 _own = threading.local()
 
