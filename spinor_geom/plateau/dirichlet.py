@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -40,6 +41,7 @@ class DirichletForm:
     error: float
 
     @classmethod
+    @lru_cache(maxsize=16)
     def of_disk(cls, vertices: int) -> DirichletForm:
         """The form of the unit disk about 0, with so many vertices on ∂Ω: z(t) = e^{2πit}."""
         return cls(boundary=FourierBoundary.circle(1.0, vertices), kernel=None, correction=None, error=0.0)

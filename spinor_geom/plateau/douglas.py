@@ -113,17 +113,19 @@ def minimise_dirichlet_energies(
         near=near,
         on_step=on_step,
     )
-    return tuple(
-        HarmonicDisk(
-            slide=state.slide[0],
-            points=state.points[0],
-            energy=float(state.energy) * unit,
-            gradient=float(state.size),
-            steps=steps,
-            crowded=bool(state.is_over),
-        )
-        for state, steps in found
-    )
+    disks: dict[int, HarmonicDisk] = {}
+    for numbers, over, steps in found:
+        figures = zip(numbers, over.energy.tolist(), over.size.tolist(), over.is_over.tolist(), strict=True)
+        for place, (number, energy, gradient, crowded) in enumerate(figures):
+            disks[number] = HarmonicDisk(
+                slide=over.slide[place],
+                points=over.points[place],
+                energy=unit * energy,
+                gradient=gradient,
+                steps=steps,
+                crowded=crowded,
+            )
+    return tuple(disks[number] for number in range(len(slides)))
 
 
 def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:

@@ -120,7 +120,7 @@ class RimsProblem:
     ) -> HarmonicSurface:
         """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many."""
         start = _AsBatch(here=self.point(self.resampled(surface, n)))
-        ((found, _),) = minimised(
+        ((_, found, _),) = minimised(
             start,
             tolerances=[tolerance],
             max_steps=[max_steps],

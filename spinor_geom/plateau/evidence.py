@@ -12,7 +12,7 @@ from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.mesh.intersections import is_graph, self_intersections
 from spinor_geom.plateau.clock import Clock
-from spinor_geom.plateau.stability import Stability, assess_stability
+from spinor_geom.plateau.stability import Curvature, Stability, assess_stability
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -25,6 +25,7 @@ class Evidence:
     """Checks of a surface, each made when it is first read and timed by itself."""
 
     surface: SpinorSurface
+    curvature: Curvature | None = None  # its total curvature, where that is known
     is_plane: bool = False  # whether it is a plane region inside a simple boundary, which does not cross itself
     clock: Clock = field(default_factory=Clock)  # of the stages "stability" and "certificates"
 
@@ -32,7 +33,7 @@ class Evidence:
     def stability(self) -> Stability:
         """Verdict of the second variation."""
         with one_thread(), self.clock.stage("stability"):
-            return assess_stability(self.surface)
+            return assess_stability(self.surface, self.curvature)
 
     @cached_property
     def area_in_domain(self) -> float:

@@ -11,6 +11,7 @@ from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError,
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.solution import RouteName
+from spinor_geom.plateau.stability import Curvature
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # What a way to a surface may fail at.
@@ -40,6 +41,7 @@ class Found:
     area: float  # ½∮ r·Im(φ dz)
     route: RouteName  # how it was found
     limit: str  # what keeps it from coming nearer to Γ, as the end of a sentence
+    curvature: Curvature | None = None  # total, of the surface, where the route knows it
     between: Between | None = None  # of several loops; none for a disk
 
 

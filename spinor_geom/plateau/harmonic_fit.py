@@ -131,6 +131,11 @@ class Fit:
             self.nodes = even(min(self.aims.most_nodes, 2 * self.nodes))
 
     @property
+    def near_enough(self) -> float:
+        """Distance from Γ that its lift need not lessen: to smooth loops more nodes bring it far nearer, and sooner."""
+        return math.inf if self.attempt == 0 and not self.aims.is_rough else self.aims.request.allowed
+
+    @property
     def is_near(self) -> bool:
         """Whether its slide is near to a solution."""
         return self.attempt > 0
@@ -173,9 +178,7 @@ def _advance(fits: Sequence[Fit]) -> None:
     lifts: dict[int, Lift | None] = {}
     if whole:
         of_whole = curves if len(whole) == len(fits) else CurveTensors.batch([fits[i].aims.exact for i in whole])
-        found = lifted_together(
-            [disks[i] for i in whole], form, of_whole, allowed=[fits[i].aims.request.allowed for i in whole]
-        )
+        found = lifted_together([disks[i] for i in whole], form, of_whole, allowed=[fits[i].near_enough for i in whole])
         lifts = dict(zip(whole, found, strict=True))
     end = time.perf_counter()
     for i, (fit, disk) in enumerate(zip(fits, disks, strict=True)):

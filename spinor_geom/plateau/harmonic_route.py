@@ -29,6 +29,7 @@ from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.roughness import is_rough
 from spinor_geom.plateau.solution import RouteName
+from spinor_geom.plateau.stability import curvature_within
 
 # A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
 _DISK_ELONGATION = 2.5
@@ -150,6 +151,7 @@ class HarmonicSolver:
             area=lift.area,
             route=route,
             limit=fit.limit,
+            curvature=curvature_within([lift.spinors[:, 0].T.cpu().numpy()]),
         )
 
     @staticmethod

@@ -33,7 +33,17 @@ from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface
-from spinor_geom.plateau.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
+from spinor_geom.plateau.traces import (
+    OnCircles,
+    OnCurve,
+    changes,
+    closed,
+    gap_rows,
+    gaps,
+    grid_of,
+    moves_by,
+    slopes,
+)
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -60,6 +70,7 @@ class Lift:
         model: p and q.
         null_curve: (m, 4n, 3), ∫ φ dz along each rim at equal steps of its parameter, without what is imaginary of
             logarithms; its real part is the boundary, where it should be on Γ.
+        spinors: (2, m, 4n), p and q there, but for the root of their sign changes.
         slides: (m, 4n), the parameter of the point of its curve near each.
         misfit: distance between the boundary and Γ.
         area: ½∮ r·Im(φ dz).
@@ -68,6 +79,7 @@ class Lift:
 
     model: PowerSeries | LaurentSeries | CauchyInterpolant
     null_curve: Complex[Tensor, "m k 3"]
+    spinors: Complex[Tensor, "2 m k"]
     slides: Float[Tensor, "m k"]
     misfit: Misfit
     area: float
@@ -179,6 +191,16 @@ class _OnCurves:
     def at(self: _Points, which: Int[Tensor, " j"]) -> _Points:
         return type(self)(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
+    def moved(self, by: Float[Tensor, "b m k"]) -> _OnCurves:
+        """Along the curves, which are taken for parabolas."""
+        along = by[:, None]
+        return _OnCurves(
+            slides=self.slides + by,
+            point=self.point + along * (self.tangent + along / 2 * self.bend),
+            tangent=self.tangent + along * self.bend,
+            bend=self.bend,
+        )
+
     def replaced(self: _Points, which: Int[Tensor, " j"], other: _Points) -> _Points:
         """With some of them from another."""
         copied = {
@@ -252,7 +274,8 @@ class _SampledBoundary:
             null_curve = null_curve - self._mean(null_curve.real - near.point)[..., None, None]
             error, speed2 = null_curve.real - near.point, near.tangent.square().sum(1)
             move = (error * near.tangent).sum(1) / torch.maximum(speed2 - (error * near.bend).sum(1), speed2 / 2)
-            near = _on(self.curves, near.slides + move.clamp(-most, most))
+            near = near.moved(move.clamp(-most, most))
+        near = _on(self.curves, near.slides)
         error = null_curve.real - near.point
         return _Placed(
             slides=near.slides,
@@ -329,6 +352,7 @@ class _SampledBoundary:
             Lift(
                 model=self.traces.model(placed.functions[i]),
                 null_curve=placed.null_curve[i].movedim(0, -1),
+                spinors=placed.spinors[i],
                 slides=placed.slides[i],
                 misfit=Misfit.together(misfits[m * i : m * (i + 1)]),
                 area=area,
@@ -372,18 +396,16 @@ def surface_of(lift: Lift, *boundaries: FourierBoundary) -> SpinorSurface:
     else:
         boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
         domain = PlaneDomain.inside(boundary, holes=tuple(holes))
-    surface = SpinorSurface(lift.model, domain).to(lift.slides.device)
-    root = lift.null_curve.new_tensor([surface.root])
-    with torch.no_grad():
-        if domain.holes:
+    root = lift.null_curve.new_tensor([domain.triangulation.points[domain.root]])
+    if domain.holes:
+        with torch.no_grad():
             constant = null_vector(*lift.series.primitive(root).unbind(-1)).real[0] + lift.shift
-        else:
-            # the boundary's, continued to the root by Cauchy's formula
-            z, dz, _ = torch.tensor(boundaries[0].grid(lift.slides.shape[1]), device=root.device)
-            unit = dz / (z - root)
-            constant = ((unit @ lift.null_curve[0]) / unit.sum()).real
-        surface.constant.copy_(constant)
-    return surface
+    else:
+        # the boundary's, continued to the root by Cauchy's formula
+        z, dz = grid_of(boundaries[0], lift.slides.shape[1], root.device)
+        unit = dz / (z - root)
+        constant = ((unit @ lift.null_curve[0]) / unit.sum()).real
+    return SpinorSurface(lift.model, domain, constant)
 
 
 def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBoundary]:

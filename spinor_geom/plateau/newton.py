@@ -78,8 +78,8 @@ def minimised(
     negligible: Sequence[float],
     near: bool,
     on_step: Sequence[Callable[[float], None]] = (),
-) -> list[tuple[E, int]]:
-    """The surfaces to which the energies fall, each as one alone, and the Newton steps that each took.
+) -> list[tuple[list[int], E, int]]:
+    """The surfaces to which the energies fall: the numbers of those after as many Newton steps, they, and these steps.
 
     They do not know of each other; together they take little longer than the slowest of them where they are small.
     Where Γ bends towards the inside the Hessian's diagonal part is negative. Far from a solution that is taken with the
@@ -98,7 +98,7 @@ def minimised(
     """
     energy = here.energy
     count = len(energy)
-    found: dict[int, tuple[E, int]] = {}
+    found: list[tuple[list[int], E, int]] = []
     limits, falls = energy.new_tensor(tolerances), energy.new_tensor(negligible)
     number = torch.arange(count, device=energy.device)
     most = torch.tensor(max_steps, device=energy.device)
@@ -118,11 +118,11 @@ def minimised(
         finished = (size <= limits) | stays | still | stuck | here.is_over | (steps >= most)
         if is_out_of_time():
             finished[:] = True
-        for i in finished.nonzero()[:, 0]:
-            found[int(number[i])] = here.at(i[None]), steps
-        if finished.all():
-            break
         if finished.any():
+            over = finished.nonzero()[:, 0]
+            found.append((number[over].tolist(), here.at(over), steps))
+            if finished.all():
+                return found
             rest = (~finished).nonzero()[:, 0]
             here, number, limits, most, falls = here.at(rest), number[rest], limits[rest], most[rest], falls[rest]
             size, reflection, recent = size[rest], reflection[rest], recent[rest]
@@ -146,7 +146,6 @@ def minimised(
             torch.maximum(_REFLECT_MORE * reflection, more).clamp(max=1.0),
             torch.where(full, less, reflection),
         )
-    return [found[i] for i in range(count)]
 
 
 def _direction(

@@ -165,12 +165,12 @@ def _horner(
     """Value, first and second derivative of polynomials at h."""
     # coordinates stay apart: with three numbers in a row everything is far slower
     local = pieces.gather(1, piece.flatten().expand(len(pieces), -1)).reshape(-1, 3, *piece.shape)
-    value = local[0].clone()
-    first, second = torch.zeros_like(value), torch.zeros_like(value)
-    for coefficient in local[1:]:
-        second.mul_(h).add_(first)
-        first.mul_(h).add_(value)
-        value.mul_(h).add_(coefficient)
+    value, first = torch.addcmul(local[1], local[0], h), local[0].clone()
+    second = torch.zeros_like(value)
+    for coefficient in local[2:]:
+        torch.addcmul(first, second, h, out=second)
+        torch.addcmul(value, first, h, out=first)
+        torch.addcmul(coefficient, value, h, out=value)
     return value.movedim(0, -1), first.movedim(0, -1), second.mul_(2).movedim(0, -1)
 
 

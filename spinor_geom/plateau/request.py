@@ -145,7 +145,7 @@ class Request:
         """A surface in the loops' coordinates; that between several loops with the disks that it is set against."""
         scale, history, between = self.scale, tuple(self.steps.history), found.between
         with self.clock.stage("surface"):
-            surface = found.surface.transform(scale=scale, translation=self.centre)
+            surface = found.surface.placed(scale, self.centre)
         misfit = found.misfit.enlarged(scale)
         residual = BoundaryResidual(
             rms=misfit.rms,
@@ -174,7 +174,7 @@ class Request:
             converged=converged,
             reason=reason,
             # a plane region is its Ω, whose boundaries were found to be simple
-            evidence=Evidence(surface=surface, is_plane=found.route == "plane"),
+            evidence=Evidence(surface=surface, curvature=found.curvature, is_plane=found.route == "plane"),
             annulus=None
             if between is None or rim_disks is None
             else Annulus(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 import scipy.sparse.linalg as spl
@@ -18,6 +19,8 @@ from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
+# ∫|K| dA, and a bound of its error.
+Curvature: TypeAlias = tuple[float, float]
 # Vertices of a mesh beyond which none is refined: finer ones take seconds.
 _MOST_VERTICES = 5000
 # Inner vertices up to which dense eigenvalues are found sooner; of more, relative error of the sparse ones.
@@ -44,7 +47,7 @@ class Stability:
     total_curvature: float
 
 
-def assess_stability(surface: SpinorSurface) -> Stability:
+def assess_stability(surface: SpinorSurface, curvature: Curvature | None = None) -> Stability:
     """Verdict of the second variation ∫ |∇u|² + 2Kλ²u² dx dy over u with u = 0 on ∂Ω.
 
     The total curvature ∫|K| dA, an integral along ∂Ω, decides first: below 2π the surface is stable. Otherwise the
@@ -52,11 +55,15 @@ def assess_stability(surface: SpinorSurface) -> Stability:
     the surface is stable if the smallest is above 1. Where the difference of the meshes leaves it open finer ones are
     tried. Wrinkles far below the meshes' size, as fits have them in corners, do not count.
 
+    Args:
+        surface: any.
+        curvature: its total curvature by `curvature_within`, where p and q along ∂Ω are known already.
+
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
-    curvature, error = _boundary_curvature(surface)
-    if curvature + error < 2 * np.pi:
-        return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvature)
+    total, error = _boundary_curvature(surface) if curvature is None else curvature
+    if total + error < 2 * np.pi:
+        return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=total)
     mesh = _Mesh.of(surface)
     while True:
         mesh, coarse = mesh.refined(), mesh
@@ -125,6 +132,16 @@ def _inner(a: Complex[np.ndarray, "n 2"], b: Complex[np.ndarray, "n 2"]) -> Comp
     return np.asarray(np.conj(a[:, 0]) * b[:, 0] + np.conj(a[:, 1]) * b[:, 1])
 
 
+def curvature_within(rims: Sequence[Complex[np.ndarray, "_ 2"]]) -> Curvature:
+    """Total curvature by p and q at points along each boundary of Ω, and a bound of its error.
+
+    Δ log λ = −Kλ² turns ∫|K| dA into ∮ ∂_ν log λ |dz|, which is the area enclosed by the normals along ∂Ω; 4π too large
+    for each branch point. The points are evenly many, and a half of them tells the error.
+    """
+    fine, coarse = (sum(_polygon_area(spinors[::step]) for spinors in rims) for step in (1, 2))
+    return (4 * fine - coarse) / 3, abs(fine - coarse)
+
+
 def _polygon_area(spinors: Complex[np.ndarray, "n 2"]) -> float:
     """Area that the normals at consecutive points of a closed curve enclose on the sphere, sheet by sheet.
 
@@ -134,27 +151,20 @@ def _polygon_area(spinors: Complex[np.ndarray, "n 2"]) -> float:
     return float(np.angle(_inner(spinors, np.roll(spinors, -1, axis=0)) ** 2).sum())
 
 
-def _boundary_curvature(surface: SpinorSurface) -> tuple[float, float]:
-    """Total curvature by an integral along ∂Ω, and a bound of its error; 4π too large for each branch point.
-
-    Δ log λ = −Kλ² turns ∫|K| dA into ∮ ∂_ν log λ |dz|, which is the area enclosed by the normals along ∂Ω.
-    """
+def _boundary_curvature(surface: SpinorSurface) -> Curvature:
+    """That of a surface."""
     rims = [(boundary, panel_breaks(boundary)) for boundary in surface.domain.boundaries]
-    coarse = None
     # four points a panel at least, which are doubled up to three times while 2π lies within the error
     for level in range(2, 6):
         share = np.arange(2**level) / 2**level
-        spinors = [
-            surface.spinors(boundary.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()))
-            for boundary, breaks in rims
-        ]
-        fine = sum(map(_polygon_area, spinors))
-        if coarse is None:
-            coarse = sum(_polygon_area(some[::2]) for some in spinors)
-        curvature, error = (4 * fine - coarse) / 3, abs(fine - coarse)
+        curvature, error = curvature_within(
+            [
+                surface.spinors(boundary.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()))
+                for boundary, breaks in rims
+            ]
+        )
         if abs(curvature - 2 * np.pi) > error:
             break
-        coarse = fine
     return curvature, error
 
 

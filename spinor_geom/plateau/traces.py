@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
@@ -129,7 +129,7 @@ class OnCurve:
 
     def weights(self, n: int) -> Complex[Tensor, "1 n"]:
         """As `OnCircles.weights`."""
-        return self._grid(n)[1:] / (2 * np.pi)
+        return grid_of(self.boundary, n, self.kernel.device)[1:] / (2 * np.pi)
 
     def told(self, spinors: Complex[Tensor, "b 2 1 n"]) -> Complex[Tensor, "b 2 1 n"]:
         """The values themselves."""
@@ -151,7 +151,7 @@ class OnCurve:
     @cached_property
     def powers(self) -> Complex[Tensor, "f 1 n"]:
         """Orthonormal polynomials of low degree."""
-        z, dz = self._grid(self.nodes)
+        z, dz = grid_of(self.boundary, self.nodes, self.kernel.device)
         return arnoldi_polynomials(z, arnoldi_hessenberg(z, dz.abs() / dz.abs().sum(), _DEGREE)).T[:, None]
 
     @property
@@ -161,11 +161,15 @@ class OnCurve:
 
     def model(self, spinors: Complex[Tensor, "2 1 n"]) -> CauchyInterpolant:
         """One p and q on Ω."""
-        z, dz = self._grid(self.nodes)
+        z, dz = grid_of(self.boundary, self.nodes, self.kernel.device)
         return CauchyInterpolant(z, dz, spinors[:, 0].T)
 
-    def _grid(self, n: int) -> Complex[Tensor, "2 n"]:
-        return torch.tensor(self.boundary.grid(n)[:2], device=self.kernel.device)
+
+# most loops share the circle
+@lru_cache(maxsize=16)
+def grid_of(boundary: FourierBoundary, n: int, device: torch.device) -> Complex[Tensor, "2 n"]:
+    """The points at n equal steps of a boundary's parameter t, and dz/dt."""
+    return torch.tensor(boundary.grid(n)[:2], device=device)
 
 
 def slopes(form: CirclesForm | DirichletForm, points: Float[Tensor, "*b m n 3"]) -> Complex[Tensor, "*b m n 3"]:

@@ -260,7 +260,7 @@ class SpinorSurface(Shown, torch.nn.Module):
             if np.linalg.norm(moved[worst]) > _CLOSED * self.area() ** 0.5:
                 raise PeriodError(angle=angle, around=f"hole {worst} of the domain", period=moved[worst].tolist())
         half = torch.polar(torch.ones((), dtype=torch.float64), torch.tensor(angle / 2, dtype=torch.float64))
-        return self._derived(half.to(self.spinor_map.device) * self.spinor_map, self.constant)
+        return self._over(copy.deepcopy(self.model), half.to(self.spinor_map.device) * self.spinor_map, self.constant)
 
     def transform(
         self, rotation: ArrayLike | Tensor | None = None, scale: float = 1.0, translation: Vector = (0.0, 0.0, 0.0)
@@ -286,7 +286,12 @@ class SpinorSurface(Shown, torch.nn.Module):
         matrix, shift = matrix.to(self.constant.device), shift.to(self.constant.device)
         # without a rotation nothing but the scale may touch p and q, to the last bit
         turned = self.spinor_map if rotation is None else frames.su2_from_rotation(matrix) @ self.spinor_map
-        return self._derived(scale**0.5 * turned, scale * (matrix @ self.constant) + shift)
+        return self._over(copy.deepcopy(self.model), scale**0.5 * turned, scale * (matrix @ self.constant) + shift)
+
+    def placed(self, scale: float, translation: Vector) -> SpinorSurface:
+        """`transform` without a rotation, and the model is not copied but shared: training the one trains the other."""
+        shift = torch.as_tensor(translation, dtype=torch.float64, device=self.constant.device)
+        return self._over(self.model, scale**0.5 * self.spinor_map, scale * self.constant + shift)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the surface with its domain to one file (safetensors with a JSON description), replacing the file.
@@ -406,9 +411,11 @@ class SpinorSurface(Shown, torch.nn.Module):
         mean = curvature.mean_curvature_of_integrals(self._integrate, start, z.reshape(-1), order=self.order)
         return mean.reshape(z.shape)
 
-    def _derived(self, spinor_map: Complex[Tensor, "2 2"], constant: Float[Tensor, "3"]) -> SpinorSurface:
+    def _over(
+        self, model: torch.nn.Module, spinor_map: Complex[Tensor, "2 2"], constant: Float[Tensor, "3"]
+    ) -> SpinorSurface:
         return SpinorSurface(
-            copy.deepcopy(self.model),
+            model,
             self.domain,
             constant,
             spinor_map=spinor_map,
