@@ -80,21 +80,27 @@ class DirichletForm:
         n = x.shape[-2]
         # along rows: of columns side by side some processors round a loop's otherwise when other loops are beside it
         spectrum = torch.fft.rfft(x.mT.contiguous())
-        result = spectrum * torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)
+        result = spectrum * frequencies(n, x.device)
         if self.correction is not None:
             count = len(self.correction)
             half = count // 2
             # BLAS is far slower on narrow columns, and the matrix is symmetric
             low = torch.fft.irfft(spectrum[..., :half], n=count) @ self.correction
             result[..., :half] += torch.fft.rfft(low)[..., :half]
-        values: Tensor = torch.fft.irfft(result, n=n).mT.contiguous()
-        return values
+        values: Tensor = torch.fft.irfft(result, n=n)
+        return values.mT
 
     def _error_on_coordinates(self, z: Complex[Tensor, " n"], dz: Complex[Tensor, " n"]) -> float:
         """Largest error of Λ on Re z and Im z, whose conjugates are Im z and −Re z."""
         found = self(torch.view_as_real(z))
         exact = torch.view_as_real(-1j * dz)
         return float((2 * np.pi * found - exact).abs().max() / dz.abs().max())
+
+
+@lru_cache(maxsize=64)
+def frequencies(n: int, device: torch.device) -> Float[Tensor, " k"]:
+    """Those of the real Fourier transform of n values."""
+    return torch.arange(n // 2 + 1, dtype=torch.float64, device=device)
 
 
 def _smooth_kernel(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
-from spinor_geom.plateau.dirichlet import DirichletForm
+from spinor_geom.plateau.dirichlet import DirichletForm, frequencies
 from spinor_geom.plateau.newton import SMALL, minimised
 from spinor_geom.plateau.problem import CurveTensors
 
@@ -230,21 +230,19 @@ class Slides:
         return (self._increments.amax(-1) * self.slide.shape[1] > CROWDED) | ~self.size.isfinite()
 
     @cached_property
-    def gauge(self) -> Float[Tensor, "b n 3"]:
-        """What conformal maps of Ω near the identity move along Γ, by arc length: exactly on the disk, else roughly."""
-        n = self.slide.shape[1]
-        angle = 2 * torch.pi * torch.arange(n, dtype=self.slide.dtype, device=self.slide.device) / n
-        fields = torch.stack([torch.ones_like(angle), angle.cos(), angle.sin()], dim=-1)
+    def gauge(self) -> Float[Tensor, "b 3 n"]:
+        """Orthonormal rows: what conformal maps of Ω near the identity move along Γ by arc length; off the disk roughly."""
+        fields = _first_harmonics(self.slide.shape[1], self.slide.device)
         if not self.form.is_disk:
             fields = fields.expand(len(self.slide), -1, -1)
         else:
             fields = (self.speed * (self._increments + self._increments.roll(1, -1)))[..., None] * fields
         columns: Tensor = torch.linalg.qr(fields)[0]
-        return columns
+        return columns.mT
 
     def _in_gauge(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-        part: Tensor = (self.gauge @ (u[:, None] @ self.gauge).mT)[..., 0]
-        return part
+        # rows: of columns side by side products take twice as long
+        return (u[:, None] @ self.gauge.mT @ self.gauge)[:, 0]
 
     def _without_gauge(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
         return u - self._in_gauge(u) if self.form.is_disk else u
@@ -275,9 +273,15 @@ _BY_CURVE = ("slide", "points", "tangent", "bend", "normal", "energy")
 def smoothed(u: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
     """Rows with each frequency k divided by |k| + ½, as Dirichlet's form roughly multiplies it."""
     n = u.shape[-1]
-    symbol = 1 / (torch.arange(n // 2 + 1, dtype=u.dtype, device=u.device) + 0.5)
-    smooth: Tensor = torch.fft.irfft(torch.fft.rfft(u) * symbol, n=n)
+    smooth: Tensor = torch.fft.irfft(torch.fft.rfft(u) / (frequencies(n, u.device) + 0.5), n=n)
     return smooth
+
+
+@lru_cache(maxsize=64)
+def _first_harmonics(n: int, device: torch.device) -> Float[Tensor, "n 3"]:
+    """1, cosine and sine of the angle at n equal steps."""
+    angle = 2 * torch.pi * torch.arange(n, dtype=torch.float64, device=device) / n
+    return torch.stack([torch.ones_like(angle), angle.cos(), angle.sin()], dim=-1)
 
 
 def slid(slide: Float[Tensor, "b n"], direction: Float[Tensor, "b n"], length: float) -> Float[Tensor, "b n"]:

@@ -122,7 +122,7 @@ def minimised(
             over = finished.nonzero()[:, 0]
             found.append((number[over].tolist(), here.at(over), steps))
             if finished.all():
-                return found
+                break
             rest = (~finished).nonzero()[:, 0]
             here, number, limits, most, falls = here.at(rest), number[rest], limits[rest], most[rest], falls[rest]
             size, reflection, recent = size[rest], reflection[rest], recent[rest]
@@ -146,6 +146,7 @@ def minimised(
             torch.maximum(_REFLECT_MORE * reflection, more).clamp(max=1.0),
             torch.where(full, less, reflection),
         )
+    return found
 
 
 def _direction(
