@@ -231,7 +231,7 @@ class Slides:
 
     @cached_property
     def gauge(self) -> Float[Tensor, "b 3 n"]:
-        """Orthonormal rows: what conformal maps of Ω near the identity move along Γ by arc length; off the disk roughly."""
+        """Orthonormal rows: what conformal maps of Ω near the identity move along Γ; off the disk roughly."""
         fields = _first_harmonics(self.slide.shape[1], self.slide.device)
         if not self.form.is_disk:
             fields = fields.expand(len(self.slide), -1, -1)
