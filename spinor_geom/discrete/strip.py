@@ -112,8 +112,7 @@ def ruled_annulus(
     rims = (first, second)
     places = _strip_places(first, second)
     length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in rims) / 2
-    boundary = np.concatenate(places)
-    bounds = size_bounds(boundary, growth=_GROWTH, decay=_GROWTH, rims=(len(first), len(second)))
+    bounds = size_bounds(places, growth=_GROWTH, decay=_GROWTH)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         shortest, longest = bounds(z, 0)
@@ -131,8 +130,7 @@ def ruled_annulus(
 
 def triangulated_annulus(outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n"]) -> PlaneTriangulation:
     """A mesh between two polygons, with edges that grow away from them."""
-    size = graded_size(np.concatenate([outer, inner]), rims=(len(outer), len(inner)))
-    return triangulate_polygon(outer, size, holes=[inner])
+    return triangulate_polygon(outer, graded_size(outer, inner), holes=[inner])
 
 
 def _triangle_areas(

@@ -41,12 +41,7 @@ class ConstrainedDelaunay:
     def __init__(
         self, points: Complex[np.ndarray, " n"], regions: Sequence[Rims], region: Int[np.ndarray, " n"] | None = None
     ) -> None:
-        """Takes the vertices of the polygons, then points inside.
-
-        Args:
-            points: Of all regions.
-            regions: Numbers of vertices of the polygons of each.
-            region: Of each point; none where there is only one.
+        """Takes the vertices of the polygons, then points inside; without the region of each there is only one.
 
         Raises:
             DomainError: Two edges of a polygon cross, or two points are equal.
@@ -64,11 +59,7 @@ class ConstrainedDelaunay:
         return np.asarray(self.faces[self.inside])
 
     def insert(self, points: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"] | None = None) -> None:
-        """Adds points inside the polygons and off their edges; the numbers of the triangles change.
-
-        Raises:
-            DomainError: Two points are equal.
-        """
+        """Adds points inside the polygons and off their edges, and to no other; the triangles' numbers change."""
         region = np.zeros(len(points), dtype=np.int64) if region is None else region
         for number, some in enumerate(_members(region, len(self.regions))):
             if len(some):
@@ -78,11 +69,7 @@ class ConstrainedDelaunay:
         self._read()
 
     def move(self, points: Complex[np.ndarray, " n"], regions: Int[np.ndarray, " r"]) -> None:
-        """Puts points elsewhere, those of some regions, and triangulates these anew.
-
-        Raises:
-            DomainError: Two points are equal.
-        """
+        """Puts points elsewhere, those of some regions and to no other, and triangulates these regions anew."""
         self.points = points
         for number in regions:
             self._parts[number] = _Region(points[self.own[number]], self.regions[number])

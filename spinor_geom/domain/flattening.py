@@ -24,6 +24,8 @@ from spinor_geom.mesh.operators import (
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 # Widths of the smoothing as fractions of the boundary length: slow windings first, then ever more local tangles.
 _WIDTHS = (0.06, 0.03, 0.015)
+# Between far parts of the outer rim, across the outside, in local edge lengths.
+CLEARANCE = 1.5
 # Newton steps to holes that close, and the log scale at which they have come to nothing: floats tell edges no more.
 _CLOSING_STEPS, _LARGEST_SCALE = 6, -float(np.log(np.finfo(np.float64).eps))
 
@@ -60,12 +62,7 @@ def dirichlet_to_neumann(
     """Dirichlet-to-Neumann matrix Λ of a discrete surface and its boundary's turning k₀ when flattened at u = 0.
 
     A flattening with boundary log scale u turns by k₀ + Λu at its vertices; a disk's turning sums to 2π. Λ is made when
-    it is asked for: most boundaries are simple at u = 0.
-
-    Args:
-        vertices: the boundary vertices come first, in boundary order, rim by rim.
-        faces: counter-clockwise.
-        boundary_size: m, of all rims.
+    it is asked for: most boundaries are simple at u = 0. The boundary's vertices come first, in order, rim by rim.
 
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
@@ -93,7 +90,6 @@ def flatten(
     boundary_size: int,
     *,
     holes: Rims = (),
-    clearance: float = 1.5,
     drawn: Drawn | None = None,
 ) -> Flattening:
     """Flattens a discrete surface conformally, with boundary scale as near to 1 as a simple boundary allows.
@@ -102,7 +98,7 @@ def flatten(
     each rim turns by −2π and closes, by Newton's method. Each rim is laid out by itself; the place, turn and scale of
     the holes are those of least conformal energy, which is Dirichlet's less the area.
 
-    Where rims cross, or two parts of the outer one come nearer than `clearance` edges across the outside, u is the
+    Where rims cross, or two parts of the outer one come nearer than 1.5 edges across the outside, u is the
     minimiser of α(|u|²/ℓ² + u·Λu/ℓ) + |S(k₀ + Λu)/ds − κ|² with κ the curvature of circles as long as the rims and a
     Gaussian smoothing S along them: it straightens the slow winding and leaves corners alone. α is lowered until the
     boundary is clear. Small lobes, as ragged rims have them, are drawn in where that does not help (see `untangled`).
@@ -112,9 +108,7 @@ def flatten(
         faces: counter-clockwise.
         boundary_size: number m of boundary vertices.
         holes: numbers of those on the rims of holes, which come last.
-        clearance: smallest allowed gap in local edge lengths; smaller gaps are accepted if nothing larger is found.
-        drawn: gives the points, in order, of the curve that will be drawn through each rim's vertices; these curves are
-            to bound a domain too. Without it the polygons are enough.
+        drawn: gives the curves that will be drawn through the rims' vertices, which are to bound a domain too.
 
     Raises:
         DomainError: no simple domain was found.
@@ -125,7 +119,7 @@ def flatten(
     neumann, turning = dirichlet_to_neumann(vertices, faces, boundary_size)
     after = rim_successors((boundary_size - sum(holes), *holes))
     edge = np.linalg.norm(vertices[after] - vertices[:boundary_size], axis=1)
-    return flatten_boundary(edge, turning, neumann, holes=holes, clearance=clearance, drawn=drawn)
+    return flatten_boundary(edge, turning, neumann, holes=holes, drawn=drawn)
 
 
 def flatten_boundary(
@@ -133,25 +127,16 @@ def flatten_boundary(
     turning: Float[np.ndarray, " m"],
     neumann: NeumannMatrix,
     *,
-    clearance: float,
+    clearance: float = CLEARANCE,
     holes: Rims = (),
     saws: bool = False,
     drawn: Drawn | None = None,
 ) -> Flattening:
-    """The boundary of `flatten` from edge lengths, turning angles at u = 0 and the matrix Λ.
+    """The boundary of `flatten`, which raises alike, from edge lengths, turning angles at u = 0 and the matrix Λ.
 
-    Args:
-        edge: lengths.
-        turning: angles in radians.
-        neumann: gives Λ.
-        clearance: as for `flatten`.
-        holes: as for `flatten`.
-        saws: leaves u·Λu out. The boundary may then turn to and fro from vertex to vertex, which rounding it off
-            undoes, and has fewer notches where it winds about itself.
-        drawn: as for `flatten`.
-
-    Raises:
-        DomainError: no simple domain was found.
+    A gap below the clearance, in local edge lengths, is accepted if no larger one is found. `saws` leaves u·Λu out: the
+    boundary may then turn to and fro from vertex to vertex, which rounding it off undoes, and has fewer notches where
+    it winds about itself.
     """
     rims = (len(edge) - sum(holes), *holes)
     # tee: what was laid out in vain is not laid out again for its lobes
@@ -179,8 +164,9 @@ def _least_straightened(
         if len(rims) < len(boundary) or not bound_domain(rims) or (drawn is not None and not bound_domain(drawn(rims))):
             continue
         parts = np.split(edge, np.cumsum([len(rim) for rim in rims[:-1]]))
-        scales = [log_scale_of(rim, lengths) for rim, lengths in zip(rims, parts, strict=True)]
-        found.append(Flattening(rims=rims, log_scale=np.concatenate(scales), clearance=outer_clearance(rims[0])))
+        ratios = [np.log(np.abs(np.roll(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
+        scale = np.concatenate([(ratio + np.roll(ratio, 1)) / 2 for ratio in ratios])
+        found.append(Flattening(rims=rims, log_scale=scale, clearance=outer_clearance(rims[0])))
         if found[-1].clearance >= clearance:
             return found[-1]
     # little straightening comes before a little more room: boundaries are in order of their straightening
@@ -249,11 +235,7 @@ def _gap(
     neumann: Float[np.ndarray, "m m"],
     rim: slice,
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 m"]]:
-    """By how much a hole's rim laid out with log scale u does not close, by its length, and turns by more than −2π.
-
-    Returns:
-        Both coordinates of the gap and the turning, and their derivatives by u.
-    """
+    """Both coordinates of a hole's gap, by its length, and its turning beyond −2π at log scale u; the slopes by u."""
     flux = neumann[rim]
     turned = turning[rim] + flux @ u
     count = len(turned)
@@ -295,19 +277,12 @@ def smoothing(edge: Float[np.ndarray, " m"], width: float) -> Float[np.ndarray, 
     return np.asarray(smooth / (smooth @ ((edge + np.roll(edge, 1)) / 2))[:, None])
 
 
-def log_scale_of(polygon: Complex[np.ndarray, " m"], edge: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Logarithm of a polygon's edge lengths per given ones at its vertices, the mean of two edges each."""
-    ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
-    return np.asarray((ratio + np.roll(ratio, 1)) / 2)
-
-
 def lay_out(
     edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], log_scale: Float[np.ndarray, " m"]
 ) -> Complex[np.ndarray, " m"] | None:
     """Polygon with given turning at its vertices and edge lengths e^u, closed by the least relative change of lengths.
 
-    Returns:
-        The vertices, or None where closing would need an edge of negative length or all edges are parallel.
+    None where closing would need an edge of negative length or all edges are parallel.
     """
     length = edge * np.exp((log_scale + np.roll(log_scale, -1)) / 2)
     direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j

@@ -29,14 +29,7 @@ class NearestPoints:
     def query(
         self, z: Complex[np.ndarray, " k"], region: Regions = 0, *, count: int = 1, within: float = np.inf
     ) -> tuple[Float[np.ndarray, "k c"], Int[np.ndarray, "k c"]]:
-        """Distances and numbers of the points nearest to z, in order; infinite and n for those that there are not.
-
-        Args:
-            z: Anywhere near the points.
-            region: Those of z.
-            count: So many points for each.
-            within: Distance that all of them are nearer than.
-        """
+        """Distances and numbers of so many points nearest to each z, in order; infinite and n where there are fewer."""
         bound = min(within, 0.5 * self._apart)
         nearest = np.arange(1, min(count, max(self._tree.n, 1)) + 1)
         distance, index = self._tree.query(self._places(z, region), k=nearest, distance_upper_bound=bound)

@@ -38,8 +38,6 @@ class Panels:
     def around(cls, domain: PlaneDomain, breaks: Sequence[Float[np.ndarray, " _"]], order: int) -> Panels:
         """Panels on all of ∂Ω, between the breaks from 0 to 1 that each of its boundaries has."""
         parts = [cls.on(boundary, ends, order) for boundary, ends in zip(domain.boundaries, breaks, strict=True)]
-        if len(parts) == 1:
-            return parts[0]
         shifts = 2.0 * np.arange(len(parts))
         return cls(
             order=order,

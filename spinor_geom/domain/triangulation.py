@@ -98,7 +98,6 @@ def triangulate_polygon(
     size: SizeFunction,
     *,
     holes: Sequence[Complex[np.ndarray, " _"]] = (),
-    max_points: int = MOST_POINTS,
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
@@ -112,7 +111,6 @@ def triangulate_polygon(
         boundary: Vertices of the polygon, counter-clockwise, without repetition of the first.
         size: Wanted edge length at points (k,), in units of the polygon.
         holes: Polygons inside it, clockwise, that are left out.
-        max_points: No further points are inserted when there are so many in all.
 
     Raises:
         DomainError: The polygon is clockwise, has fewer than three vertices or a vertex that is not finite, or touches
@@ -121,7 +119,7 @@ def triangulate_polygon(
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
-    return triangulate_regions([(boundary, *holes)], lambda z, _: size(z), max_points=max_points)[0]
+    return triangulate_regions([(boundary, *holes)], lambda z, _: size(z))[0]
 
 
 def triangulate_regions(
@@ -137,7 +135,7 @@ def triangulate_regions(
         regions: For each its polygon and its holes.
         size: Wanted edge length at points (k,) and the numbers (k,) of their regions.
         seeds: By default the points of lattices as wide as the largest of the sizes wanted.
-        max_points: Of each region, or of any.
+        max_points: Of each region, or of any: no further ones are inserted when there are so many in all.
 
     Raises:
         DomainError: A region is none, see `triangulate_polygon`.
@@ -198,13 +196,16 @@ def _split(mesh: ConstrainedDelaunay, points: Complex[np.ndarray, " n"]) -> list
 
 
 def _require_region(polygons: Sequence[Complex[np.ndarray, " _"]]) -> tuple[complex, float]:
-    """Checks a polygon and its holes; at unit size about the origin it is the same wherever and however large it is.
-
-    Returns:
-        What is its origin there, and its unit.
-    """
+    """Checks a polygon and its holes; gives an origin and a unit in which nothing depends on its place and size."""
     for number, polygon in enumerate(polygons):
-        _require_polygon(polygon, clockwise=number > 0)
+        name, sign, ways = "the polygon", 1, ("clockwise", "counter-clockwise")
+        if number:
+            name, sign, ways = "a hole", -1, ways[::-1]
+        m = len(polygon)
+        if m < 3 or not np.isfinite(polygon).all():
+            raise DomainError(f"{name} needs at least 3 finite vertices, got {m}", vertices=m)
+        if sign * _area(polygon) <= 0:
+            raise DomainError(f"{name} runs {ways[0]} or has no area; give it {ways[1]}", vertices=m)
     boundary = np.concatenate(polygons)
     if sum(map(_area, polygons)) <= 0:
         raise DomainError("a hole is not inside the polygon", vertices=len(boundary))
@@ -213,17 +214,6 @@ def _require_region(polygons: Sequence[Complex[np.ndarray, " _"]]) -> tuple[comp
     if len(polygons) > 1 or not _is_convex((boundary - centre) / scale):
         _require_simple((boundary - centre) / scale, tuple(map(len, polygons)))
     return centre, scale
-
-
-def _require_polygon(polygon: Complex[np.ndarray, " m"], *, clockwise: bool) -> None:
-    m, name = len(polygon), "a hole" if clockwise else "the polygon"
-    if m < 3 or not np.isfinite(polygon).all():
-        raise DomainError(f"{name} needs at least 3 finite vertices, got {m}", vertices=m)
-    area = _area(polygon)
-    if clockwise and area >= 0:
-        raise DomainError("a hole runs counter-clockwise or has no area; give it clockwise", vertices=m)
-    if not clockwise and area <= 0:
-        raise DomainError("the polygon runs clockwise or has no area; give it counter-clockwise", vertices=m)
 
 
 def _is_convex(polygon: Complex[np.ndarray, " m"]) -> bool:

@@ -12,9 +12,6 @@ from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import Piece, triangulate_pieces
 
-# Between far parts of a domain's boundary, in edges.
-_CLEARANCE = 1.5
-
 
 def remesh(patch: Patch, target: float) -> Patch:
     """Triangulates a patch's domain for edges of a length in space, and keeps its shape and its boundary.
@@ -54,7 +51,7 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     turning = np.pi - angles
     turning += (2 * np.pi - turning.sum()) * share
     neumann, _ = dirichlet_to_neumann(patch.vertices, np.asarray(patch.faces), m)
-    boundary = flatten_boundary(edge, turning, neumann, clearance=_CLEARANCE).boundary
+    boundary = flatten_boundary(edge, turning, neumann).boundary
     piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
     (plan,) = triangulate_pieces([piece])
     vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)

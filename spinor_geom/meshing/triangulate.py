@@ -120,8 +120,8 @@ def size_field(pieces: Sequence[Piece]) -> RegionSizes:
     the inverse squared distance. A function of points (k,) of Ω and the numbers (k,) of their pieces.
     """
     rims = [rim for piece in pieces for rim in piece.rims]
-    owner = np.repeat(np.arange(len(pieces)), [sum(map(len, piece.rims)) for piece in pieces])
-    bounds = size_bounds(np.concatenate(rims), growth=GROWTH, decay=DECAY, rims=tuple(map(len, rims)), region=owner)
+    owners = [number for number, piece in enumerate(pieces) for _ in piece.rims]
+    bounds = size_bounds(rims, owners, growth=GROWTH, decay=DECAY)
     target = np.array([piece.target for piece in pieces])
     tree = NearestPoints(
         np.concatenate([piece.samples for piece in pieces]),

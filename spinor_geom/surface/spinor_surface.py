@@ -377,7 +377,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         steps = self._integrate(vertices[before[visited]], vertices[visited])
         total = steps.new_zeros(len(vertices), 3).index_copy(0, visited, steps)
         # each pass doubles the number of edges summed; the root is its own parent and adds nothing
-        for _ in range(len(tree.levels).bit_length()):
+        while (before != tree.root).any():
             total, before = total + total[before], before[before]
         return self.constant + total
 

@@ -221,7 +221,7 @@ def test_two_holes_are_laid_out_where_they_are(curvature):
     outer = ellipse(2.0, 1.0, 0.0, 40)
     holes = [ellipse(0.3, 0.3, 0.8 + 0.1j, 40)[::-1], ellipse(0.25, 0.4, -0.9 - 0.2j, 40)[::-1]]
     rims = [outer, *holes]
-    plane = triangulate_polygon(outer, graded_size(np.concatenate(rims), rims=(40, 40, 40)), holes=holes)
+    plane = triangulate_polygon(outer, graded_size(*rims), holes=holes)
     # a cylinder unrolls as it is
     x, z = plane.points.real, plane.points
     bent = (x, 0 * x) if not curvature else (np.sin(curvature * x) / curvature, np.cos(curvature * x) / curvature)
