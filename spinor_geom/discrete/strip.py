@@ -12,6 +12,9 @@ from spinor_geom.domain.sizes import graded_size, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 
+Rim = Float[np.ndarray, "m 3"]
+OtherRim = Float[np.ndarray, "n 3"]
+
 # Longer loops are thinned to so many points for the search of the strip.
 _MOST_POINTS = 128
 # The first annulus has to be near enough for its conformal structure to be right; so often is it meshed anew.
@@ -22,9 +25,7 @@ _NODES_PER_MODULUS = 4
 _GROWTH = 0.35
 
 
-def minimum_area_strip(
-    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]
-) -> tuple[Int[np.ndarray, "f 3"], float]:
+def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f 3"], float]:
     """The strip of m + n triangles of least area between two closed polygons, by dynamic programming; and its area.
 
     A strip runs once around both, which have it on their left; each triangle has an edge of one polygon and a vertex of
@@ -66,18 +67,18 @@ def minimum_area_strip(
     return np.array(faces[::-1]), float(rows[m, start, n])
 
 
-def runs_back(first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]) -> bool:
+def runs_back(first: Rim, second: OtherRim) -> bool:
     """Whether a strip from the first of two closed polygons to the second reversed has less area."""
     first, second = (points[_thinned(points)] for points in (first, second))
     return minimum_area_strip(first, second[::-1])[1] < minimum_area_strip(first, second)[1]
 
 
-def _thinned(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " k"]:
+def _thinned(points: OtherRim) -> Int[np.ndarray, " k"]:
     return np.arange(0, len(points), math.ceil(len(points) / _MOST_POINTS))
 
 
 def discrete_annulus(
-    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], *, relative_change: float = _FIRST_CHANGE
+    first: Rim, second: OtherRim, *, relative_change: float = _FIRST_CHANGE
 ) -> tuple[PlaneTriangulation, Disk]:
     """A triangulated annulus of stationary area between two polygons, both with it on their left.
 
@@ -99,9 +100,7 @@ def discrete_annulus(
     return plane, descent
 
 
-def ruled_annulus(
-    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], target: float
-) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
+def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
     """A triangulated round annulus, and straight lines between two polygons over its radii: nothing is minimised.
 
     Both have the annulus on their left; edges are about as long as the target, in units of space.
@@ -139,9 +138,7 @@ def _triangle_areas(
     return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1))
 
 
-def _strip_places(
-    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]
-) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
+def _strip_places(first: Rim, second: OtherRim) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
     """Places on a round annulus: angles by the strip, radii by its mean width."""
     kept = [_thinned(p) for p in (first, second)]
     faces, area = minimum_area_strip(first[kept[0]], second[kept[1]])
@@ -194,11 +191,7 @@ def nodes_on_cylinder(
 
 
 def _best_turn(
-    first: Float[np.ndarray, "m 3"],
-    second: Float[np.ndarray, "n 3"],
-    angle: Float[np.ndarray, " m"],
-    other: Float[np.ndarray, " n"],
-    modulus: float,
+    first: Rim, second: OtherRim, angle: Float[np.ndarray, " m"], other: Float[np.ndarray, " n"], modulus: float
 ) -> float:
     """The turn of the inner rim, run clockwise, for which the harmonic map of the annulus has the least energy."""
     n = 256

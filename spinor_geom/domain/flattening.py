@@ -20,6 +20,10 @@ from spinor_geom.mesh.operators import (
     mollified_edge_lengths,
 )
 
+PerVertex = Float[np.ndarray, " m"]  # one number for each vertex of the boundary, rim by rim
+Matrix = Float[np.ndarray, "m m"]
+Polygon = Complex[np.ndarray, "_"]
+
 # Strengths of straightening, weakest first: weight of the size of u against the evenness of the smoothed curvature.
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 # Widths of the smoothing as fractions of the boundary length: slow windings first, then ever more local tangles.
@@ -30,9 +34,9 @@ CLEARANCE = 1.5
 _CLOSING_STEPS, _LARGEST_SCALE = 6, -float(np.log(np.finfo(np.float64).eps))
 
 # gives the Dirichlet-to-Neumann matrix Λ of a surface's boundary
-NeumannMatrix = Callable[[], Float[np.ndarray, "m m"]]
+NeumannMatrix = Callable[[], Matrix]
 # makes of polygons the points of the curves that are drawn through their vertices
-Drawn = Callable[[tuple[Complex[np.ndarray, "_"], ...]], tuple[Complex[np.ndarray, "_"], ...]]
+Drawn = Callable[[tuple[Polygon, ...]], tuple[Polygon, ...]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,8 +50,8 @@ class Flattening:
             (infinite where no two parts come near).
     """
 
-    rims: tuple[Complex[np.ndarray, "_"], ...]
-    log_scale: Float[np.ndarray, " m"]
+    rims: tuple[Polygon, ...]
+    log_scale: PerVertex
     clearance: float
 
     @property
@@ -58,7 +62,7 @@ class Flattening:
 
 def dirichlet_to_neumann(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
-) -> tuple[NeumannMatrix, Float[np.ndarray, " m"]]:
+) -> tuple[NeumannMatrix, PerVertex]:
     """Dirichlet-to-Neumann matrix Λ of a discrete surface and its boundary's turning k₀ when flattened at u = 0.
 
     A flattening with boundary log scale u turns by k₀ + Λu at its vertices; a disk's turning sums to 2π. Λ is made when
@@ -77,7 +81,7 @@ def dirichlet_to_neumann(
     inner = factor_symmetric(laplacian[m:, m:])
     coupling = laplacian[:m, m:]
 
-    def matrix() -> Float[np.ndarray, "m m"]:
+    def matrix() -> Matrix:
         neumann = laplacian[:m, :m].toarray() - coupling @ inner.solve(coupling.T.toarray())
         return np.asarray((neumann + neumann.T) / 2)
 
@@ -123,8 +127,8 @@ def flatten(
 
 
 def flatten_boundary(
-    edge: Float[np.ndarray, " m"],
-    turning: Float[np.ndarray, " m"],
+    edge: PerVertex,
+    turning: PerVertex,
     neumann: NeumannMatrix,
     *,
     clearance: float = CLEARANCE,
@@ -152,10 +156,7 @@ def flatten_boundary(
 
 
 def _least_straightened(
-    boundaries: Iterable[tuple[Complex[np.ndarray, "_"] | None, ...]],
-    edge: Float[np.ndarray, " m"],
-    clearance: float,
-    drawn: Drawn | None,
+    boundaries: Iterable[tuple[Polygon | None, ...]], edge: PerVertex, clearance: float, drawn: Drawn | None
 ) -> Flattening | None:
     """The first boundary of a domain with enough clearance; where none has, the first with half of it, or with any."""
     found: list[Flattening] = []
@@ -174,8 +175,8 @@ def _least_straightened(
 
 
 def _laid_out(
-    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: NeumannMatrix, rims: Rims, *, saws: bool
-) -> Iterator[tuple[Complex[np.ndarray, "_"], ...]]:
+    edge: PerVertex, turning: PerVertex, neumann: NeumannMatrix, rims: Rims, *, saws: bool
+) -> Iterator[tuple[Polygon, ...]]:
     """The rims as polygons, for one boundary log scale after the other, the nearest to 0 first."""
     ends = np.cumsum(rims[:-1])
     for turned, log_scale, matrix in _candidates(edge, turning, neumann, rims, saws=saws):
@@ -186,8 +187,8 @@ def _laid_out(
 
 
 def _candidates(
-    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: NeumannMatrix, rims: Rims, *, saws: bool
-) -> Iterator[tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, "m m"] | None]]:
+    edge: PerVertex, turning: PerVertex, neumann: NeumannMatrix, rims: Rims, *, saws: bool
+) -> Iterator[tuple[PerVertex, PerVertex, Matrix | None]]:
     """Turning angles and boundary log scales to try, the nearest to 0 first, with Λ where there are holes."""
     ends = np.cumsum(rims)
     holes = [slice(start, end) for start, end in itertools.pairwise(ends.tolist())]
@@ -204,7 +205,7 @@ def _candidates(
     # S is blind to what changes from vertex to vertex: without Λ here slivers turn the boundary to and fro
     size = np.diag(ds) / length**2 + (0 if saws else matrix / length)
 
-    def systems() -> Iterator[tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]]:
+    def systems() -> Iterator[tuple[Matrix, PerVertex]]:
         if holes:
             yield size, np.zeros(len(edge))
         for width in _WIDTHS:
@@ -229,11 +230,7 @@ def _candidates(
 
 
 def _gap(
-    u: Float[np.ndarray, " m"],
-    edge: Float[np.ndarray, " m"],
-    turning: Float[np.ndarray, " m"],
-    neumann: Float[np.ndarray, "m m"],
-    rim: slice,
+    u: PerVertex, edge: PerVertex, turning: PerVertex, neumann: Matrix, rim: slice
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 m"]]:
     """Both coordinates of a hole's gap, by its length, and its turning beyond −2π at log scale u; the slopes by u."""
     flux = neumann[rim]
@@ -254,9 +251,7 @@ def _gap(
     )
 
 
-def _placed(
-    rims: Sequence[Complex[np.ndarray, "_"]], neumann: Float[np.ndarray, "m m"]
-) -> list[Complex[np.ndarray, "_"]]:
+def _placed(rims: Sequence[Polygon], neumann: Matrix) -> list[Polygon]:
     """The holes where the conformal energy ½ z*Λz − area of t + βz for each is least."""
     outer, *shapes = rims
     shapes = [shape - shape.mean() for shape in shapes]
@@ -269,7 +264,7 @@ def _placed(
     return [t + beta * shape for (t, beta), shape in zip(moves, shapes, strict=True)]
 
 
-def smoothing(edge: Float[np.ndarray, " m"], width: float) -> Float[np.ndarray, "m m"]:
+def smoothing(edge: PerVertex, width: float) -> Matrix:
     """Gaussian means along a closed boundary, the width a share of its length: turning at vertices to curvature."""
     s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / edge.sum()
     distance = np.abs(s[:, None] - s)
@@ -277,9 +272,7 @@ def smoothing(edge: Float[np.ndarray, " m"], width: float) -> Float[np.ndarray, 
     return np.asarray(smooth / (smooth @ ((edge + np.roll(edge, 1)) / 2))[:, None])
 
 
-def lay_out(
-    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], log_scale: Float[np.ndarray, " m"]
-) -> Complex[np.ndarray, " m"] | None:
+def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Complex[np.ndarray, " m"] | None:
     """Polygon with given turning at its vertices and edge lengths e^u, closed by the least relative change of lengths.
 
     None where closing would need an edge of negative length or all edges are parallel.

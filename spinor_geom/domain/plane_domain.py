@@ -209,11 +209,7 @@ class PlaneDomain:
 
     @classmethod
     def inside(
-        cls,
-        boundary: Boundary,
-        log_scale: Float[np.ndarray, " m"] | None = None,
-        *,
-        holes: tuple[Boundary, ...] = (),
+        cls, boundary: Boundary, log_scale: Float[np.ndarray, " m"] | None = None, *, holes: tuple[Boundary, ...] = ()
     ) -> PlaneDomain:
         """The domain inside a curve and outside holes, triangulated with edges that grow inwards.
 

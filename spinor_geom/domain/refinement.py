@@ -13,7 +13,7 @@ from spinor_geom.domain.delaunay import (
     reachable,
     unique_edges,
 )
-from spinor_geom.domain.nearest import NearestPoints
+from spinor_geom.domain.nearest import Lengths, NearestPoints, Owners, Places
 from spinor_geom.domain.sizes import RegionSizes
 
 # in degrees, below which a triangle is refined; above 30 the number of points grows quickly
@@ -57,7 +57,7 @@ class Boundary:
             for some in (np.flatnonzero(group == g) for g in np.unique(group))
         ]
 
-    def too_near(self, z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    def too_near(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
         """Whether each point sees some edge of its region under too large an angle."""
         inside = np.zeros(len(z), dtype=bool)
         if len(z) == 0:
@@ -120,12 +120,7 @@ def refine(
         mesh.insert(centre[new], owner[new])
 
 
-def independent(
-    z: Complex[np.ndarray, " k"],
-    region: Int[np.ndarray, " k"],
-    spacing: Float[np.ndarray, " k"],
-    priority: Float[np.ndarray, " k"],
-) -> Int[np.ndarray, " s"]:
+def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) -> Int[np.ndarray, " s"]:
     """Indices of points no two of which are nearer than the smaller of their spacings, high priority preferred.
 
     They are ordered by their regions; points of two regions are not near each other.
@@ -157,12 +152,7 @@ def independent(
     return np.asarray(first[taken])
 
 
-def _first_in_cell(
-    z: Complex[np.ndarray, " k"],
-    region: Int[np.ndarray, " k"],
-    spacing: Float[np.ndarray, " k"],
-    priority: Float[np.ndarray, " k"],
-) -> Int[np.ndarray, " s"]:
+def _first_in_cell(z: Places, region: Owners, spacing: Lengths, priority: Lengths) -> Int[np.ndarray, " s"]:
     """Index of the point of highest priority in each occupied square cell, a quarter to half a spacing wide."""
     level = np.floor(np.log2(spacing))
     cell = np.column_stack([np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]), level, region])
@@ -171,9 +161,7 @@ def _first_in_cell(
     return np.asarray(order[np.append(True, new)])
 
 
-def long_bridges(
-    mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSizes
-) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+def long_bridges(mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSizes) -> tuple[Places, Owners]:
     """Points that split inner edges between boundary vertices, where a region has room for one, and their regions."""
     m, points, faces, after = mesh.boundary_size, mesh.points, mesh.triangles, boundary.after
     edges = unique_edges(faces[(faces < m).sum(axis=1) > 1], len(points))
@@ -198,6 +186,6 @@ def long_bridges(
     return place[chosen], owner[chosen]
 
 
-def place_in_region(region: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+def place_in_region(region: Owners) -> Owners:
     """Numbers from 0 on within each run of equal numbers, which ascend."""
     return np.asarray(np.arange(len(region)) - np.searchsorted(region, region))

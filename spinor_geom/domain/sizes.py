@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex
 
 from spinor_geom.domain.delaunay import rim_successors
-from spinor_geom.domain.nearest import NearestPoints, Regions
+from spinor_geom.domain.nearest import Lengths, NearestPoints, Owners, Places, Regions
 
-SizeFunction = Callable[[Complex[np.ndarray, " k"]], Float[np.ndarray, " k"]]
-RegionSizes = Callable[[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]], Float[np.ndarray, " k"]]
-SizeBounds = Callable[[Complex[np.ndarray, " k"], Regions], tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]
+SizeFunction = Callable[[Places], Lengths]
+RegionSizes = Callable[[Places, Owners], Lengths]
+SizeBounds = Callable[[Places, Regions], tuple[Lengths, Lengths]]
 
 # Change of the edge length per unit of distance from the boundary, upwards.
 GROWTH = 0.35
@@ -56,11 +56,9 @@ def size_bounds(
         local = (np.append(local, np.inf)[index] + growth * distance).min(axis=1)
     around = np.append(local, np.inf)
 
-    def bounds(
-        z: Complex[np.ndarray, " k"], region: Regions
-    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    def bounds(z: Places, region: Regions) -> tuple[Lengths, Lengths]:
         distance, index = tree.query(z, region, count=3)
-        low: Float[np.ndarray, " k"] = own[index[:, 0]] - decay * distance[:, 0]
+        low: Lengths = own[index[:, 0]] - decay * distance[:, 0]
         return low, (around[index] + growth * distance).min(axis=1)
 
     return bounds

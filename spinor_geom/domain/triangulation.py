@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.domain.delaunay import ConstrainedDelaunay, Rims, rim_successors, unique_edges
 from spinor_geom.domain.lattice import lattices_inside
-from spinor_geom.domain.nearest import NearestPoints
+from spinor_geom.domain.nearest import Lengths, NearestPoints, Owners, Places
 from spinor_geom.domain.refinement import MIN_ANGLE, Boundary, independent, long_bridges, place_in_region, refine
 from spinor_geom.domain.sizes import RegionSizes, SizeFunction
 from spinor_geom.domain.smoothing import polish, smooth
@@ -88,16 +88,13 @@ class Seeds(NamedTuple):
         region: Of each, ascending.
     """
 
-    points: Complex[np.ndarray, " k"]
-    spacing: Float[np.ndarray, " k"]
-    region: Int[np.ndarray, " k"]
+    points: Places
+    spacing: Lengths
+    region: Owners
 
 
 def triangulate_polygon(
-    boundary: Complex[np.ndarray, " m"],
-    size: SizeFunction,
-    *,
-    holes: Sequence[Complex[np.ndarray, " _"]] = (),
+    boundary: Complex[np.ndarray, " m"], size: SizeFunction, *, holes: Sequence[Complex[np.ndarray, " _"]] = ()
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
@@ -149,7 +146,7 @@ def triangulate_regions(
     boundary = np.concatenate(given)
     edges = Boundary((boundary - centre[owner]) / scale[owner], rim_successors(sum(rims, ())), owner)
 
-    def wanted(z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    def wanted(z: Places, region: Owners) -> Lengths:
         h = size(z * scale[region] + centre[region], region)
         wrong = ~((h > 0) & np.isfinite(h))
         if wrong.any():
@@ -239,9 +236,7 @@ def _area(polygon: Complex[np.ndarray, " m"]) -> float:
     return 0.5 * float((np.conj(polygon) * np.roll(polygon, -1)).imag.sum())
 
 
-def _seeds(
-    boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]
-) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+def _seeds(boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]) -> tuple[Places, Owners]:
     """Points of lattices as wide as the largest of the sizes wanted in each region: inner points to start from."""
     points, after, owner = boundary.points, boundary.after, boundary.region
     area = 0.5 * np.bincount(owner, (np.conj(points) * points[after]).imag)

@@ -41,7 +41,6 @@ DERIVATIVE_ERROR = 1e-5
 SLOW, STANDSTILL = 0.1, 1e-9
 KINK = "has a jump or a kink that corners= does not name"
 
-
 CurveFunction: TypeAlias = Callable[[Float[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
 
 

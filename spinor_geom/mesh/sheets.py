@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinor_geom.errors import MeshError, NonManifoldEdgeError
-from spinor_geom.mesh.topology import HalfEdges, next_in_face, referenced_vertices
+from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 
 # Faces on one edge beyond which none of them are joined: all pairs of them are compared.
 _MOST_FACES = 16
@@ -69,7 +69,8 @@ class Sheets:
         reached, turning = half_edge.copy(), np.arange(len(half_edge))
         while len(turning):
             here = reached[turning]
-            here = np.where(target[here] == vertex[turning], next_in_face(here), _previous_in_face(here))
+            # on around the face, or back
+            here = here - here % 3 + (here + np.where(target[here] == vertex[turning], 1, 2)) % 3
             across = self.twin[here]
             reached[turning] = np.where(across < 0, here, across)
             turning = turning[across >= 0]
@@ -101,10 +102,6 @@ def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
         found.append(np.stack([members[by_apex][:-1][same], members[by_apex][1:][same]], axis=1))
     pairs = np.sort(np.concatenate(found) // 3, axis=1)
     return np.asarray(np.unique(pairs, axis=0)) if len(pairs) else pairs
-
-
-def _previous_in_face(half_edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    return np.asarray(half_edges + np.where(half_edges % 3 == 0, 2, -1))
 
 
 def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " h"]:

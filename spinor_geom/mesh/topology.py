@@ -76,11 +76,6 @@ class HalfEdges:
         return np.roll(self.origin.reshape(-1, 3), -2, axis=1).reshape(-1)
 
 
-def next_in_face(half_edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """The half-edge that follows each given one around its face, (n,) int64."""
-    return half_edges + np.where(half_edges % 3 == 2, -2, 1)
-
-
 def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
     """The edges that exactly one face uses, each as (from, to) in the direction of that face, (b, 2) int64."""
     half_edges = HalfEdges.of(faces)
