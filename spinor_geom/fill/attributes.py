@@ -31,15 +31,8 @@ def patch_attributes(
 
     Attributes are interpolated harmonically, all columns in one solve. Labels, which must not be averaged, are those of
     the nearest rim vertex. "normal" is the unit normal of the surface, on the side the patch's faces look to. A value
-    on the rim that is not finite counts as that of the nearest rim vertex with a finite one.
-
-    Args:
-        attributes: the mesh's own, (V, k) each; so are the results, (n − M, k).
-        rim: mesh vertices of the patch's boundary vertices.
-        patch: the patch.
-        surface: gives the normals at the patch's points of Ω; None for a patch that is not on one.
-        is_planned: whether the patch was triangulated in Ω, so that its triangles there have area.
-        labels: names of attributes whose values name classes.
+    on the rim, whose mesh vertices are `rim`, that is not finite counts as that of the nearest with a finite one. A
+    patch that `is_planned` was triangulated in Ω, so that its triangles there have area.
 
     Source: Pinkall & Polthier (1993), the discrete Dirichlet energy.
     """

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
 
+from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.operators import Bending, crossing_angles, face_normals, unclosed_vertices, vertex_angles
 from spinor_geom.mesh.topology import HalfEdges
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 
 # An edge with a larger angle between its faces' normals is a crease, and nothing goes on across it.
@@ -22,20 +21,6 @@ _FEWEST_EDGES = 12
 _CONSTANT = 1e-3
 # Edges over which the curvature of the smoothest mesh changes.
 _LONGEST = 100.0
-
-
-class FacesAround:
-    """The faces at each vertex of a mesh."""
-
-    def __init__(self, mesh: TriangleMesh) -> None:
-        """Sorts the corners of all faces once."""
-        self.mesh, corners = mesh, mesh.faces.ravel()
-        entries = (np.ones(len(corners), dtype=bool), (corners, np.arange(len(corners)) // 3))
-        self._faces = csr_array(entries, shape=(len(mesh.vertices), len(mesh.faces)))
-
-    def at(self, vertices: Int[np.ndarray, " k"]) -> Int[np.ndarray, " f"]:
-        """The faces that touch any of some vertices, ascending."""
-        return np.unique(self._faces[vertices].indices)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,12 +70,12 @@ class Collar:
         return vertex_angles(self.vertices, self.faces)[: self.boundary_size]
 
 
-def collar_of(around: FacesAround, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
+def collar_of(surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
     """The collar of a patch that has no edge which the mesh has too, other than the rim's; `rim` are mesh vertices."""
-    mesh, m = around.mesh, len(rim)
-    rings = [around.at(rim)]
+    mesh, m = surroundings.mesh, len(rim)
+    rings = [surroundings.faces_at(rim)]
     for _ in range(1, _RINGS):
-        rings.append(np.setdiff1d(around.at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
+        rings.append(np.setdiff1d(surroundings.faces_at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
     first = np.setdiff1d(mesh.faces[rings[0]], rim)
     beyond = np.setdiff1d(mesh.faces[np.concatenate(rings)], np.concatenate([rim, first]))
     ids = np.concatenate([rim, first, beyond])

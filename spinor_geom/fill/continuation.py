@@ -293,7 +293,7 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
     """
     if len(first.patch.vertices) == len(first.rim):
         return _staying(first)
-    collar = collar_of(surroundings.faces_around, first.rim, first.patch)
+    collar = collar_of(surroundings, first.rim, first.patch)
     try:
         moved = continue_patch(first.patch, collar, target, is_conformal=first.start != "discrete")
     except SingularMatrixError as error:

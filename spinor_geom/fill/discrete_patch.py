@@ -31,10 +31,7 @@ _LONG = 60
 def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
     """The discrete minimal surface over a loop, else a triangulation without inner vertices; and what it is, in words.
 
-    Args:
-        loop: any loop.
-        target: upper bound of the edge length, in mesh units.
-        seconds: after which the descent of the area ends where it is.
+    Edges are at most `target` long, in mesh units. After so many seconds the descent of the area ends where it is.
 
     Raises:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.

@@ -30,7 +30,6 @@ from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 # An island lies no farther over or under the plane of its hole than the hole itself, and this share of its width.
 _HEIGHT_PER_WIDTH = 0.2
 
-
 Islands: TypeAlias = Literal["join", "ignore"]
 # Seconds that a surface may wait for others to be meshed together; their meshes do not depend on it.
 _WAITING = 1.0
@@ -187,16 +186,10 @@ def fill_loops(
     left_open: Mapping[int, LoopOutcome] | None = None,
     joins: Joins | None = None,
 ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
-    """One outcome for every loop, and the patches of those that are filled.
+    """One outcome for each of a mesh's loops, and the patches of those that are filled, which join the surroundings.
 
-    Args:
-        surroundings: the mesh; takes the patches.
-        loops: all of its loops.
-        answers: for each loop that is to be filled by itself, in order, its exact patch, or why it has none.
-        options: of the call.
-        on_loop: as for `fill_hole`.
-        left_open: outcomes of the loops that nothing is tried for, by their places.
-        joins: what is joined to what; by default nothing.
+    The answers are those of the loops that are to be filled by themselves, in order; `left_open` has the outcomes of
+    the loops that nothing is tried for, by their places.
     """
     left_open, joins = left_open or {}, joins or Joins()
     asked = len(loops) - sum(not _was_asked(outcome) for outcome in left_open.values())
