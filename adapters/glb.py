@@ -81,59 +81,48 @@ def _appended(data: bytes, pieces: Sequence[Piece], path: Path | None, extension
     """
     if len(extension.faces) == 0 and len(extension.vertices) == 0:
         return data
+    from scipy.spatial import KDTree  # takes long to import
+
     container = GlbContainer.read(data, path)
+    nodes, meshes = container.tree["nodes"], container.tree["meshes"]
     vertices = np.concatenate([*(piece.decoded("POSITION") for piece in pieces), extension.vertices])
     votes = parts_of_faces(extension, [piece.start for piece in pieces], pieces[-1].stop)
     owners = votes.argmax(axis=1)
     for number in np.unique(owners).tolist():
-        _grow(container, pieces, pieces[number], extension, extension.faces[owners == number], vertices)
-    return container.encoded()
-
-
-def _grow(
-    container: GlbContainer,
-    pieces: Sequence[Piece],
-    piece: Piece,
-    extension: MeshExtension,
-    faces: Int[np.ndarray, "t 3"],
-    vertices: Float[np.ndarray, "v 3"],
-) -> None:
-    """Append faces and the vertices they need to one piece in the file."""
-    from scipy.spatial import KDTree  # takes long to import
-
-    nodes, meshes = container.tree["nodes"], container.tree["meshes"]
-    node = nodes[piece.node]
-    if Counter(other.get("mesh") for other in nodes)[node["mesh"]] > 1:
-        # what other nodes show stays as it is
-        meshes.append(deepcopy(meshes[node["mesh"]]))
-        node["mesh"] = len(meshes) - 1
-    primitive = meshes[node["mesh"]]["primitives"][piece.primitive]
-    own = (faces >= piece.start) & (faces < piece.stop)
-    others = np.unique(faces[~own])
-    is_new = others >= pieces[-1].stop
-    new = others[is_new] - pieces[-1].stop
-    _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[others])
-    for semantic, rows in piece.rows.items():
-        new_rows = rows[nearest]
-        name = NAMES.get(semantic, semantic)
-        if semantic == "POSITION":
-            new_rows = piece.encoded(semantic, vertices[others])
-        elif name in extension.vertex_attributes and not semantic.startswith(COPIED):
-            new_rows[is_new] = piece.encoded(semantic, extension.vertex_attributes[name][new])
-        for other in pieces:
-            if other.node == piece.node and have_one_layout(piece, other, semantic):
-                taken = (others >= other.start) & (others < other.stop)
-                new_rows[taken] = other.rows[semantic][others[taken] - other.start]
-        primitive["attributes"][semantic] = container.store(
-            np.concatenate([rows, new_rows]), target=ARRAY_BUFFER, instead_of=primitive["attributes"][semantic]
+        piece, faces = pieces[number], extension.faces[owners == number]
+        node = nodes[piece.node]
+        if Counter(other.get("mesh") for other in nodes)[node["mesh"]] > 1:
+            # what other nodes show stays as it is
+            meshes.append(deepcopy(meshes[node["mesh"]]))
+            node["mesh"] = len(meshes) - 1
+        primitive = meshes[node["mesh"]]["primitives"][piece.primitive]
+        own = (faces >= piece.start) & (faces < piece.stop)
+        others = np.unique(faces[~own])
+        is_new = others >= pieces[-1].stop
+        new = others[is_new] - pieces[-1].stop
+        _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[others])
+        for semantic, rows in piece.rows.items():
+            new_rows = rows[nearest]
+            name = NAMES.get(semantic, semantic)
+            if semantic == "POSITION":
+                new_rows = piece.encoded(semantic, vertices[others])
+            elif name in extension.vertex_attributes and not semantic.startswith(COPIED):
+                new_rows[is_new] = piece.encoded(semantic, extension.vertex_attributes[name][new])
+            for other in pieces:
+                if other.node == piece.node and have_one_layout(piece, other, semantic):
+                    taken = (others >= other.start) & (others < other.stop)
+                    new_rows[taken] = other.rows[semantic][others[taken] - other.start]
+            primitive["attributes"][semantic] = container.store(
+                np.concatenate([rows, new_rows]), target=ARRAY_BUFFER, instead_of=primitive["attributes"][semantic]
+            )
+        local = np.where(own, faces - piece.start, piece.stop - piece.start + np.searchsorted(others, faces))
+        all_faces = np.concatenate([piece.faces, local])
+        # the largest index of each type means "restart" to graphics hardware
+        dtype = np.uint16 if all_faces.max() < np.iinfo(np.uint16).max else np.uint32
+        primitive["indices"] = container.store(
+            all_faces.reshape(-1, 1).astype(dtype), target=ELEMENT_ARRAY_BUFFER, instead_of=primitive.get("indices")
         )
-    local = np.where(own, faces - piece.start, piece.stop - piece.start + np.searchsorted(others, faces))
-    all_faces = np.concatenate([piece.faces, local])
-    # the largest index of each type means "restart" to graphics hardware
-    dtype = np.uint16 if all_faces.max() < np.iinfo(np.uint16).max else np.uint32
-    primitive["indices"] = container.store(
-        all_faces.reshape(-1, 1).astype(dtype), target=ELEMENT_ARRAY_BUFFER, instead_of=primitive.get("indices")
-    )
+    return container.encoded()
 
 
 def encode_glb(contents: FileContents) -> bytes:
@@ -311,12 +300,14 @@ def _piece(
     if len(indices) % 3 or indices.max(initial=-1) >= count:
         problem = f"its indices are no triangles over its {count} vertices"
         raise malformed(path, place, problem, "correct the indices")
-    normalized = {
+    if not len(indices):
+        return None
+    normalized = (
         semantic
         for semantic, accessor in primitive["attributes"].items()
         if tree["accessors"][accessor].get("normalized", False) and rows[semantic].dtype.kind != "f"
-    }
-    piece = Piece(
+    )
+    return Piece(
         node=node,
         primitive=index,
         start=start,
@@ -325,7 +316,6 @@ def _piece(
         normalized=frozenset(normalized),
         transform=transform,
     )
-    return piece if len(indices) else None
 
 
 def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:

@@ -10,7 +10,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -22,9 +22,6 @@ from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
 from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
-
-if TYPE_CHECKING:
-    import pyvista
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
 LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}  # other formats need none
@@ -71,7 +68,23 @@ def read_3mf(data: bytes, path: Path | None) -> FileContents:
 
 def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
     """A new .vtp or .vtk (binary) file with faces whole, curves as lines and all attributes as point data."""
-    return _encoded(_poly_data(contents), suffix)
+    import pyvista
+
+    polygons = contents.polygons
+    lines = [number for curve in contents.polylines for number in (len(curve), *curve.tolist())]
+    faces = pyvista.CellArray.from_arrays(polygons.starts, polygons.corners)
+    mesh = pyvista.PolyData(np.array(contents.vertices), faces=faces, lines=lines or None)
+    for name, values in contents.attributes.items():
+        if name == "color":
+            values = cast_values(values * (255.0 / contents.color_scale), np.dtype(np.uint8))
+        elif name in contents.labels:
+            values = values.astype(np.int64)
+        mesh.point_data[name] = np.array(values[:, 0] if values.shape[1] == 1 else values)
+    if "normal" in contents.attributes:
+        mesh.point_data.active_normals_name = "normal"
+    if "uv" in contents.attributes:
+        mesh.point_data.active_texture_coordinates_name = "uv"
+    return _encoded(mesh, suffix)
 
 
 def encode_3mf(contents: FileContents) -> bytes:
@@ -115,23 +128,3 @@ def _encoded(held: Any, suffix: str) -> bytes:
         path = Path(folder) / f"mesh{suffix}"
         held.save(path)
         return path.read_bytes()
-
-
-def _poly_data(contents: FileContents) -> pyvista.PolyData:
-    import pyvista
-
-    polygons = contents.polygons
-    lines = [number for curve in contents.polylines for number in (len(curve), *curve.tolist())]
-    faces = pyvista.CellArray.from_arrays(polygons.starts, polygons.corners)
-    mesh = pyvista.PolyData(np.array(contents.vertices), faces=faces, lines=lines or None)
-    for name, values in contents.attributes.items():
-        if name == "color":
-            values = cast_values(values * (255.0 / contents.color_scale), np.dtype(np.uint8))
-        elif name in contents.labels:
-            values = values.astype(np.int64)
-        mesh.point_data[name] = np.array(values[:, 0] if values.shape[1] == 1 else values)
-    if "normal" in contents.attributes:
-        mesh.point_data.active_normals_name = "normal"
-    if "uv" in contents.attributes:
-        mesh.point_data.active_texture_coordinates_name = "uv"
-    return mesh

@@ -9,7 +9,7 @@ from __future__ import annotations
 import codecs
 import io
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
@@ -137,32 +137,29 @@ class _Reader:
         """Takes the elements of the next block."""
         block.check_sizes(b"v", least=3, what="a vertex needs three coordinates")
         if len(block.standing[b"v"]):
-            self._add_vertices(block)
+            vertices = block.floats(b"v", 0, 3)
+            self.values[b"v"].append(vertices)
+            if not self.first_nonfinite and len(wrong := nonfinite_rows(vertices)):
+                self.first_nonfinite = f"line {block.line_numbers[block.standing[b'v'][wrong[0]]]}"
+            self.widths[b"v"] |= block.widths(b"v")
+            if self.widths[b"v"] in ({6}, {7}):
+                self.colors.append(block.floats(b"v", 3, min(self.widths[b"v"])))
+            else:
+                self.colors.clear()
         block.check_sizes(b"f", least=3, what="a face needs three corners")
         block.check_sizes(b"l", least=2, what="a curve needs two vertices")
         starts, names = self._names(block)
         for key in (b"f", b"l"):
             lines = block.standing[key]
             if len(lines):
-                corners, wrong = block.corners(key, self.counts)
-                self.wrong += wrong
+                corners, unknown = block.corners(key, self.counts)
+                self.wrong += unknown
                 own_names = np.array(names, dtype=np.int64)[np.searchsorted(starts, lines) - 1]
                 self.elements[key].append((corners, block.sizes[lines], block.line_numbers[lines], own_names))
         for key in (b"vt", b"vn"):
             self._add_values(block, key)
         for key in COUNTED:
             self.counts[key] += len(block.standing[key])
-
-    def _add_vertices(self, block: _Block) -> None:
-        vertices = block.floats(b"v", 0, 3)
-        self.values[b"v"].append(vertices)
-        if not self.first_nonfinite and len(wrong := nonfinite_rows(vertices)):
-            self.first_nonfinite = f"line {block.line_numbers[block.standing[b'v'][wrong[0]]]}"
-        self.widths[b"v"] |= block.widths(b"v")
-        if self.widths[b"v"] in ({6}, {7}):
-            self.colors.append(block.floats(b"v", 3, min(self.widths[b"v"])))
-        else:
-            self.colors.clear()
 
     def _add_values(self, block: _Block, key: bytes) -> None:
         """Texture coordinates or normals, as long as they may all be used; an unreadable one matters only then."""
@@ -197,7 +194,14 @@ class _Reader:
             raise malformed(self.path, "", "has no vertices (`v` lines)", advice)
         vertices = np.concatenate(self.values[b"v"])
         faces, curves = ([np.concatenate(parts) for parts in zip(*own, strict=True)] for own in self.elements.values())
-        self._check_corners((faces, curves), len(vertices))
+        wrong = list(self.wrong)
+        for corners, sizes, lines, _ in (faces, curves):
+            beyond = np.flatnonzero(corners[:, 0] >= len(vertices))[:1].tolist()
+            wrong += [(int(np.repeat(lines, sizes)[corner]), str(corners[corner, 0] + 1)) for corner in beyond]
+        if wrong:
+            number, word = min(wrong)
+            problem = f"'{word}' names a vertex that does not exist, the file has {len(vertices)} (numbered from 1)"
+            raise malformed(self.path, f"line {number}", problem, "correct the index, or complete the file")
         attributes = {"color": np.concatenate(self.colors)} if self.colors else {}
         corner_indices = {}
         for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
@@ -230,16 +234,6 @@ class _Reader:
             newline=newline,
             ending=ending,
         )
-
-    def _check_corners(self, elements: Iterable[list[Int[np.ndarray, "..."]]], vertices: int) -> None:
-        wrong = list(self.wrong)
-        for corners, sizes, lines, _ in elements:
-            beyond = np.flatnonzero(corners[:, 0] >= vertices)[:1].tolist()
-            wrong += [(int(np.repeat(lines, sizes)[corner]), str(corners[corner, 0] + 1)) for corner in beyond]
-        if wrong:
-            number, word = min(wrong)
-            problem = f"'{word}' names a vertex that does not exist, the file has {vertices} (numbered from 1)"
-            raise malformed(self.path, f"line {number}", problem, "correct the index, or complete the file")
 
 
 class _Block:

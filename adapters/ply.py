@@ -23,7 +23,6 @@ from spinor_geom.adapters.records import (
     read_binary,
     rows_of,
 )
-from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 NUMPY_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
@@ -139,14 +138,15 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
         raise malformed(path, "header", "the corners of faces are not integers", "check the file")
     points, groups = _table(vertices, tuple("xyz")), _attribute_groups(vertices)
     attributes = {attribute: _table(vertices, names) for attribute, names in groups.items()}
-
-    def error(face: int, problem: str) -> MeshFileError:
+    polygons = Polygons.of_sizes(corners, faces.lengths[corner_list])
+    for face, problem in polygons.defects(len(points)):
         place = ", ".join(filter(None, (faces.line(face), f"face {face}")))
-        return malformed(path, place, problem, "correct or remove the face")
-
-    polygons = Polygons.of_sizes(corners, faces.lengths[corner_list]).checked(len(points), error)
+        raise malformed(path, place, problem, "correct or remove the face")
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
-    wrong = nonfinite_rows(points)
+    wrong, color_scale = nonfinite_rows(points), 1.0
+    if "color" in groups:
+        stored = vertices.values[groups["color"][0]].dtype
+        color_scale = color_scale_of(attributes["color"]) if stored.kind == "f" else float(np.iinfo(stored).max)
     return FileContents(
         vertices=points,
         polygons=polygons,
@@ -156,7 +156,7 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
             for attribute, names in groups.items()
             if attribute != "color" and all(vertices.values[name].dtype.kind in "iu" for name in names)
         ),
-        color_scale=_color_scale(vertices, groups["color"]) if "color" in groups else 1.0,
+        color_scale=color_scale,
         representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=vertices.line(wrong[0]) if len(wrong) else "",
         suffix=suffix,
@@ -192,7 +192,9 @@ def encode_ply(contents: FileContents) -> bytes:
     for attribute, values in contents.attributes.items():
         names = next((names for names in GROUPS.get(attribute, ()) if len(names) == values.shape[1]), None)
         is_color = attribute == "color" and names is not None
-        names = names or _column_names(attribute, values.shape[1])
+        if names is None:
+            name, width = "_".join(attribute.split()) or "attribute", values.shape[1]
+            names = (name,) if width == 1 else tuple(f"{name}_{index}" for index in range(width))
         names = tuple(f"property_{name}" if name in columns else name for name in names)
         types |= dict.fromkeys(names, "uchar" if is_color else "double")
         columns |= dict(zip(names, (values * (255.0 / contents.color_scale) if is_color else values).T, strict=True))
@@ -224,11 +226,6 @@ def _encoded_polygons(polygons: Polygons, count_dtype: str) -> bytes:
     return buffer.tobytes()
 
 
-def _column_names(attribute: str, width: int) -> tuple[str, ...]:
-    name = "_".join(attribute.split()) or "attribute"
-    return (name,) if width == 1 else tuple(f"{name}_{index}" for index in range(width))
-
-
 def _table(element: Element, names: tuple[str, ...]) -> Float[np.ndarray, "n _"]:
     """Properties side by side as float64."""
     return np.stack([element.values[name] for name in names], axis=1).astype(np.float64)
@@ -244,8 +241,3 @@ def _attribute_groups(vertices: Element) -> dict[str, tuple[str, ...]]:
             groups[attribute] = names
             free = [name for name in free if name not in names]
     return groups | {(f"property {name}" if name in GROUPS else name): (name,) for name in free}
-
-
-def _color_scale(vertices: Element, names: tuple[str, ...]) -> float:
-    dtype = vertices.values[names[0]].dtype
-    return color_scale_of(_table(vertices, names)) if dtype.kind == "f" else float(np.iinfo(dtype).max)

@@ -96,19 +96,15 @@ def known_types() -> tuple[str, ...]:
 
 
 def _adapter_of(obj: Any) -> Adapter:
-    for name in _type_names(obj):
-        if name in _adapters:
-            return _adapters[name]
-    raise UnknownMeshTypeError(found=_description(obj), known=known_types())
-
-
-def _type_names(obj: Any) -> list[str]:
-    """The names of an object's classes, nearest first; of a pair, the classes that both its members have."""
+    """That of the nearest of an object's classes; of a pair, of the classes that both its members have."""
     names = [_class_name(cls) for cls in type(obj).__mro__]
     if isinstance(obj, (tuple, list)) and len(obj) == 2:
         second = type(obj[1]).__mro__
         names += [f"pair of {_class_name(cls)}" for cls in type(obj[0]).__mro__ if cls in second]
-    return names
+    for name in names:
+        if name in _adapters:
+            return _adapters[name]
+    raise UnknownMeshTypeError(found=_description(obj), known=known_types())
 
 
 def _class_name(cls: type) -> str:

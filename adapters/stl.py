@@ -65,7 +65,10 @@ def encode_stl(contents: FileContents) -> bytes:
     """An STL file of the triangles of all faces: text if the contents were, else binary and rounded to float32."""
     faces, _ = contents.polygons.triangulated(contents.vertices)
     corners = contents.vertices[faces]
-    normals = _normals(corners)
+    # at size 1: products of very large or small edges would overflow or vanish
+    size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
+    a, b, c = np.moveaxis(np.divide(corners, size, out=np.zeros_like(corners), where=size > 0), 1, 0)
+    normals = unit_vectors(np.cross(b - a, c - a))
     if contents.is_text_stl:
         rows = text_rows(corners.reshape(-1, 3))
         blocks = [
@@ -95,12 +98,3 @@ def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
         return malformed(path, f"facet {number // 9}", f"'{word}' is no number", "correct it")
 
     return np.array(converted(list(chain.from_iterable(words)), real, error)).reshape(-1, 3, 3)
-
-
-def _normals(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"]:
-    """Unit normals, zero for triangles without area."""
-    # to size 1 first: products of very large or small edges would overflow or vanish
-    size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
-    corners = np.divide(corners, size, out=np.zeros_like(corners), where=size > 0)
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return unit_vectors(areas)
