@@ -32,10 +32,6 @@ def is_out_of_time() -> bool:
 
 
 def require_time() -> None:
-    """Stops what has nothing to show yet.
-
-    Raises:
-        OutOfTimeError: the time is over.
-    """
+    """Stops what has nothing to show yet by an OutOfTimeError, once the time is over."""
     if is_out_of_time():
         raise OutOfTimeError

@@ -67,17 +67,14 @@ class Process:
         whole_seconds: float = math.inf,
         memory: float = math.inf,
     ) -> str:
-        """Has a job done.
+        """Has a JSON-ready job done; gives the end of what was written to standard output and error meanwhile.
 
         Args:
-            job: JSON-ready.
+            job: what `serve` hands to its work.
             heard: is called with all that the process tells.
             seconds: that may pass between two things that it tells.
             whole_seconds: that the job may take.
             memory: resident bytes that the process may have (looked at by psutil, where there is a limit).
-
-        Returns:
-            The end of what was written to standard output and error meanwhile.
 
         Raises:
             FaultError: the process died, or was ended at a limit.
@@ -197,8 +194,7 @@ def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | No
 def serve(work: Callable[[Any, Tell], None]) -> None:
     """What the main program of a process does: the jobs that come in, until no more can come.
 
-    Args:
-        work: does a job; what it tells reaches `Process.run` as it stands in JSON.
+    What the work on one tells reaches `Process.run` as it stands in JSON.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides what an interrupt means
     # what libraries print goes to standard error
