@@ -170,25 +170,15 @@ def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) ->
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One triangle primitive of one node: a run of the vertices of the whole scene.
+    """One triangle primitive of one node: a run of the vertices of the whole scene."""
 
-    Attributes:
-        node: the node's number.
-        primitive: the number of the primitive in the node's mesh.
-        start: the number of its first vertex in the scene.
-        faces: (F, 3) triangles over its own vertices.
-        rows: (n, k) its attributes as the file stores them, by their glTF names.
-        normalized: those of them whose integers stand for fractions of the largest one.
-        transform: (4, 4) from its own coordinates to the scene's.
-    """
-
-    node: int
-    primitive: int
-    start: int
-    faces: Int[np.ndarray, "f 3"]
-    rows: Mapping[str, np.ndarray]
-    normalized: frozenset[str]
-    transform: Float[np.ndarray, "4 4"]
+    node: int  # the node's number
+    primitive: int  # the number of the primitive in the node's mesh
+    start: int  # the number of its first vertex in the scene
+    faces: Int[np.ndarray, "f 3"]  # over its own vertices
+    rows: Mapping[str, np.ndarray]  # its attributes as the file stores them, by their glTF names
+    normalized: frozenset[str]  # those whose integers stand for fractions of the largest one
+    transform: Float[np.ndarray, "4 4"]  # from its own coordinates to the scene's
 
     @property
     def stop(self) -> int:

@@ -44,28 +44,17 @@ COUNTED = (b"v", b"vt", b"vn")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObjText:
-    """An OBJ file's elements, and what is needed to go on writing it.
+    """An OBJ file's elements, and what is needed to go on writing it."""
 
-    Attributes:
-        contents: vertices, polygons, attributes and curves, without a source.
-        names: of objects and groups, as "object/group" where both are given; the first is "".
-        face_names: (P,) int64, the name of each polygon as a number among them.
-        curve_names: the name of each of the contents' curves: that of its first piece.
-        corner_indices: for "uv" and "normal", where the file gives each vertex only one, its (V,) number among the `vt`
-            and `vn` lines, −1 where a vertex is in no face.
-        counts: how many `vt` and `vn` lines the file has, by the same names.
-        newline: what ends its lines.
-        ending: what has to follow its last byte before a new line can begin.
-    """
-
-    contents: FileContents
-    names: tuple[str, ...]
-    face_names: Int[np.ndarray, " p"]
-    curve_names: tuple[str, ...]
+    contents: FileContents  # vertices, polygons, attributes and curves, without a source
+    names: tuple[str, ...]  # of objects and groups, as "object/group"; the first is ""
+    face_names: Int[np.ndarray, " p"]  # of each polygon, as a number among them
+    curve_names: tuple[str, ...]  # of each of the contents' curves: that of its first piece
+    # for "uv" and "normal", where the file gives each vertex only one, its number there; −1 for a vertex in no face
     corner_indices: dict[str, Int[np.ndarray, " v"]]
-    counts: dict[str, int]
-    newline: bytes
-    ending: bytes
+    counts: dict[str, int]  # of `vt` and `vn` lines, by the same names
+    newline: bytes  # what ends its lines
+    ending: bytes  # what has to follow its last byte before a new line can begin
 
 
 def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:

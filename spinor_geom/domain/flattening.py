@@ -41,18 +41,11 @@ Drawn = Callable[[tuple[Polygon, ...]], tuple[Polygon, ...]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flattening:
-    """Boundary of a plane domain conformal to a discrete surface.
+    """Boundary of a plane domain conformal to a discrete surface."""
 
-    Attributes:
-        rims: the images of the boundary vertices, the outer rim's counter-clockwise, then those of holes, clockwise.
-        log_scale: u at those vertices: logarithm of the length in the plane per length in space, mean of two edges.
-        clearance: smallest distance across the outside between far parts of the outer rim, in local edge lengths
-            (infinite where no two parts come near).
-    """
-
-    rims: tuple[Polygon, ...]
-    log_scale: PerVertex
-    clearance: float
+    rims: tuple[Polygon, ...]  # the outer boundary's image, counter-clockwise, then those of holes, clockwise
+    log_scale: PerVertex  # u: logarithm of the length in the plane per length in space, mean of two edges
+    clearance: float  # smallest gap across the outside between far parts of the outer rim, in local edges
 
     @property
     def boundary(self) -> Complex[np.ndarray, " m"]:

@@ -80,17 +80,11 @@ def one_by_one_on_error(make: Callable[[Sequence[T]], list[R]], items: Sequence[
 
 
 class Seeds(NamedTuple):
-    """Points inside regions to start from; those that are too near to the boundary are not taken.
+    """Points inside regions to start from; those that are too near to the boundary are not taken."""
 
-    Attributes:
-        points: About as far from each other as is wanted.
-        spacing: Distance of each from its neighbours.
-        region: Of each, ascending.
-    """
-
-    points: Places
-    spacing: Lengths
-    region: Owners
+    points: Places  # about as far from each other as is wanted
+    spacing: Lengths  # distance of each from its neighbours
+    region: Owners  # of each, ascending
 
 
 def triangulate_polygon(

@@ -40,29 +40,16 @@ class Collar:
     """The first ring of faces around a patch, and how the mesh bends there.
 
     The vertices are the patch's boundary, in its order, then those of the ring beyond it.
-
-    Attributes:
-        vertices: (m + r, 3) positions.
-        faces: those of the mesh that touch the boundary.
-        boundary_size: m.
-        bends: which vertices have a mean curvature: not those on another border, at a crease, or where faces do not
-            hang together.
-        curvature: H at the r vertices beyond the boundary; 0 where they have none.
-        length: ℓ, over which H changes in the rings around, in mesh units: that after which the correlation of H has
-            fallen by e; 0 for noise, and where H does not change at all, so that nothing depends on ℓ.
-        roughness: the share of the variance of H that lies between neighbours: 0 on a smooth mesh, 1 and more where H
-            is noise.
-        creased: number of boundary vertices at creases.
     """
 
-    vertices: Float[np.ndarray, "v 3"]
-    faces: Int[np.ndarray, "f 3"]
-    boundary_size: int
-    bends: Bool[np.ndarray, " v"]
-    curvature: Float[np.ndarray, " r"]
-    length: float
-    roughness: float
-    creased: int
+    vertices: Float[np.ndarray, "v 3"]  # (m + r, 3) positions
+    faces: Int[np.ndarray, "f 3"]  # those of the mesh that touch the boundary
+    boundary_size: int  # m
+    bends: Bool[np.ndarray, " v"]  # which have a mean curvature: not on another border, at a crease, at loose faces
+    curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where they have none
+    length: float  # ℓ, after which the correlation of H has fallen by e; 0 for noise, and where H does not change
+    roughness: float  # share of the variance of H between neighbours: 0 on a smooth mesh, 1 and more in noise
+    creased: int  # number of boundary vertices at creases
 
     @property
     def angles(self) -> Float[np.ndarray, " m"]:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.sheets import away_from_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 
@@ -21,19 +22,12 @@ _FOLDED_BACK = np.cos(np.radians(45))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopPatch:
-    """A patch ready to be joined to the mesh.
+    """A patch ready to be joined to the mesh."""
 
-    Attributes:
-        place: of its loop, or of the first, among the mesh's loops.
-        rim: mesh vertices of the patch's first `boundary_size` vertices.
-        patch: the patch.
-        attributes: (n − M, k) values at the inner vertices.
-    """
-
-    place: int
-    rim: Int[np.ndarray, " m"]
+    place: int  # of its loop, or of the first, among the mesh's loops
+    rim: Int[np.ndarray, " m"]  # mesh vertices of the patch's first `boundary_size` vertices
     patch: Patch
-    attributes: Mapping[str, Float[np.ndarray, "n _"]]
+    attributes: Mapping[str, Float[np.ndarray, "n _"]]  # at the inner vertices
 
 
 def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
@@ -95,15 +89,10 @@ class RimEdges:
         on_rim = on_rim[rim_successors(patch.rims)[sides[on_rim, 0]] == sides[on_rim, 1]]
         sides = sides[on_rim]
         opposite = np.array([self._opposite.get(key, -1) for key in self._keys(rim[sides])])
-        start, along = patch.vertices[sides[:, 0]], patch.vertices[sides[:, 1]] - patch.vertices[sides[:, 0]]
-        lengths = np.linalg.norm(along, axis=1)
-        unit = along / np.where(lengths > 0, lengths, 1.0)[:, None]
-        away = []
-        for apex in (patch.vertices[apexes[on_rim]], mesh.vertices[opposite]):
-            aside = apex - start
-            aside = aside - np.einsum("ei,ei->e", aside, unit)[:, None] * unit
-            size = np.linalg.norm(aside, axis=1, keepdims=True)
-            away.append(aside / np.where(size > 0, size, 1.0))
+        start, end = patch.vertices[sides.T]
+        lengths = np.linalg.norm(end - start, axis=1)
+        corners = (patch.vertices[apexes[on_rim]], mesh.vertices[opposite])
+        away = [away_from_edges(start, end, corner) for corner in corners]
         folded = (opposite >= 0) & (np.einsum("ei,ei->e", *away) > _FOLDED_BACK)
         return float(lengths[folded].sum() / lengths.sum())
 

@@ -61,7 +61,10 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[tuple[Breaks, Piec
         if curve is not None:
             found[i] = curve
         elif degree > DEGREES[0]:
-            found[i] = arcs[i], smooth_spline(points[i], arcs[i], degree)
+            spline = make_interp_spline(arcs[i], np.vstack([points[i], points[i, :1]]), k=degree, bc_type="periodic")
+            powers = [spline(arcs[i, :-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
+            # the constant terms are the vertices themselves, to the last bit
+            found[i] = arcs[i], np.stack([*powers, points[i]])
     return found
 
 
@@ -74,8 +77,14 @@ def piecewise_cubic(
     """
     if not corners.any():
         return periodic_cubics(points)
-    breaks = _by_chords(points)
-    return breaks, _sides(breaks, np.vstack([points, points[:1]]), np.flatnonzero(corners))
+    breaks, count, places = _by_chords(points), len(points), np.flatnonzero(corners)
+    coefficients = np.empty((4, *points.shape))
+    # separate splines between consecutive corners
+    for first, last in zip(places, np.append(places[1:], places[0] + count), strict=True):
+        vertices = np.arange(first, last + 1)
+        parameters = breaks[vertices % count] + vertices // count
+        coefficients[:, vertices[:-1] % count] = CubicSpline(parameters, points[vertices % count]).c
+    return breaks, coefficients
 
 
 def periodic_cubics(points: Float[np.ndarray, "*b m k"]) -> tuple[ManyBreaks, Float[np.ndarray, "*b 4 m k"]]:
@@ -124,14 +133,6 @@ def _periodic_slopes(
     return np.asarray(solved[..., :-1] - solved[..., -1:] * share[..., None, :])
 
 
-def smooth_spline(points: Vertices, breaks: Breaks, degree: int) -> Pieces:
-    """The polynomials of the periodic spline of a degree above 3."""
-    spline = make_interp_spline(breaks, np.vstack([points, points[:1]]), k=degree, bc_type="periodic")
-    powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
-    # the constant terms are the vertices themselves, to the last bit
-    return np.stack([*powers, points])
-
-
 def predicting_degree(
     points: Float[np.ndarray, "*b m 3"], breaks: ManyBreaks
 ) -> tuple[Int[np.ndarray, "*b"], Float[np.ndarray, "*b"]]:
@@ -148,20 +149,17 @@ def predicting_degree(
         near = np.arange(len(left_out))[:, None] + np.arange(degree + 1) - degree // 2
         places = kept[near % len(kept)]
         nodes = breaks[..., places] + near // len(kept) - breaks[..., left_out, None]
-        predicted = (_lagrange_at_0(nodes)[..., None] * points[..., places, :]).sum(axis=-2)
+        # the polynomials that are 1 at one node and 0 at the others, here
+        own = np.eye(degree + 1, dtype=bool)
+        differences = np.where(own, 1.0, nodes[..., None, :] - nodes[..., :, None])
+        weights = np.where(own, 1.0, nodes[..., None, :] / differences).prod(axis=-1)
+        predicted = (weights[..., None] * points[..., places, :]).sum(axis=-2)
         errors.append(np.sqrt(np.mean((predicted - points[..., left_out, :]) ** 2, axis=(-2, -1))))
     best, least = np.zeros(points.shape[:-2], dtype=np.int64), errors[0]
     for higher in range(1, len(DEGREES)):
         better = GAIN_PER_DEGREE * errors[higher] < least
         best, least = np.where(better, higher, best), np.where(better, errors[higher], least)
     return np.array(DEGREES)[best], least / GAIN_PER_DEGREE**best
-
-
-def _lagrange_at_0(nodes: Float[np.ndarray, "*n k"]) -> Float[np.ndarray, "*n k"]:
-    """Values at 0 of the polynomials that are 1 at one of k nodes and 0 at the others."""
-    own = np.eye(nodes.shape[-1], dtype=bool)
-    differences = np.where(own, 1.0, nodes[..., None, :] - nodes[..., :, None])
-    return np.asarray(np.where(own, 1.0, nodes[..., None, :] / differences).prod(axis=-1))
 
 
 def by_arcs(points: Float[np.ndarray, "m k"]) -> Breaks:
@@ -187,19 +185,6 @@ def gauss_nodes(count: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, 
     for shared in (nodes, weights):
         shared.setflags(write=False)
     return nodes, weights
-
-
-def _sides(
-    breaks: Breaks, closed: Float[np.ndarray, "m_plus_1 k"], corners: Int[np.ndarray, " c"]
-) -> Float[np.ndarray, "4 m k"]:
-    """Coefficients of the separate splines between consecutive corners."""
-    count = len(breaks) - 1
-    coefficients = np.empty((4, count, closed.shape[1]))
-    for first, last in zip(corners, np.append(corners[1:], corners[0] + count), strict=True):
-        vertices = np.arange(first, last + 1)
-        parameters = breaks[vertices % count] + vertices // count
-        coefficients[:, vertices[:-1] % count] = CubicSpline(parameters, closed[vertices % count]).c
-    return coefficients
 
 
 def places_in_piece() -> Float[np.ndarray, " d1"]:

@@ -324,16 +324,12 @@ def _segment_distances(a: Points, b: Points, c: Points, d: Points) -> Float[np.n
         s = np.clip((_cross(w, v) * normal).sum(axis=1) / squared, 0, 1)
         t = np.clip((_cross(w, u) * normal).sum(axis=1) / squared, 0, 1)
     inner = np.linalg.norm(a + s[:, None] * u - c - t[:, None] * v, axis=1)
-    ends = _point_distances(*(np.concatenate(four) for four in ((a, b, c, d), (c, c, a, a), (d, d, b, b))))
-    return np.asarray(np.fmin(inner, ends.reshape(4, -1).min(axis=0)))
-
-
-def _point_distances(p: Points, a: Points, b: Points) -> Float[np.ndarray, " k"]:
-    """Distances of points from segments ab."""
-    along = b - a
+    end, start, stop = (np.concatenate(four) for four in ((a, b, c, d), (c, c, a, a), (d, d, b, b)))
+    along = stop - start
     squared = (along**2).sum(axis=1)
-    share = np.clip(((p - a) * along).sum(axis=1) / np.where(squared > 0, squared, 1), 0, 1)
-    return np.asarray(np.linalg.norm(p - a - share[:, None] * along, axis=1))
+    share = np.clip(((end - start) * along).sum(axis=1) / np.where(squared > 0, squared, 1), 0, 1)
+    ends = np.linalg.norm(end - start - share[:, None] * along, axis=1)
+    return np.asarray(np.fmin(inner, ends.reshape(4, -1).min(axis=0)))
 
 
 def _folds(points: Float[np.ndarray, "m 3"], tolerance: float) -> Int[np.ndarray, " k"]:

@@ -162,18 +162,12 @@ class Bending:
 
     With these areas H is 1/R at the inner vertices of any mesh whose vertices lie on a sphere, up to the error of the
     normals: at x of the unit sphere (x − y)·x = |x − y|²/2, so along x the gradient of the area is twice the area.
-
-    Attributes:
-        laplacian: the cotangent Laplacian L.
-        areas: of the vertices, circumcentric, in squared mesh units; at least 0.3 of a third of their faces'.
-        normals: unit normals at the vertices, outer ones of a mesh whose faces look outwards.
-        curvature: H = n·Lx/(2A), positive where a mesh with outer normals is convex; without meaning on a boundary.
     """
 
-    laplacian: csc_array
-    areas: Float[np.ndarray, " n"]
-    normals: Float[np.ndarray, "n 3"]
-    curvature: Float[np.ndarray, " n"]
+    laplacian: csc_array  # the cotangent Laplacian L
+    areas: Float[np.ndarray, " n"]  # circumcentric, in squared mesh units; at least 0.3 of a third of the faces'
+    normals: Float[np.ndarray, "n 3"]  # unit ones, on the side that the faces look to
+    curvature: Float[np.ndarray, " n"]  # n·Lx/(2A), positive where a mesh with outer normals is convex
 
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Bending:

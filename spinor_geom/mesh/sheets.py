@@ -23,21 +23,13 @@ _OPPOSITE_FIRST = 4.0  # more than any two cosines differ by
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sheets:
-    """The half-edges of the faces that count, with what lies across each.
+    """The half-edges of the faces that count, with what lies across each."""
 
-    Attributes:
-        half_edges: of those faces.
-        face_ids: the faces' numbers in the mesh.
-        twin: for every half-edge the one across its edge, −1 where its sheet ends.
-        copies: (k, 2) numbers of faces with the same vertices: one that counts and one that was passed over.
-        degenerate: (d,) numbers of the faces that use a vertex twice, which were passed over.
-    """
-
-    half_edges: HalfEdges
-    face_ids: Int[np.ndarray, " g"]
-    twin: Int[np.ndarray, " h"]
-    copies: Int[np.ndarray, "k 2"]
-    degenerate: Int[np.ndarray, " d"]
+    half_edges: HalfEdges  # of those faces
+    face_ids: Int[np.ndarray, " g"]  # the faces' numbers in the mesh
+    twin: Int[np.ndarray, " h"]  # for every half-edge the one across its edge, −1 where its sheet ends
+    copies: Int[np.ndarray, "k 2"]  # faces with the same vertices: one that counts, one that was passed over
+    degenerate: Int[np.ndarray, " d"]  # faces that use a vertex twice, which were passed over
 
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Sheets:
@@ -118,7 +110,8 @@ def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.
     number = np.arange(len(edge)) - np.repeat(np.cumsum(size**2) - size**2, size**2)
     one, other = (half_edges.order[start[edge] + n] for n in (number // size[edge], number % size[edge]))
     pairs = np.stack([one, other, edge], axis=1)[one < other]
-    first, second = (_away_from_edge(half_edges, vertices, pairs[:, side]) for side in (0, 1))
+    corners = np.stack([half_edges.origin, half_edges.target, half_edges.opposite])
+    first, second = (away_from_edges(*vertices[corners[:, side]]) for side in pairs[:, :2].T)
     same_way = half_edges.origin[pairs[:, 0]] == half_edges.origin[pairs[:, 1]]
     fold = np.einsum("pi,pi->p", first, second) + _OPPOSITE_FIRST * same_way
     pairs = pairs[np.lexsort((fold, pairs[:, 2]))]
@@ -129,12 +122,11 @@ def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.
     return twin
 
 
-def _away_from_edge(
-    half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"], which: Int[np.ndarray, " n"]
+def away_from_edges(
+    start: Float[np.ndarray, "n 3"], end: Float[np.ndarray, "n 3"], apex: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Unit vectors in the faces of half-edges, across the edge and away from it; 0 for a face without area."""
-    start = vertices[half_edges.origin[which]]
-    along, aside = vertices[half_edges.target[which]] - start, vertices[half_edges.opposite[which]] - start
+    """Unit vectors in faces, across one of their edges and towards the corner beyond it; 0 for a face without area."""
+    along, aside = end - start, apex - start
     length2 = np.einsum("ni,ni->n", along, along)
     share = np.einsum("ni,ni->n", aside, along) / np.where(length2 > 0, length2, 1.0)
     away = aside - share[:, None] * along

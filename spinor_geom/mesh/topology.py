@@ -17,18 +17,12 @@ class HalfEdges:
 
     Half-edge 3f + k runs from corner k of face f to corner k + 1 (mod 3), so the next half-edge of the same face and
     the face itself follow by arithmetic.
-
-    Attributes:
-        origin: (3F,) int64, the vertex a half-edge starts at.
-        target: (3F,) int64, the vertex it ends at.
-        order: (3F,) int64, the half-edges sorted so that those along one edge are neighbours, lowest index first.
-        starts: (E + 1,) int64: edge e has the half-edges order[starts[e]:starts[e + 1]].
     """
 
-    origin: Int[np.ndarray, " h"]
-    target: Int[np.ndarray, " h"]
-    order: Int[np.ndarray, " h"]
-    starts: Int[np.ndarray, " e"]
+    origin: Int[np.ndarray, " h"]  # the vertex each starts at
+    target: Int[np.ndarray, " h"]  # the vertex it ends at
+    order: Int[np.ndarray, " h"]  # their numbers, those along one edge side by side, lowest first
+    starts: Int[np.ndarray, " e"]  # edge e has the half-edges order[starts[e]:starts[e + 1]]
 
     @classmethod
     def of(cls, faces: Int[np.ndarray, "f 3"]) -> HalfEdges:

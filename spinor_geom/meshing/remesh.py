@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Float
 
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
+from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import Piece, triangulate_pieces
@@ -18,6 +19,8 @@ def remesh(patch: Patch, target: float) -> Patch:
 
     The new inner vertices lie on the faces of the old patch. Raises as `triangulate_pieces`.
     """
+    import igl
+
     faces, m = np.asarray(patch.faces), patch.boundary_size
     flat = flat_coordinates(patch.points)
     areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])
@@ -27,7 +30,13 @@ def remesh(patch: Patch, target: float) -> Patch:
     rims = np.split(patch.points[:m], np.cumsum(patch.rims)[:-1])
     piece = Piece(rims=rims, samples=patch.points, factor=stretch, target=target, area=patch.area)
     (plan,) = triangulate_pieces([piece])
-    inner = _positions(patch, flat, plan.points[m:])
+    at = flat_coordinates(plan.points[m:])
+    if not len(at):
+        return Patch.over(plan, patch.vertices[:m])
+    _, face, nearest = igl.point_mesh_squared_distance(at, *igl_arrays(flat, faces))
+    corners = faces[np.asarray(face).reshape(-1)]
+    weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), *(flat[corners[:, k]] for k in range(3)))
+    inner = np.einsum("ki,kid->kd", np.asarray(weights), patch.vertices[corners])
     return Patch.over(plan, np.concatenate([patch.vertices[:m], inner]))
 
 
@@ -56,19 +65,3 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     (plan,) = triangulate_pieces([piece])
     vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
     return Patch.over(plan, vertices)
-
-
-def _positions(
-    patch: Patch, flat: Float[np.ndarray, "n 3"], points: Complex[np.ndarray, " k"]
-) -> Float[np.ndarray, "k 3"]:
-    """Where points of Ω lie in space, on the patch's faces."""
-    import igl
-
-    if len(points) == 0:
-        return np.empty((0, 3))
-    faces: Int[np.ndarray, "f 3"] = np.ascontiguousarray(patch.faces)
-    at = flat_coordinates(points)
-    _, face, nearest = igl.point_mesh_squared_distance(at, flat, faces)
-    corners = faces[np.asarray(face).reshape(-1)]
-    weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), *(flat[corners[:, k]] for k in range(3)))
-    return np.asarray(np.einsum("ki,kid->kd", np.asarray(weights), patch.vertices[corners]))

@@ -39,22 +39,13 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """A part of Ω that is to be triangulated for the surface over it.
+    """A part of Ω that is to be triangulated for the surface over it, with seeds and how far each is from others."""
 
-    Attributes:
-        rims: Its boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
-        samples: Points of Ω.
-        factor: λ there, lengths in space per length in Ω.
-        target: Edge length in space.
-        area: Of the surface over it.
-        seeds: Points to start from, and how far each is from its neighbours; if there are any.
-    """
-
-    rims: Sequence[Complex[np.ndarray, " _"]]
-    samples: Complex[np.ndarray, " n"]
-    factor: Float[np.ndarray, " n"]
-    target: float
-    area: float
+    rims: Sequence[Complex[np.ndarray, " _"]]  # in Ω, counter-clockwise, then those of holes, clockwise
+    samples: Complex[np.ndarray, " n"]  # points of Ω
+    factor: Float[np.ndarray, " n"]  # λ there, lengths in space per length in Ω
+    target: float  # edge length in space
+    area: float  # of the surface over it
     seeds: tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None = None
 
 
