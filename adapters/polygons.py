@@ -140,10 +140,7 @@ def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[n
     """Pieces of polylines (k ≥ 2 vertex indices each) joined into curves as long as possible.
 
     Pieces are joined, turned round where needed, at every vertex where exactly two of their ends meet. A closed curve
-    begins and ends with the same vertex.
-
-    Returns:
-        The number of each curve's first piece, and the curve, in the order and direction of those pieces.
+    begins and ends with the same vertex. With each comes the number of its first piece, which gives it its direction.
     """
     pieces = [element.tolist() for element in elements]
     ends: dict[int, list[int]] = {}

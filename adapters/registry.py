@@ -15,7 +15,6 @@ class Adapter(Protocol):
     @property
     def name(self) -> str:
         """How error messages call what this adapter takes."""
-        ...
 
     @property
     def types(self) -> tuple[str, ...]:
@@ -24,11 +23,9 @@ class Adapter(Protocol):
         "pair of package.Class" stands for a tuple or list (vertices, faces) of two such objects. Subclasses are served
         too.
         """
-        ...
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
         """The triangles of `obj`, its vertices all and in its own order; a MeshError if its arrays are no mesh."""
-        ...
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new object of the type of `obj`: what `obj` holds, unchanged, followed by the extension.
@@ -37,7 +34,6 @@ class Adapter(Protocol):
             VertexIndexError: a new face names a vertex that neither of them has.
             MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
         """
-        ...
 
 
 _adapters: dict[str, Adapter] = {}

@@ -69,15 +69,9 @@ class Process:
     ) -> str:
         """Has a JSON-ready job done; gives the end of what was written to standard output and error meanwhile.
 
-        Args:
-            job: what `serve` hands to its work.
-            heard: is called with all that the process tells.
-            seconds: that may pass between two things that it tells.
-            whole_seconds: that the job may take.
-            memory: resident bytes that the process may have (looked at by psutil, where there is a limit).
-
-        Raises:
-            FaultError: the process died, or was ended at a limit.
+        `heard` is called with all that the process tells, between which so many seconds may pass; the whole job may
+        take so many. The memory is resident bytes, looked at by psutil where there is a limit. A FaultError tells that
+        the process died, or was ended at a limit.
         """
         self._last: Event = {}
         try:

@@ -63,13 +63,8 @@ def descend_area(
     plane would lower the area of the mesh further, by about the discretisation error, and degenerate the triangles:
     they are left alone. Faces without area take no part in ∇area; L is mollified there.
 
-    Args:
-        vertices: the first boundary_size are fixed.
-        faces: triangles.
-        boundary_size: number of fixed vertices.
-        relative_change: the area counts as stationary when a full Newton step lowers it by less than this share, or
-            would lower it by less by its slope. From 1e-3 on harmonic maps are near enough: no Newton step is taken.
-        max_iterations: limit on steps.
+    The area counts as stationary when a full Newton step lowers it by less than a relative change, or would lower it by
+    less by its slope. From 1e-3 on harmonic maps are near enough: no Newton step is taken.
 
     Source: Pinkall & Polthier, "Computing discrete minimal surfaces and their conjugates", Experim. Math. 2 (1993).
     """

@@ -29,14 +29,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     The minimum-area triangulation of the curve alone has no inner vertex, so it unfolds into the plane without
     distortion; slits and folds come out right. Where the unfolding overlaps it is straightened (see `flatten`).
     Curves of more than 160 points are thinned for this, straight sides to their ends; the points left out are put on
-    the polygon's sides.
-
-    Args:
-        points: of the curve, in order.
-        saws: as for `flatten_boundary`.
-
-    Raises:
-        FirstFillError: no simple polygon was found.
+    the polygon's sides. `saws` is as for `flatten_boundary`. No simple polygon is a FirstFillError.
     """
     kept = _thinned(points)
     corners = points[kept]

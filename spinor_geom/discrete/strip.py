@@ -103,10 +103,7 @@ def discrete_annulus(
 def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
     """A triangulated round annulus, and straight lines between two polygons over its radii: nothing is minimised.
 
-    Both have the annulus on their left; edges are about as long as the target, in units of space.
-
-    Raises:
-        DomainError: the rims lie so that no round annulus can be meshed with their vertices.
+    Edges are about as long as the target, in units of space; otherwise as `discrete_annulus`, and it raises alike.
     """
     rims = (first, second)
     places = _strip_places(first, second)

@@ -23,33 +23,23 @@ class ConstrainedDelaunay:
 
     Points are numbered through: the vertices of all polygons, one region after the other, then the points inside in the
     order in which they came.
-
-    Attributes:
-        points: Of all regions.
-        region: Of each point.
-        regions: Numbers of vertices of the polygons of each region.
-        boundary_size: Number of vertices of all polygons.
-        own: The numbers of each region's points.
-        faces: Counter-clockwise triangles, one region after the other; those outside the polygons stay among them, with
-            vertices that mean nothing.
-        inside: Numbers of the triangles inside.
     """
 
+    # counter-clockwise, one region after the other; those outside the polygons have vertices that mean nothing
     faces: Int[np.ndarray, "t 3"]
-    inside: Int[np.ndarray, " i"]
+    inside: Int[np.ndarray, " i"]  # numbers of the faces inside
 
     def __init__(
         self, points: Complex[np.ndarray, " n"], regions: Sequence[Rims], region: Int[np.ndarray, " n"] | None = None
     ) -> None:
         """Takes the vertices of the polygons, then points inside; without the region of each there is only one.
 
-        Raises:
-            DomainError: Two edges of a polygon cross, or two points are equal.
+        A DomainError tells that two edges of a polygon cross, or that two points are equal.
         """
         self.points, self.regions = points, tuple(regions)
         self.region = np.zeros(len(points), dtype=np.int64) if region is None else region
-        self.boundary_size = sum(map(sum, regions))
-        self.own = _members(self.region, len(regions))
+        self.boundary_size = sum(map(sum, regions))  # of all polygons
+        self.own = _members(self.region, len(regions))  # the numbers of each region's points
         self._parts = [_Region(points[own], rims) for own, rims in zip(self.own, regions, strict=True)]
         self._read()
 

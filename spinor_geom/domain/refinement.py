@@ -34,14 +34,9 @@ _LONGEST_EAR = 1.05
 
 
 class Boundary:
-    """The polygons of all regions; tells which points are so near an edge that they see it under too large an angle.
+    """The polygons of all regions: their vertices, and of each the next one, the region, and the edge to the next one.
 
-    Attributes:
-        points: Their vertices.
-        after: For each the next one on its polygon.
-        region: That each bounds.
-        edge: From each to the next one.
-        count: Number of regions.
+    Tells which points are so near an edge that they see it under too large an angle.
     """
 
     def __init__(

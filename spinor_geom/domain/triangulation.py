@@ -122,15 +122,8 @@ def triangulate_regions(
 ) -> list[PlaneTriangulation]:
     """As `triangulate_polygon` for many regions at once: the triangulation of each is the same, to the last bit.
 
-    Args:
-        regions: For each its polygon and its holes.
-        size: Wanted edge length at points (k,) and the numbers (k,) of their regions.
-        seeds: By default the points of lattices as wide as the largest of the sizes wanted.
-        max_points: Of each region, or of any: no further ones are inserted when there are so many in all.
-
-    Raises:
-        DomainError: A region is none, see `triangulate_polygon`.
-        OptionError: `size` gives a value that is not positive and finite.
+    A region is a polygon and its holes. Seeds are by default the points of lattices as wide as the largest of the sizes
+    wanted; when there are so many points in a region, no further ones are inserted.
     """
     parts = [[np.array(polygon, dtype=np.complex128) for polygon in region] for region in regions]
     rims = [tuple(map(len, region)) for region in parts]

@@ -57,8 +57,7 @@ def planned_joins(
 ) -> Joins:
     """The bridge that was asked for, by the places of its loops, or the islands in the holes that are to be filled.
 
-    Raises:
-        OptionError: a bridge of a single loop, or from a loop to itself, was asked for.
+    A bridge of a single loop, or from a loop to itself, is an OptionError.
     """
     if bridge is not None:
         if len(bridge) < 2:

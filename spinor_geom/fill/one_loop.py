@@ -56,22 +56,14 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FillOptions:
-    """What every loop of one call is filled with: options of `fill_hole`.
-
-    Attributes:
-        fills_borders: whether a loop is filled whose patch lies on the mesh.
-        on_stage: is called with a loop's place and what comes next for it, as "exact surface".
-
-    Raises:
-        OptionError: a number is not positive, or the model or the continuity is unknown.
-    """
+    """What every loop of one call is filled with: options of `fill_hole`, with an OptionError for what is none."""
 
     target_edge_length: float | Literal["auto"]
     model: Model
     tolerance: float
     time_limit: float = math.inf
     continuity: Continuity = "C0"
-    fills_borders: bool = True
+    fills_borders: bool = True  # whether a loop is filled whose patch lies on the mesh
     on_stage: Callable[[int, str], None] = lambda place, stage: None
 
     def __post_init__(self) -> None:
@@ -119,9 +111,7 @@ def fill_loop(
     """The patch of one loop, or from it to the others of a bridge, or the reason why it has none.
 
     Where one loop has no exact surface, or none that follows it, its patch is discrete. A patch joins the surroundings.
-
-    Raises:
-        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+    A TooManyPointsError tells that the edge length asks for more vertices than anyone can use.
     """
     joined_to = next(iter(others), None)
     options.on_stage(place, "exact surface")

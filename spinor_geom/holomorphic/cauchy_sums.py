@@ -29,12 +29,9 @@ _TINY = np.finfo(np.float64).tiny
 def cauchy_sums(
     sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, "m c"]:
-    """Σ_j g_j/(ζ_j − z) at many points z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
+    """Σ_j g_j/(ζ_j − z) at many targets z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
 
-    Args:
-        sources: ζ_j, in order along a curve.
-        strengths: g_j, for c sums at once.
-        targets: z.
+    The sources ζ_j are in order along a curve; the strengths g_j are those of c sums at once.
     """
     if len(sources) * len(targets) > _FEW_PAIRS:
         return fast_sums(sources, strengths, targets)

@@ -67,9 +67,7 @@ def hausdorff_distance(
 
     Each mesh is sampled at the vertices of a mesh whose faces are divided into four, equally often, until it has at
     least `samples` faces; the distance of a sample to the other mesh is exact, to its faces and not only its vertices.
-
-    Raises:
-        OptionError: A mesh has no face.
+    A mesh without faces is an OptionError.
     """
     if len(faces_a) == 0 or len(faces_b) == 0:
         raise OptionError("a Hausdorff distance needs two meshes with at least one face each")

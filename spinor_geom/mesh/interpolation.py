@@ -46,8 +46,7 @@ ANALYTIC_DEGREE = 11
 def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[tuple[Breaks, Pieces]]:
     """Breaks and polynomials of the curves without corners that predict points left out best: see `BoundaryCurve`.
 
-    Args:
-        points: of several loops, which do not know of each other; neighbours are apart.
+    Of several loops, which do not know of each other; neighbouring points are apart.
     """
     breaks, cubics = periodic_cubics(points)
     found = list(zip(breaks, cubics, strict=True))

@@ -31,10 +31,7 @@ def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> C
 class WeierstrassSurface(torch.nn.Module):
     """A minimal surface over a disk from f and g, the two outputs of a holomorphic model.
 
-    Attributes:
-        model: z ↦ (f, g).
-        domain: Ω, which 0 sees whole: positions are integrated along rays from there, where r = c.
-        constant: c, shape (3,).
+    0 sees all of the domain: positions are integrated along rays from there, where r is the constant.
 
     Source: Sun & Chern (2026), comparison with the Weierstrass-Enneper parametrisation.
     """
