@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from time import perf_counter
 from typing import Literal, TypeAlias
 
@@ -92,31 +91,27 @@ def fill_between(
 ) -> tuple[tuple[LoopOutcome, ...], LoopPatch | None]:
     """The patch between several of a mesh's loops, with the outcomes of all, or the reason why there is none."""
     first, *others = places
-
-    def found() -> Solved:
-        try:
-            for place in places:
-                refuse_what_is_no_hole(loops[place], surroundings.taken)
-            rims = [loops[place] for place in places]
-            with time_limit(options.time_limit):
-                solution = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
-        except SpinorGeomError as error:
-            return error
+    options.on_stage(first, "exact surface")
+    begin = perf_counter()
+    found: Solved
+    try:
+        for place in places:
+            refuse_what_is_no_hole(loops[place], surroundings.taken)
+        rims = [loops[place] for place in places]
+        with time_limit(options.time_limit):
+            solution = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
         if isinstance(solution, NoConnectedSurface):
             one_by_one = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
-            return SurfaceError(f"{solution.reason}; {one_by_one}")
+            raise SurfaceError(f"{solution.reason}; {one_by_one}")
         # the outside of one rim would be joined to the inside of another
-        is_twisted = solution.annulus is not None and solution.annulus.reversed
-        return TwistedRimsError(loops=places) if is_twisted else solution
-
-    def answer() -> Answer:
-        begin = perf_counter()
-        one = found()
-        return exact_patches([(loops[first], one, perf_counter() - begin)], options)[0]
-
-    here, patch = fill_loop(
-        surroundings, first, loops[first], answer, options, others={place: loops[place] for place in others}
-    )
+        if solution.annulus is not None and solution.annulus.reversed:
+            raise TwistedRimsError(loops=places)
+        found = solution
+    except SpinorGeomError as error:
+        found = error
+    (answer,) = exact_patches([(loops[first], found, perf_counter() - begin)], options)
+    beyond = {place: loops[place] for place in others}
+    here, patch = fill_loop(surroundings, first, loops[first], answer, options, others=beyond)
     there = [
         LoopOutcome(
             index=place,
@@ -204,7 +199,8 @@ def fill_loops(
         elif place in joins.others:
             done, patch = fill_between(surroundings, (place, *joins.others[place]), loops, options)
         else:
-            outcome, patch = fill_loop(surroundings, place, loop, partial(next, answers), options)
+            options.on_stage(place, "exact surface")
+            outcome, patch = fill_loop(surroundings, place, loop, next(answers), options)
             done = (outcome,)
         if place in joins.notes and done[0].filled:
             done = (replace(done[0], remarks=(*done[0].remarks, joins.notes[place])), *done[1:])

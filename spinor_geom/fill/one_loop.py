@@ -73,12 +73,8 @@ class FillOptions:
         require_positive("time_limit", self.time_limit, finite=False)
         if self.continuity not in CONTINUITY:
             raise OptionError(f"continuity must be 'C0' or 'C1', not {self.continuity!r}")
-        if not isinstance(self.target_edge_length, str):
+        if not (isinstance(self.target_edge_length, str) and self.target_edge_length == "auto"):
             require_positive("target_edge_length", self.target_edge_length, instead="'auto' or ")
-        elif self.target_edge_length != "auto":
-            raise OptionError(
-                f"target_edge_length must be 'auto' or a positive number, not {self.target_edge_length!r}"
-            )
 
 
 class Clock:
@@ -103,7 +99,7 @@ def fill_loop(
     surroundings: Surroundings,
     place: int,
     loop: BoundaryLoop,
-    answer: Callable[[], Answer],
+    answer: Answer,
     options: FillOptions,
     *,
     others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
@@ -114,8 +110,7 @@ def fill_loop(
     A TooManyPointsError tells that the edge length asks for more vertices than anyone can use.
     """
     joined_to = next(iter(others), None)
-    options.on_stage(place, "exact surface")
-    found, exact, seconds = answer()
+    found, exact, seconds = answer
     clock = Clock(seconds)
     try:
         options.on_stage(place, "mesh")
