@@ -177,20 +177,13 @@ def _walk(
     buffer = np.frombuffer(data, np.uint8)
     values, lengths = {}, {}
     for item, (place, size, _, count) in zip(element.properties, columns, strict=True):
-        values[item.name] = _gathered(buffer, np.array(place), np.array(size), item.dtype)
+        own = np.array(size)
+        within = np.arange(int(own.sum())) - np.repeat(np.cumsum(own) - own, own)
+        begins = np.repeat(np.array(place), own) + within * item.dtype.itemsize
+        values[item.name] = buffer[begins[:, None] + np.arange(item.dtype.itemsize)].reshape(-1).view(item.dtype)
         if count:
-            lengths[item.name] = np.array(size)
+            lengths[item.name] = own
     return values, lengths, position
-
-
-def _gathered(
-    buffer: np.ndarray, starts: Int[np.ndarray, " n"], lengths: Int[np.ndarray, " n"], dtype: np.dtype[Any]
-) -> np.ndarray:
-    """Runs of `lengths` values that begin at the bytes `starts`, one after the other."""
-    before = np.cumsum(lengths) - lengths
-    within = np.arange(int(lengths.sum())) - np.repeat(before, lengths)
-    first = np.repeat(starts, lengths) + within * dtype.itemsize
-    return np.asarray(buffer[first[:, None] + np.arange(dtype.itemsize)].reshape(-1).view(dtype))
 
 
 def _too_short(element: Element, record: int, path: Path | None) -> MeshFileError:

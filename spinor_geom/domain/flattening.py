@@ -13,12 +13,7 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.domain.delaunay import Rims, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError
-from spinor_geom.mesh.operators import (
-    factor_symmetric,
-    intrinsic_angles,
-    intrinsic_laplacian,
-    mollified_edge_lengths,
-)
+from spinor_geom.mesh.operators import factor_symmetric, intrinsic_angles, intrinsic_laplacian, mollified_edge_lengths
 
 PerVertex = Float[np.ndarray, " m"]  # one number for each vertex of the boundary, rim by rim
 Matrix = Float[np.ndarray, "m m"]

@@ -122,7 +122,11 @@ def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) 
     """
     if len(z) < 2:
         return np.arange(len(z))
-    first = _first_in_cell(z, region, spacing, priority)
+    # the point of highest priority in each occupied square cell, a quarter to half a spacing wide
+    level = np.floor(np.log2(spacing))
+    cell = np.column_stack([np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]), level, region])
+    order = np.lexsort((-priority, *cell.T))
+    first = order[np.append(True, (np.diff(cell[order], axis=0) != 0).any(axis=1))]
     z, region, spacing, priority = z[first], region[first], spacing[first], priority[first]
     rank = np.empty(len(z), dtype=np.int64)
     rank[np.argsort(-priority, kind="stable")] = np.arange(len(z))
@@ -145,15 +149,6 @@ def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) 
         if not is_open.any():
             break
     return np.asarray(first[taken])
-
-
-def _first_in_cell(z: Places, region: Owners, spacing: Lengths, priority: Lengths) -> Int[np.ndarray, " s"]:
-    """Index of the point of highest priority in each occupied square cell, a quarter to half a spacing wide."""
-    level = np.floor(np.log2(spacing))
-    cell = np.column_stack([np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]), level, region])
-    order = np.lexsort((-priority, *cell.T))
-    new = (np.diff(cell[order], axis=0) != 0).any(axis=1)
-    return np.asarray(order[np.append(True, new)])
 
 
 def long_bridges(mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSizes) -> tuple[Places, Owners]:

@@ -161,13 +161,8 @@ def triangulate_regions(
         mesh.insert(middle, of)
     smooth(mesh)
     polish(mesh, MIN_ANGLE)
-    result = mesh.points * scale[mesh.region] + centre[mesh.region]
-    result[: mesh.boundary_size] = boundary
-    return _split(mesh, result)
-
-
-def _split(mesh: ConstrainedDelaunay, points: Complex[np.ndarray, " n"]) -> list[PlaneTriangulation]:
-    """Each region's own, its vertices at given points."""
+    points = mesh.points * scale[mesh.region] + centre[mesh.region]
+    points[: mesh.boundary_size] = boundary
     place = np.empty(len(points), dtype=np.int64)
     for own in mesh.own:
         place[own] = np.arange(len(own))

@@ -132,12 +132,12 @@ def fill_loop(
         clock.lap("failed")
         solution = found if isinstance(found, PlateauSolution) else None
         return unfilled(place, loop, error, solution=solution, joined_to=joined_to, timings=clock.laps()), None
-    patch, is_smooth = made.patch, made.continuation is not None
+    patch = made.patch
     attributes = patch_attributes(
         surroundings.mesh.vertex_attributes,
         made.rim,
         patch,
-        None if made.solution is None or is_smooth else made.solution.surface,
+        made.surface,
         is_planned=made.solution is not None,
         labels=surroundings.mesh.labels,
     )
@@ -214,9 +214,7 @@ def _patch_over(
     target = target_length(rims, options)
     if others:
         # straight lines, a start for a surface that is not minimal
-        plane, vertices = ruled_annulus(loop.points, others[0].points, target)
-        size, holes = plane.boundary_size, plane.hole_sizes
-        patch = Patch(vertices=vertices, faces=plane.faces, boundary_size=size, points=plane.points, hole_sizes=holes)
+        patch = Patch.over(*ruled_annulus(loop.points, others[0].points, target))
     else:
         options.on_stage(place, "discrete surface")
         patch, what = discrete_patch(loop, target, seconds=options.time_limit)

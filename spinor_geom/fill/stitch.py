@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,8 +13,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.sheets import away_from_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
-
-Middles: TypeAlias = Callable[[Patch, Int[np.ndarray, "c 2"]], Float[np.ndarray, "c 3"]]
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 _FOLDED_BACK = np.cos(np.radians(45))
 
@@ -97,10 +95,13 @@ class RimEdges:
         return float(lengths[folded].sum() / lengths.sum())
 
 
-def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], middles: Middles) -> Patch:
-    """Puts a new vertex, after the others, in the middle (in Ω) of each chord, and divides its two triangles there."""
-    points = patch.points[chords].mean(axis=1)
-    faces = np.asarray(patch.faces)
+def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], surface: SpinorSurface | None = None) -> Patch:
+    """Puts a new vertex, after the others, in the middle of each chord, and divides its two triangles there.
+
+    Where the patch is a mesh of a surface, that is on it, halfway in Ω.
+    """
+    faces, points = np.asarray(patch.faces), patch.points[chords].mean(axis=1)
+    middles = patch.vertices[chords].mean(axis=1) if surface is None else np.asarray(surface.position(points))
     for count, chord in enumerate(chords):
         middle = len(patch.vertices) + count
         beside = np.isin(faces, chord).sum(axis=1) == 2
@@ -109,19 +110,21 @@ def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], middles: Middles)
         faces = np.concatenate([faces[~beside], *halves])
     return replace(
         patch,
-        vertices=np.concatenate([patch.vertices, middles(patch, chords)]),
+        vertices=np.concatenate([patch.vertices, middles]),
         faces=faces,
         points=np.concatenate([patch.points, points]),
     )
 
 
-def fit_to_rim(rim: Int[np.ndarray, " m"], patch: Patch, taken: RimEdges, middles: Middles) -> tuple[Patch, int]:
+def fit_to_rim(
+    rim: Int[np.ndarray, " m"], patch: Patch, taken: RimEdges, surface: SpinorSurface | None = None
+) -> tuple[Patch, int]:
     """A patch whose chords on taken edges are split, and how many were; `rim` are the mesh's vertices around it."""
     chords = patch_chords(patch)
     clash = taken.are_taken(rim[chords])
     if not clash.any():
         return patch, 0
-    return split_chords(patch, chords[clash], middles), int(clash.sum())
+    return split_chords(patch, chords[clash], surface), int(clash.sum())
 
 
 def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:

@@ -63,7 +63,14 @@ class CauchyInterpolant(torch.nn.Module):
     def value(self, z: Complex[Tensor, "*pts"]) -> Answer:
         """(p(z), q(z)); many at once on the CPU, without derivatives, by a fast multipole method, to 1e-12."""
         if min(z.numel(), len(self.nodes)) > _MANY and all(_is_plain(t) for t in (z, self.values)):
-            return self._many_values(z.reshape(-1)).reshape(*z.shape, 2)
+            flat = z.reshape(-1)
+            parts = (self.nodes, _strengths(self.weights, self.values), flat)
+            sums = cauchy_sums(*(part.detach().resolve_conj().numpy() for part in parts))
+            with np.errstate(over="ignore", invalid="ignore"):
+                value = torch.from_numpy(sums[:, :2] / sums[:, 2:])
+            at_node = ~value.isfinite().all(-1)
+            value[at_node] = interpolated(flat[at_node], self.nodes, self.weights, self.values)
+            return value.reshape(*z.shape, 2)
         return in_blocks(lambda some: interpolated(some, self.nodes, self.weights, self.values), z, len(self.nodes))
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Answer:
@@ -71,15 +78,6 @@ class CauchyInterpolant(torch.nn.Module):
         return in_blocks(
             lambda some: interpolated_slope(some, self.nodes, self.weights, self.values), z, len(self.nodes)
         )
-
-    def _many_values(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
-        parts = (self.nodes, _strengths(self.weights, self.values), z)
-        sums = cauchy_sums(*(part.detach().resolve_conj().numpy() for part in parts))
-        with np.errstate(over="ignore", invalid="ignore"):
-            value = torch.from_numpy(sums[:, :2] / sums[:, 2:])
-        at_node = ~value.isfinite().all(-1)
-        value[at_node] = interpolated(z[at_node], self.nodes, self.weights, self.values)
-        return value
 
     def config(self) -> dict[str, Any]:
         """Number of nodes."""

@@ -129,19 +129,15 @@ class LaurentSeries(torch.nn.Module):
         k, j = len(self.outward), self.inward.shape[1]
         # of a product so many frequencies lead, and no more than these lag
         ahead = 2 * k - 1 + sum(self.antiperiodic)
-        lead, lag = max(ahead, 2 * j + 2), self._lagging
+        lead, lag = max(ahead, 2 * j + 2), max(k, j)
+        if len(self.inward) > 1:
+            # powers of other circles' coordinates that are no rounding errors on a circle
+            lag = math.ceil(math.log(ROUND_OFF) / math.log(self.circles.nearness))
         n = next_fast_len(lead + 2 * lag + 2)
         p, q = self.on_circles(n).unbind(-1)
         root = self.circles.squared_root(self.circles.circles(n), self.antiperiodic)
         spectra = torch.fft.fft(torch.stack([p * p, q * q, p * q], dim=-1) * root[..., None], dim=1) / n
         return [spectra[0, :ahead], *spectra[1:, 1 : 2 * (j + 1)]]
-
-    @property
-    def _lagging(self) -> int:
-        """Powers of other circles' coordinates that are no rounding errors on a circle."""
-        if len(self.inward) == 1:
-            return max(len(self.outward), self.inward.shape[1])
-        return math.ceil(math.log(ROUND_OFF) / math.log(self.circles.nearness))
 
     def on_circles(self, n: int) -> Complex[Tensor, "m n 2"]:
         """P and q without their roots at n equal steps of every circle, as `CircularDomain.circles` runs."""
