@@ -36,16 +36,11 @@ NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 def read_glb(data: bytes, path: Path | None) -> FileContents:
     """All triangles of a GLB file's scene, in the scene's coordinates.
 
-    Primitives follow one another in the order of the nodes. A mesh that several nodes show is read once for each. Skins
-    are at rest. Edges along which any attribute differs, and those between the primitives of one node (which differ in
-    material), are seams and are closed; nodes are not joined.
-
-    A mesh or an array that is shown again and again is read again and again: up to `MOST_ROWS` rows in all, or as many
-    as the file has bytes.
-
-    Raises:
-        MeshFileError: malformed, truncated, compressed (Draco, meshopt), with sparse arrays, strips, morph targets
-            or data outside of the file, of more rows than that, or without triangles; names the place.
+    Primitives follow one another in the order of the nodes. A mesh that several nodes show is read once for each, up to
+    `MOST_ROWS` rows of arrays in all, or as many as the file has bytes. Skins are at rest. Edges along which any
+    attribute differs, and those between the primitives of one node (which differ in material), are seams and are
+    closed; nodes are not joined. Compression (Draco, meshopt), sparse arrays, strips, morph targets and data outside of
+    the file are not read.
     """
     try:
         pieces = scene_pieces(GlbContainer.read(data, path))

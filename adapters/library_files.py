@@ -28,13 +28,7 @@ LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "netwo
 
 
 def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
-    """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk).
-
-    Raises:
-        MeshFileError: VTK says anything at all (after an error it goes on with what it has, or with nothing), or what
-            the file holds is no surface.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
-    """
+    """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
     import pyvista
 
     module, name = _READERS[suffix]
@@ -43,19 +37,14 @@ def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
     reader.SetBinaryInputString(data, len(data))
     with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as heard:
         reader.Update()
-    if heard.events:
+    if heard.events:  # after an error it goes on with what it has, or with nothing
         problem = f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})"
         raise malformed(path, "", problem, "check that it is complete")
     return _contents(pyvista.wrap(reader.GetOutput()), path, suffix)
 
 
 def read_3mf(data: bytes, path: Path | None) -> FileContents:
-    """All meshes of a 3MF file in the coordinates of its build; colours and materials are not read.
-
-    Raises:
-        MeshFileError: the file is malformed.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
-    """
+    """All meshes of a 3MF file in the coordinates of its build; colours and materials are not read."""
     import trimesh
 
     try:

@@ -63,10 +63,7 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
     Faces are read by their position indices, so texture and normal seams leave no trace. `v` lines may carry colours
     (three or four numbers after the coordinates; they count if all lines have them) or a weight (ignored). Texture
     coordinates and normals become the attributes "uv" and "normal" where each vertex has only one. Pieces of curves are
-    joined where two of them meet in a vertex.
-
-    Raises:
-        MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
+    joined where two of them meet in a vertex. A MeshFileError names the line that cannot be understood.
     """
     reader = _Reader(path)
     # one byte a letter, with all line ends alike
@@ -228,10 +225,8 @@ class _Reader:
 class _Block:
     """The lines of a part of an OBJ file, those that end with a backslash joined to the next.
 
-    Attributes:
-        sizes: how many words follow the first on each line; −1 on blank lines.
-        line_numbers: on which of the file's lines, from 1, each begins.
-        standing: the lines that begin with each of `KEYS`; those of groups stand among those of objects.
+    Known are the number of each line in the file, how many words follow the first on it (−1 on blank lines), and which
+    lines begin with each of `KEYS`; those of groups stand among those of objects.
     """
 
     def __init__(self, data: bytes, path: Path | None, *, first_line: int) -> None:

@@ -26,11 +26,7 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
     """The vertices, with colours, normals and texture coordinates, and the faces of an OFF file.
 
     One vertex and one face a line; colours of faces are kept in the file but not read. Plain files whose lines
-    are broken elsewhere are read too, and written anew.
-
-    Raises:
-        MeshFileError: another kind of OFF (binary, four or n coordinates), fewer lines than announced, no vertices or
-            faces, or a line that cannot be understood; names the line.
+    are broken elsewhere are read too, and written anew. Other kinds of OFF (binary, four or n coordinates) are not.
     """
     if b"\0" in data:
         raise malformed(path, f"byte {data.index(0)}", "a zero byte, so this is no OFF text", "binary OFF is not read")

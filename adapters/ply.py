@@ -38,11 +38,7 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
 
 
 def read_records(data: bytes, path: Path | None) -> Records:
-    """The header and all records of a PLY file.
-
-    Raises:
-        MeshFileError: not a PLY file, a malformed line, or shorter than its header says; names the place.
-    """
+    """The header and all records of a PLY file; a MeshFileError names the place that cannot be read."""
     position, records = _read_header(data, path)
     text, elements = data.replace(b"\r", b"\n") if records.newline == b"\r" else data, {}
     for element in records.elements.values():
@@ -111,10 +107,7 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
 
     Colours, normals and texture coordinates become "color", "normal" and "uv"; every other scalar property of the
     vertices becomes an attribute under its own name. Positions whose vertices differ in texture coordinates or normals
-    are seams.
-
-    Raises:
-        MeshFileError: no vertices or faces, or a face that names a vertex that does not exist.
+    are seams. Vertices and faces there must be; else it is a MeshFileError.
     """
     for name, what in (("vertex", "vertices"), ("face", "faces")):
         if name not in records.elements or records.elements[name].count == 0:

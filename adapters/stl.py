@@ -33,9 +33,6 @@ def read_stl(data: bytes, path: Path | None) -> FileContents:
     """The triangles of an STL file as a soup: vertices 3i, 3i + 1, 3i + 2 are the corners of facet i.
 
     Text positions are read as float64, binary ones are float32. Normals and attribute bytes are not kept.
-
-    Raises:
-        MeshFileError: shorter than announced, a facet without three readable corners, or no facets; names the place.
     """
     is_text = data.removeprefix(BYTE_ORDER_MARK).lstrip()[:5].lower() == b"solid" and b"\0" not in data
     count = int(np.frombuffer(data, "<u4", 1, HEADER)[0]) if len(data) >= HEADER + 4 else 0

@@ -36,13 +36,9 @@ START = (
 
 
 class FaultError(Exception):
-    """A process died or was ended before its job was done.
+    """A process ended before its job was done; what it told last, and the end of what it wrote during the job.
 
-    Attributes:
-        kind: "start": it ended by itself before it could take a job; "death": it died; "time" and "memory": it was
-            ended at that limit.
-        last: what it told last; empty where it had told nothing.
-        said: the end of what was written to standard output and error during the job.
+    Its kind is "start" where it ended by itself before it could take a job, "death" where it died, else the limit.
     """
 
     def __init__(self, reason: str, *, kind: Kind, last: Event, said: str) -> None:

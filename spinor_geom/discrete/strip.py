@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import Disk, descend_from_plane, harmonic_extension
-from spinor_geom.domain.sizes import graded_size, size_bounds
+from spinor_geom.domain.sizes import size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 
@@ -92,10 +92,12 @@ def discrete_annulus(
     Source: Pinkall & Polthier, Experim. Math. 2 (1993), for the descent.
     """
     points = np.concatenate([first, second])
-    plane = triangulated_annulus(*_strip_places(first, second))
+    outer, inner = _strip_places(first, second)
+    plane = triangulate_polygon(outer, holes=[inner])
     descent = descend_from_plane(plane, points, relative_change=_FIRST_CHANGE)
     for _ in range(_ROUNDS):
-        plane = triangulated_annulus(*_conformal_places(descent.vertices, plane.faces, len(first), len(points)))
+        outer, inner = _conformal_places(descent.vertices, plane.faces, len(first), len(points))
+        plane = triangulate_polygon(outer, holes=[inner])
         descent = descend_from_plane(plane, points, relative_change=relative_change)
     return plane, descent
 
@@ -122,11 +124,6 @@ def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTri
         for z, points in zip(places, rims, strict=True)
     ]
     return plane, np.concatenate([first, second, (1 - share) * ends[0] + share * ends[1]])
-
-
-def triangulated_annulus(outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n"]) -> PlaneTriangulation:
-    """A mesh between two polygons, with edges that grow away from them."""
-    return triangulate_polygon(outer, graded_size(outer, inner), holes=[inner])
 
 
 def _triangle_areas(

@@ -16,7 +16,6 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
-from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.interpolation import piecewise_cubic
@@ -351,7 +350,7 @@ def _graded_triangulation(vertices: bytes, rims: Rims) -> PlaneTriangulation:
     """The triangulation inside polygons given as the bytes of their complex vertices, with edges that grow inwards."""
     points = np.frombuffer(vertices, dtype=np.complex128)
     outer, *holes = np.split(points, np.cumsum(rims)[:-1])
-    mesh = triangulate_polygon(outer, graded_size(outer, *holes), holes=holes)
+    mesh = triangulate_polygon(outer, holes=holes)
     for shared in (mesh.points, mesh.faces):
         shared.setflags(write=False)
     return mesh

@@ -16,33 +16,20 @@ MAX_SUBDIVISIONS = 8
 
 @dataclass(frozen=True, kw_only=True)
 class OneSidedDistance:
-    """Distances from the points of one mesh to the nearest points of another, in mesh units.
+    """Distances from the points of one mesh to the nearest points of another, in mesh units."""
 
-    Attributes:
-        max: Largest distance at a sample.
-        mean: Mean distance, weighted by area.
-        samples: Number of samples.
-        spacing: No point of the mesh is farther than this from a sample, so the true largest distance lies between
-            `max` and `max + spacing`.
-    """
-
-    max: float
-    mean: float
-    samples: int
-    spacing: float
+    max: float  # at a sample
+    mean: float  # by area
+    samples: int  # their number
+    spacing: float  # no point is farther than this from a sample: the true largest is at most max + spacing
 
 
 @dataclass(frozen=True, kw_only=True)
 class HausdorffDistance:
-    """Distances between two meshes in both directions, in mesh units.
+    """Distances between two meshes in both directions, in mesh units."""
 
-    Attributes:
-        forward: From the first mesh to the second.
-        backward: From the second mesh to the first.
-    """
-
-    forward: OneSidedDistance
-    backward: OneSidedDistance
+    forward: OneSidedDistance  # from the first mesh to the second
+    backward: OneSidedDistance  # from the second mesh to the first
 
     @property
     def max(self) -> float:

@@ -46,7 +46,7 @@ class Piece:
     factor: Float[np.ndarray, " n"]  # λ there, lengths in space per length in Ω
     target: float  # edge length in space
     area: float  # of the surface over it
-    seeds: tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None = None
+    seeds: Seeds | None = None
 
 
 def require_few_points(area: float, target: float) -> None:
@@ -92,14 +92,7 @@ def _triangulated(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
         require_few_points(piece.area, piece.target)
         triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
         most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
-    given = [piece.seeds for piece in pieces if piece.seeds is not None]
-    seeds = None
-    if given:
-        seeds = Seeds(
-            points=np.concatenate([points for points, _ in given]),
-            spacing=np.concatenate([spacing for _, spacing in given]),
-            region=np.repeat(np.arange(len(given)), [len(points) for points, _ in given]),
-        )
+    seeds = [piece.seeds for piece in pieces if piece.seeds is not None]
     return triangulate_regions([piece.rims for piece in pieces], size_field(pieces), seeds=seeds, max_points=most)
 
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from spinor_geom import gallery
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
-from spinor_geom.discrete.strip import discrete_annulus, triangulated_annulus
+from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten, flatten_boundary, lay_out
 from spinor_geom.domain.polygons import is_simple
 from spinor_geom.domain.sizes import graded_size
@@ -203,7 +203,7 @@ def ellipse(a, b, centre, count):
 @pytest.mark.parametrize("hole", [(0.3, 0.3, 0.6 + 0.1j), (0.9, 0.05, 0.0), (0.2, 0.25, -1.5)])
 def test_plane_annulus_is_laid_out_as_it_is(hole):
     outer, inner = ellipse(2.0, 1.0, 0.0, 60), ellipse(*hole, 40)[::-1]
-    plane = triangulated_annulus(outer, inner)
+    plane = triangulate_polygon(outer, holes=[inner])
     turned = plane.points * np.exp(0.7j)
     vertices = np.column_stack([turned.real, turned.imag, np.full(len(turned), 2.0)])
     flat = flatten(vertices, plane.faces, 100, holes=(40,))
