@@ -83,10 +83,7 @@ def color_scale_of(values: np.ndarray) -> float:
 def converted(
     words: Sequence[bytes], convert: Callable[[bytes], Value], error: Callable[[int, str], MeshFileError]
 ) -> list[Value]:
-    """Words of a text file as `convert` understands them.
-
-    `error` makes of the number of the first word of which `convert` raises a ValueError, and that word, what is raised.
-    """
+    """Words as `convert` understands them; where it does not, `error` makes an exception of number and word."""
     try:
         return list(map(convert, words))
     except ValueError:

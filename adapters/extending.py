@@ -40,11 +40,7 @@ def grown_attributes(
 
 
 def parts_of_faces(extension: MeshExtension, starts: Sequence[int], vertices: int) -> Int[np.ndarray, "t parts"]:
-    """How many vertices of each part of a mesh the patch of every new face hangs on.
-
-    The new faces that share vertices, one after the other, are a patch; part i begins at vertex starts[i] of
-    `vertices`.
-    """
+    """How many vertices of each part of a mesh, part i from starts[i] on, the patch of each new face hangs on."""
     faces = extension.faces
     labels = linked(np.concatenate([faces[:, :2], faces[:, 1:]]), vertices + len(extension.vertices))
     patches, patch_of_face = np.unique(labels[faces[:, 0]], return_inverse=True)
@@ -74,10 +70,7 @@ def grown(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarray:
 
 
 def most_frequent_row(values: np.ndarray) -> np.ndarray:
-    """The row that occurs most often among (n, ...) values, (1, ...): what a new face gets where nothing tells better.
-
-    Rows of zeros for values that cannot be compared, and where there are none.
-    """
+    """The row that occurs most often among (n, ...) values, (1, ...); zeros for what cannot be compared, or no rows."""
     if len(values) == 0 or values.dtype.kind not in "biuf":
         return np.zeros((1, *values.shape[1:]), dtype=values.dtype)
     _, first, counts = np.unique(values.reshape(len(values), -1), axis=0, return_index=True, return_counts=True)

@@ -361,10 +361,7 @@ def _index_of_each_vertex(
 
 
 def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
-    """What to write after the last byte of a file: `v` lines (with colours, if the file's have them), a group of faces.
-
-    Texture coordinates and normals are added where the file gives each vertex one.
-    """
+    """What to write after a file's last byte: vertices with all that the file gives each of its own, and faces."""
     if len(extension.vertices) == 0 and len(extension.faces) == 0:
         return b""
     colors = [extension.vertex_attributes["color"]] if "color" in text.contents.attributes else []

@@ -108,10 +108,7 @@ def _without_color(row: list[bytes]) -> list[bytes]:
 
 
 def _reflowed(words: list[bytes], vertices: int, faces: int) -> tuple[list[list[bytes]], list[list[bytes]]] | None:
-    """Vertices of three numbers, then faces without colours, however they stand in lines.
-
-    None unless the words after the count of edges, which some files lack, are just these.
-    """
+    """Vertices of three numbers, then faces without colours, however they stand in lines; None for other words."""
     for rest in (words[1:], words):
         starts = list(range(0, 3 * vertices, 3)) if 3 * vertices <= len(rest) else []
         stop = 3 * len(starts)

@@ -152,10 +152,7 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
 def _appended(
     records: Records, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
 ) -> bytes:
-    """The file with records added after its own vertices and faces.
-
-    Properties of new faces get the value that occurs most often, lists beside the corners get zeros.
-    """
+    """The file with records added; properties of new faces get the value that occurs most often, other lists zeros."""
     vertices = dict(zip("xyz", extension.vertices.T, strict=True))
     for attribute, names in groups.items() if len(extension.vertices) else ():
         vertices |= dict(zip(names, extension.vertex_attributes[attribute].T, strict=True))

@@ -194,10 +194,7 @@ def _too_short(element: Element, record: int, path: Path | None) -> MeshFileErro
 def rows_of(
     text: bytes, position: int, element: Element, path: Path | None, words: Callable[[bytes], list[bytes]] = bytes.split
 ) -> tuple[list[list[bytes]], Element]:
-    """The words of an element's records, one on each of the next lines that hold any, and the element with its lines.
-
-    A MeshFileError tells that there are fewer lines.
-    """
+    """The words of an element's records, one on each next line that holds any, and the element with its lines."""
     stream = io.BytesIO(text)
     stream.seek(position)
     rows, lines = [], []

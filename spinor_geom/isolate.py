@@ -182,10 +182,7 @@ def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | No
 
 
 def serve(work: Callable[[Any, Tell], None]) -> None:
-    """What the main program of a process does: the jobs that come in, until no more can come.
-
-    What the work on one tells reaches `Process.run` as it stands in JSON.
-    """
+    """The main program of a process: does jobs as they come; what its work tells reaches `Process.run`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides what an interrupt means
     # what libraries print goes to standard error
     channel = os.fdopen(os.dup(1), "w", encoding="ascii")

@@ -93,11 +93,7 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
 
 
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
-    """Faces of a disk over a closed curve with no other vertices and about the least area.
-
-    Up to 160 points it is their minimum-area triangulation. Of more points every k-th is taken for it, and the pieces
-    of the curve that these skip are closed likewise.
-    """
+    """Faces of about the least area over a closed curve; of long ones first over every k-th point, then the rest."""
     m = len(points)
     if m <= _LONGEST:
         return minimum_area_triangulation(points)

@@ -19,11 +19,7 @@ _LONGEST_WALK = 16
 
 
 class ConstrainedDelaunay:
-    """Constrained Delaunay triangulations of regions of the plane, made together, each as it were by itself.
-
-    Points are numbered through: the vertices of all polygons, one region after the other, then the points inside in the
-    order in which they came.
-    """
+    """Constrained Delaunay triangulations of regions, made together; vertices of all polygons, then inner points."""
 
     # counter-clockwise, one region after the other; those outside the polygons have vertices that mean nothing
     faces: Int[np.ndarray, "t 3"]

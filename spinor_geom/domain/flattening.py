@@ -261,10 +261,7 @@ def smoothing(edge: PerVertex, width: float) -> Matrix:
 
 
 def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Complex[np.ndarray, " m"] | None:
-    """Polygon with given turning at its vertices and edge lengths e^u, closed by the least relative change of lengths.
-
-    None where closing would need an edge of negative length or all edges are parallel.
-    """
+    """Polygon of given turning and edge lengths e^u, closed by the least relative change of these; None if none is."""
     length = edge * np.exp((log_scale + np.roll(log_scale, -1)) / 2)
     direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j
     rows = np.stack([direction.real, direction.imag])

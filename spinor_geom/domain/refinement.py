@@ -34,10 +34,7 @@ _LONGEST_EAR = 1.05
 
 
 class Boundary:
-    """The polygons of all regions: their vertices, and of each the next one, the region, and the edge to the next one.
-
-    Tells which points are so near an edge that they see it under too large an angle.
-    """
+    """The vertices of all polygons, and of each the next, the region and the edge; tells what is too near an edge."""
 
     def __init__(
         self, points: Complex[np.ndarray, " m"], after: Int[np.ndarray, " m"], region: Int[np.ndarray, " m"]
@@ -75,10 +72,7 @@ def refine(
     size: RegionSizes,
     room: Int[np.ndarray, " r"],
 ) -> None:
-    """Inserts batches of circumcentres until no triangle wants and can have one, given the sizes wanted at points.
-
-    So many points have room in each region, those that are there already included.
-    """
+    """Inserts batches of circumcentres until no triangle wants and can have one; `room` bounds each region's points."""
     sine = np.sin(np.radians(MIN_ANGLE))
     at_centres = np.zeros(boundary.count, dtype=bool)
     # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
@@ -116,10 +110,7 @@ def refine(
 
 
 def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) -> Int[np.ndarray, " s"]:
-    """Indices of points no two of which are nearer than the smaller of their spacings, high priority preferred.
-
-    They are ordered by their regions; points of two regions are not near each other.
-    """
+    """Indices of points, by region, no two nearer than the smaller of their spacings; high priority is preferred."""
     if len(z) < 2:
         return np.arange(len(z))
     # the point of highest priority in each occupied square cell, a quarter to half a spacing wide

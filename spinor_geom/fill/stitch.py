@@ -77,10 +77,7 @@ class RimEdges:
         return self._faces.get(tuple(sorted(loop.vertex_ids.tolist())))
 
     def share_folded_back(self, mesh: TriangleMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> float:
-        """The share of a rim's length along which a patch and the face beside it are less than 45° apart.
-
-        Each edge between `rim`, the mesh vertices of the patch's boundary vertices, is one of the mesh's.
-        """
+        """The share of a rim (its mesh vertices) along which a patch and the face beside it are less than 45° apart."""
         sides = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         apexes = np.roll(patch.faces, -2, axis=1).reshape(-1)
         on_rim = np.flatnonzero((sides < patch.boundary_size).all(axis=1))

@@ -44,10 +44,7 @@ ANALYTIC_DEGREE = 11
 
 
 def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[tuple[Breaks, Pieces]]:
-    """Breaks and polynomials of the curves without corners that predict points left out best: see `BoundaryCurve`.
-
-    Of several loops, which do not know of each other; neighbouring points are apart.
-    """
+    """Breaks and polynomials of curves without corners that predict points left out best: see `BoundaryCurve`."""
     breaks, cubics = periodic_cubics(points)
     found = list(zip(breaks, cubics, strict=True))
     if points.shape[1] < MIN_POINTS_FOR_HIGH_DEGREE:

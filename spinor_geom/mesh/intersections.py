@@ -148,10 +148,7 @@ def _cross(u: Points, v: Points) -> Points:
 
 
 def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
-    """Pairs of faces with common vertices, but for those of which one has the rest of the other on one side of it.
-
-    Copies of faces are left out too. Few are left for exact predicates.
-    """
+    """Pairs of different faces with common vertices of which neither surely has the other on one side of it."""
     corners = (np.repeat(np.arange(len(faces)), 3), faces.reshape(-1))
     incidence = coo_array((np.ones(faces.size, dtype=np.int64), corners), shape=(len(faces), len(vertices))).tocsr()
     common = (incidence @ incidence.T).tocoo()
@@ -162,10 +159,7 @@ def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.
 
 
 def _are_separated(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
-    """For pairs of triangles whether all corners of one that the other has not lie on one side of the other's plane.
-
-    Surely, that is: of some pairs only exact predicates tell.
-    """
+    """Whether, surely, the corners of one triangle that the other has not lie on one side of the other's plane."""
     f, g = (np.ascontiguousarray(np.moveaxis(t, 0, 2)) for t in (f, g))  # sums over a short last axis are slow
     common = (f[:, None] == g).all(axis=2)
     limit = SEPARATION * np.ptp(np.concatenate([f, g]), axis=0).max(axis=0) ** 3
@@ -208,10 +202,7 @@ def _sides_of_plane(f: Triangles, g: Triangles) -> Sides:
 
 
 def _overlap_on_line(f: Triangles, g: Triangles, f_sides: Sides, g_sides: Sides) -> Bool[np.ndarray, " k"]:
-    """Whether two triangles that reach each other's planes overlap on the line in which the planes meet.
-
-    Each cuts an interval out of that line; the intervals' ends are compared by orientations of two sides.
-    """
+    """Whether the intervals that two triangles cut out of the line in which their planes meet overlap."""
     f_apex, f_low, f_high, f_sign = _sides_through_plane(f, f_sides)
     g_apex, g_high, g_low, g_sign = _sides_through_plane(g, g_sides)
     sign = f_sign * g_sign

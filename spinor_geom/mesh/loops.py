@@ -67,10 +67,7 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rings:
-    """Closed rings of vertices, one after the other: ring k is vertices[starts[k]:starts[k + 1]].
-
-    The edge from each entry to the next runs along a half-edge, as a rule against it.
-    """
+    """Closed rings of vertices, ring k from starts[k] to starts[k + 1], and the half-edges along their edges."""
 
     vertices: Int[np.ndarray, " n"]
     half_edges: Int[np.ndarray, " n"]

@@ -88,10 +88,7 @@ def graph_laplacian(faces: Int[np.ndarray, "f 3"]) -> csc_array:
 
 
 def factor_symmetric(matrix: csc_array) -> SuperLU:
-    """Sparse LU of a symmetric matrix without row exchanges: U's diagonal has the signs of the eigenvalues.
-
-    A SingularMatrixError tells that the matrix is singular or not finite.
-    """
+    """Sparse LU of a symmetric matrix, the eigenvalues' signs on U's diagonal; else a SingularMatrixError."""
     if not np.isfinite(matrix.data).all():
         raise SingularMatrixError(size=matrix.shape[0])
     try:

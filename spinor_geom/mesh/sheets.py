@@ -76,10 +76,7 @@ def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
 
 
 def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces with the same three different vertices, in whatever order: smaller number first, sorted.
-
-    Of several the first is with each other, or each with the next.
-    """
+    """Pairs of faces with the same three vertices, sorted; of several the first with each, or each with the next."""
     # two faces are the same exactly if they share an edge and the vertex opposite to it
     a, b = half_edges.pairs.T
     same = half_edges.opposite[a] == half_edges.opposite[b]

@@ -77,10 +77,7 @@ def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
 
 
 def is_watertight(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """Whether every edge has exactly two faces, which run through it in opposite directions.
-
-    No faces at all enclose nothing: False.
-    """
+    """Whether there are faces and every edge has exactly two, which run through it in opposite directions."""
     half_edges = HalfEdges.of(faces)
     if len(faces) == 0 or (half_edges.counts != 2).any():
         return False
@@ -114,10 +111,7 @@ def referenced_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> Bool
 
 
 def coincident_vertices(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
-    """For every point the lowest index among the points of exactly its position, (n,) int64.
-
-    Exactly means equal as numbers, so −0.0 is 0.0.
-    """
+    """For every point the lowest index among the points of equal coordinates, −0.0 being 0.0, (n,) int64."""
     order = np.lexsort(points.T)
     ordered = points[order]
     new = np.ones(len(points), dtype=bool)

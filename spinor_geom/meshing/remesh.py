@@ -15,10 +15,7 @@ from spinor_geom.meshing.triangulate import Piece, triangulate_pieces
 
 
 def remesh(patch: Patch, target: float) -> Patch:
-    """Triangulates a patch's domain for edges of a length in space, and keeps its shape and its boundary.
-
-    The new inner vertices lie on the faces of the old patch. Raises as `triangulate_pieces`.
-    """
+    """A patch meshed anew for edges of a length in space: its boundary kept, new inner vertices on its faces."""
     import igl
 
     faces, m = np.asarray(patch.faces), patch.boundary_size
