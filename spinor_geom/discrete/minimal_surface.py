@@ -231,10 +231,8 @@ def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | Spinor
 def finer_disk(disk: Disk, boundary_size: int) -> Disk:
     """The disk flattened and meshed anew, finer inside, until its area is stationary; twice.
 
-    Folds and narrow places that the first mesh is too coarse for come out right.
-
-    Raises:
-        DomainError: the disk has no simple flattening.
+    Folds and narrow places that the first mesh is too coarse for come out right. A disk without a simple flattening is
+    a DomainError.
     """
     points = disk.vertices[:boundary_size]
     for _ in range(2):
@@ -274,10 +272,8 @@ def remeshed(
     """A disk whose inner edges MeshLab has made about equally long; the boundary and its edges stay as they are.
 
     It splits, collapses and flips edges away from the boundary's triangles, then only flips, everywhere. A disk that
-    has no other triangles is left alone. The boundary's vertices come first, in order.
-
-    Raises:
-        FirstFillError: MeshLab fails, moves the boundary or tears the disk.
+    has no other triangles is left alone. The boundary's vertices come first, in order. Where MeshLab fails, moves the
+    boundary or tears the disk, it is a FirstFillError.
     """
     import pymeshlab
 

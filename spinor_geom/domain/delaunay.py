@@ -19,7 +19,7 @@ _LONGEST_WALK = 16
 
 
 class ConstrainedDelaunay:
-    """Constrained Delaunay triangulations of regions, made together; vertices of all polygons, then inner points."""
+    """Constrained Delaunay triangulations of regions, each as by itself; all polygons' vertices, then inner points."""
 
     # counter-clockwise, one region after the other; those outside the polygons have vertices that mean nothing
     faces: Int[np.ndarray, "t 3"]

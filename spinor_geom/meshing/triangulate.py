@@ -57,10 +57,7 @@ def require_few_points(area: float, target: float) -> None:
 
 
 def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
-    """The part of Ω inside a patch's boundaries, for edges of a length in space; raises as `require_few_points`.
-
-    The rims are the patch's boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
-    """
+    """The part of Ω inside a patch's boundaries, for edges of a length in space; raises as `require_few_points`."""
     require_few_points(area, target)
     mesh = surface.domain.triangulation
     factor = np.asarray(surface.conformal_factor(mesh.points))

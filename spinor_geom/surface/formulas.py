@@ -62,10 +62,7 @@ def gauss_map(p: Values, q: Values) -> Values:
 
 
 def weierstrass_data(p: Values, q: Values) -> tuple[Values, Values]:
-    """Weierstrass-Enneper data f = φ₁ − iφ₂ = −2q² and g = −p/q.
-
-    They give φ back as (f(1 − g²)/2, i f(1 + g²)/2, f g).
-    """
+    """Weierstrass-Enneper data f = φ₁ − iφ₂ = −2q² and g = −p/q; φ is (f(1 − g²)/2, i f(1 + g²)/2, f g)."""
     _require_complex(p=p, q=q)
     return -2 * q * q, gauss_map(p, q)
 
