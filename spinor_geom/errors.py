@@ -306,16 +306,13 @@ class ImperfectFillWarning(UserWarning):
     """Holes that were asked for stay open, are closed by a discrete surface or not within the tolerance, or cross."""
 
 
-_REMEDIES = {
-    "trimesh.PointCloud": "points have no holes: make faces first, or span a closed curve of points with solve_plateau",
-}
-
-
 class UnknownMeshTypeError(SpinorGeomError, TypeError):
     """No adapter knows this type."""
 
     def __init__(self, *, found: str, known: Sequence[str]) -> None:
-        what_to_do = _REMEDIES.get(found, f"give one of: {', '.join(known)}")
+        what_to_do = f"give one of: {', '.join(known)}"
+        if found == "trimesh.PointCloud":
+            what_to_do = "points have no holes: make faces first, or span a closed curve of points with solve_plateau"
         super().__init__(f"{found} is not a mesh type known here; {what_to_do}", found=found, known=tuple(known))
 
 

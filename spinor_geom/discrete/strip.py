@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import Disk, descend_from_plane, harmonic_extension
-from spinor_geom.domain.sizes import size_bounds
+from spinor_geom.domain.sizes import GROWTH, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 
@@ -21,8 +21,6 @@ _MOST_POINTS = 128
 _FIRST_CHANGE, _ROUNDS = 1e-3, 2
 # Nodes on a length as long as a round annulus is wide.
 _NODES_PER_MODULUS = 4
-# Change of the edge length per unit of distance from the rims, where it is given.
-_GROWTH = 0.35
 
 
 def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f 3"], float]:
@@ -110,7 +108,7 @@ def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTri
     rims = (first, second)
     places = _strip_places(first, second)
     length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in rims) / 2
-    bounds = size_bounds(places, growth=_GROWTH, decay=_GROWTH)
+    bounds = size_bounds(places, growth=GROWTH, decay=GROWTH)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         shortest, longest = bounds(z, 0)

@@ -269,22 +269,18 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
     if loop.obstacle is not None:
         raise loop.obstacle
     if loop.slit_fraction > _WHOLE_SLIT:
-        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=first_slit_edge(loop))
+        # the first edge that lies on another one, run the other way
+        ends = np.roll(loop.points, -1, axis=0)
+        one, other = loop_crossings(loop.points).T
+        opposite = (loop.points[one] == ends[other]).all(axis=1) & (ends[one] == loop.points[other]).all(axis=1)
+        edge = np.roll(loop.vertex_ids, -one[np.argmax(opposite)])[:2]
+        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=edge.tolist())
     if len(loop.seam_edges):
         raise SeamError(edge=[int(v) for v in loop.seam_edges[0]], count=len(loop.seam_edges))
     face = taken.face_on(loop)
     if face is not None:
         raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
     refuse_empty(loop, loop.diagonal / loop.elongation)
-
-
-def first_slit_edge(loop: BoundaryLoop) -> list[int]:
-    """The vertices of the first edge of a loop that lies on another of its edges, run the other way."""
-    ends = np.roll(loop.points, -1, axis=0)
-    first, second = loop_crossings(loop.points).T
-    opposite = (loop.points[first] == ends[second]).all(axis=1) & (ends[first] == loop.points[second]).all(axis=1)
-    edge = first[np.argmax(opposite)]
-    return [int(loop.vertex_ids[edge]), int(loop.vertex_ids[(edge + 1) % len(loop)])]
 
 
 def refuse_empty(loop: BoundaryLoop, width: float) -> None:

@@ -20,7 +20,7 @@ NullCurve = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]]  #
 
 # Gauss-Legendre nodes on a panel, and its longest length by the distance from the nearest point: the formula's kernel
 # then leaves 1e-10 of the values.
-_ORDER, _LONGEST = 16, 2.5
+ORDER, _LONGEST = 16, 2.5
 # Halvings of a panel: a point as near to ∂Ω as rounding allows must not ask for endless panels.
 _HALVINGS = 40
 
@@ -75,11 +75,3 @@ def breaks_for(boundary: Boundary, z: Places) -> Breaks:
             break
         breaks = np.sort(np.append(breaks, middle[long]))
     return breaks
-
-
-def displacements(boundary: Boundary, phi: NullCurve, z: Places) -> Float[np.ndarray, "k 3"]:
-    """Re ∫ φ dz from the start of a boundary without holes to points inside it, to 1e-10 of the largest.
-
-    By Cauchy's formula on panels that the distances of the points from ∂Ω choose, for all points at once.
-    """
-    return RimPrimitive.along(boundary, phi, _ORDER, breaks_for(boundary, z)).inside(z).real

@@ -24,7 +24,7 @@ from spinor_geom.holomorphic.zeros import Zero, find_zeros
 from spinor_geom.shown import Shown
 from spinor_geom.surface import branch, curvature, formulas, frames, storage
 from spinor_geom.surface.anchors import find_anchors
-from spinor_geom.surface.interior import RimPrimitive, displacements
+from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
 
 # quadrature nodes on each piece of a path in Ω
 PATH_ORDER = 16
@@ -139,7 +139,8 @@ class SpinorSurface(Shown, torch.nn.Module):
         if self.has_closed_positions or self.domain.holes or len(z) == 0:
             return np.asarray(self.position(z))
         is_inner = self.domain.root >= self.domain.triangulation.boundary_size
-        moved = displacements(self.domain.boundary, self._null_curve, np.append(z, self.root) if is_inner else z)
+        boundary, ends = self.domain.boundary, np.append(z, self.root) if is_inner else z
+        moved = RimPrimitive.along(boundary, self._null_curve, ORDER, breaks_for(boundary, ends)).inside(ends).real
         constant = self.constant.detach().cpu().numpy() - moved[-1] if is_inner else self.position(z[0]) - moved[0]
         return np.asarray(moved[: len(z)] + constant)
 
