@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import pythoncdt
 from jaxtyping import Bool, Complex, Float, Int
 
 from spinor_geom.errors import DomainError
@@ -86,8 +87,6 @@ class _Region:
     """The triangulation of one region, by the numbers of its own points."""
 
     def __init__(self, points: Complex[np.ndarray, " n"], rims: Rims) -> None:
-        import pythoncdt
-
         self._cdt = pythoncdt.Triangulation(
             pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
         )

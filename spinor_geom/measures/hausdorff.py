@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import igl
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -85,8 +86,6 @@ class SurfaceSamples:
 
 def mesh_samples(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], count: int) -> SurfaceSamples:
     """The vertices of a mesh whose faces are divided into four, equally often, until it has at least `count` faces."""
-    import igl
-
     times = int(np.clip(np.ceil(np.log(count / len(faces)) / np.log(4)), 1, MAX_SUBDIVISIONS))
     fine, fine_faces = igl.upsample(*igl_arrays(vertices, faces), times)
     fine_faces = fine_faces.astype(np.int64)  # libigl's own kind of 64-bit integers is not numpy's int64
@@ -105,8 +104,6 @@ def distances_to_mesh(
     points: Float[np.ndarray, "k 3"], vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Float[np.ndarray, " k"]:
     """Exact distances of points from a mesh, to its faces and not only its vertices."""
-    import igl
-
     squared, _, _ = igl.point_mesh_squared_distance(
         np.ascontiguousarray(points, dtype=np.float64), *igl_arrays(vertices, faces)
     )

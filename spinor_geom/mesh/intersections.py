@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import igl.predicates
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
@@ -17,8 +18,6 @@ from scipy.sparse import coo_array
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-
-# igl is imported inside the functions: reading meshes and finding loops does not need it
 
 Points = Float[np.ndarray, "k 3"]
 Triangles = Float[np.ndarray, "k 3 3"]
@@ -40,8 +39,6 @@ def self_intersections(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray
     Source: Shewchuk (1997), Adaptive precision floating-point arithmetic and fast robust geometric predicates; Guigue &
     Devillers (2003), Fast and robust triangle-triangle overlap test using orientation predicates.
     """
-    import igl.predicates
-
     corners, indices = igl_arrays(vertices, faces)
     # exact for faces without a common vertex; its tests of the others depend on the scale and the order of the corners
     _, apart, _ = igl.predicates.find_self_intersections(corners, indices)
@@ -58,8 +55,6 @@ def intersections_between(
     other_faces: Int[np.ndarray, "g 3"],
 ) -> Pairs:
     """Pairs of a face of one mesh and a face of another that cross, as in `self_intersections`."""
-    import igl.predicates
-
     if not len(faces) or not len(other_faces):
         return np.zeros((0, 2), dtype=np.int64)
     if len(faces) > len(other_faces):  # igl grows a tree over the first mesh, which costs more than asking it
@@ -190,8 +185,6 @@ def _insides_meet(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
 
 def _side(a: Points, b: Points, c: Points, d: Points) -> Int[np.ndarray, " k"]:
     """The exact sign of det(b − a, c − a, d − a): 1 where d lies on the side from which abc is counter-clockwise."""
-    import igl.predicates
-
     return -np.asarray(igl.predicates.orient3d(*(np.ascontiguousarray(points) for points in (a, b, c, d))))
 
 

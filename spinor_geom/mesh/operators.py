@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csc_array, diags_array
@@ -13,8 +14,6 @@ from scipy.sparse.linalg import SuperLU, splu
 from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
-
-# igl is imported inside the functions: reading meshes and finding loops does not need it
 
 # Circumcentric areas are negative at some obtuse corners: the least share of the third of the faces' areas that counts.
 _LEAST_SHARE = 0.3
@@ -33,8 +32,6 @@ def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarra
 
     Source: Pinkall & Polthier (1993), Computing discrete minimal surfaces and their conjugates.
     """
-    import igl
-
     return csc_array(-igl.cotmatrix(*igl_arrays(vertices, faces)))
 
 
@@ -60,8 +57,6 @@ def mollified_edge_lengths(
 
 def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
     """The cotangent Laplacian, as `cotangent_laplacian`, of faces whose edges opposite to the corners are so long."""
-    import igl
-
     return csc_array(-igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
 
 
@@ -81,8 +76,6 @@ def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*
 
 def graph_laplacian(faces: Int[np.ndarray, "f 3"]) -> csc_array:
     """The Laplacian of a mesh's edges, all of weight 1: factorable whatever shape the faces have."""
-    import igl
-
     adjacent = csc_array(igl.adjacency_matrix(np.ascontiguousarray(faces, dtype=np.int64)), dtype=np.float64)
     return csc_array(diags_array(adjacent.sum(axis=0)) - adjacent)
 
@@ -107,15 +100,11 @@ def mass_matrix(
     Source: Meyer, Desbrun, Schröder & Barr (2003), Discrete differential-geometry operators for triangulated
     2-manifolds, for the mixed Voronoi cells.
     """
-    import igl
-
     return csc_array(igl.massmatrix(*igl_arrays(vertices, faces), getattr(igl, f"MASSMATRIX_TYPE_{kind.upper()}")))
 
 
 def face_areas(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
     """Area of every face, (F,), in squared mesh units."""
-    import igl
-
     return np.asarray(igl.doublearea(*igl_arrays(vertices, faces)), dtype=np.float64).reshape(-1) / 2
 
 
@@ -134,8 +123,6 @@ def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f
 
 def internal_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3"]:
     """Angle of every face at each of its corners, (F, 3), in radians."""
-    import igl
-
     return np.asarray(igl.internal_angles(*igl_arrays(vertices, faces)), dtype=np.float64)
 
 
@@ -146,8 +133,6 @@ def vertex_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 
 
 def winding_numbers(polygon: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
     """How often a closed plane polygon runs around each point, (K,)."""
-    import igl
-
     m = np.arange(len(polygon))
     edges = np.stack([m, np.roll(m, -1)], axis=1)
     return np.asarray(igl.winding_number(*igl_arrays(polygon, edges), np.ascontiguousarray(points))).reshape(-1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import igl
 import numpy as np
 from jaxtyping import Float
 
@@ -16,8 +17,6 @@ from spinor_geom.meshing.triangulate import Piece, triangulate_pieces
 
 def remesh(patch: Patch, target: float) -> Patch:
     """A patch meshed anew for edges of a length in space: its boundary kept, new inner vertices on its faces."""
-    import igl
-
     faces, m = np.asarray(patch.faces), patch.boundary_size
     flat = flat_coordinates(patch.points)
     areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import igl
 import numpy as np
 import torch
 from jaxtyping import Complex, Int
@@ -31,8 +32,6 @@ class _Lookup(torch.autograd.Function):
 
     @staticmethod
     def forward(z: Tensor, domain: PlaneDomain) -> Tensor:
-        import igl
-
         points = z.detach().cpu().resolve_conj().reshape(-1).numpy()
         if not np.isfinite(points).all():
             raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(points)))} is not")
