@@ -12,8 +12,7 @@ from torch import Tensor
 from torch._C._functorch import is_functorch_wrapped_tensor
 from torch.autograd.forward_ad import unpack_dual
 
-from spinor_geom.errors import DtypeError
-from spinor_geom.holomorphic.blocks import in_blocks
+from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 
 Nodes = Complex[Tensor, " n"]
@@ -47,9 +46,7 @@ class CauchyInterpolant(torch.nn.Module):
     def __init__(self, nodes: Nodes, weights: Nodes, values: Values) -> None:
         """Raises DtypeError where a tensor is not complex."""
         super().__init__()
-        for name, tensor in (("nodes", nodes), ("weights", weights), ("values", values)):
-            if not tensor.is_complex():
-                raise DtypeError(f"{name} must be complex, got {tensor.dtype}")
+        require_complex(nodes=nodes, weights=weights, values=values)
         self.register_buffer("nodes", nodes)
         self.register_buffer("weights", weights)
         self.values = torch.nn.Parameter(values.clone())

@@ -17,14 +17,14 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from spinor_geom.errors import DtypeError
+from spinor_geom.holomorphic.blocks import require_complex
 
 Values = Complex[Tensor, "*pts"]
 
 
 def phi(p: Values, q: Values) -> Complex[Tensor, "*pts 3"]:
     """The null curve's derivative φ = (p² − q², −i(p² + q²), 2pq), with φ·φ = 0 for any p, q."""
-    _require_complex(p=p, q=q)
+    require_complex(p=p, q=q)
     return null_vector(p * p, q * q, p * q)
 
 
@@ -40,13 +40,13 @@ def conformal_factor(p: Values, q: Values) -> Float[Tensor, "*pts"]:
 
     Source: Sun & Chern (2026), r_x·r_x = r_y·r_y = ½|φ|².
     """
-    _require_complex(p=p, q=q)
+    require_complex(p=p, q=q)
     return _square(p) + _square(q)
 
 
 def normal(p: Values, q: Values) -> Float[Tensor, "*pts 3"]:
     """Unit normal n = (r_x × r_y)/λ² = (−2 Re(p q̄), −2 Im(p q̄), |p|² − |q|²)/λ."""
-    _require_complex(p=p, q=q)
+    require_complex(p=p, q=q)
     pq = p * q.conj()
     n = torch.stack([-2 * pq.real, -2 * pq.imag, _square(p) - _square(q)], dim=-1)
     return n / conformal_factor(p, q)[..., None]
@@ -57,19 +57,19 @@ def gauss_map(p: Values, q: Values) -> Values:
 
     It is (n₁ + i n₂)/(1 − n₃): meromorphic, with its poles where q = 0, that is n = +e₃ (there the value is infinite).
     """
-    _require_complex(p=p, q=q)
+    require_complex(p=p, q=q)
     return -p / q
 
 
 def weierstrass_data(p: Values, q: Values) -> tuple[Values, Values]:
     """Weierstrass-Enneper data f = φ₁ − iφ₂ = −2q² and g = −p/q; φ is (f(1 − g²)/2, i f(1 + g²)/2, f g)."""
-    _require_complex(p=p, q=q)
+    require_complex(p=p, q=q)
     return -2 * q * q, gauss_map(p, q)
 
 
 def hopf_differential(p: Values, q: Values, dp: Values, dq: Values) -> Values:
     """Q = φ′·n = 2(p q′ − p′ q), the coefficient of II = Re(Q dz²)."""
-    _require_complex(p=p, q=q, dp=dp, dq=dq)
+    require_complex(p=p, q=q, dp=dp, dq=dq)
     return 2 * (p * dq - dp * q)
 
 
@@ -98,9 +98,3 @@ def second_fundamental_form(p: Values, q: Values, dp: Values, dq: Values) -> Flo
 def _square(u: Values) -> Float[Tensor, "*pts"]:
     # not abs()²: the root's derivative is undefined at 0
     return u.real.square() + u.imag.square()
-
-
-def _require_complex(**tensors: Tensor) -> None:
-    for name, tensor in tensors.items():
-        if not tensor.is_complex():
-            raise DtypeError(f"{name} must be complex, got {tensor.dtype}; convert it by .to(torch.complex128)")
