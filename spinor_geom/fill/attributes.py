@@ -60,13 +60,10 @@ def patch_attributes(
 
 
 def _laplacian(patch: Patch, *, is_planned: bool) -> csc_array:
-    """That of the patch's triangulation in Ω, or for a discrete patch that of its edges.
-
-    The Dirichlet energy is conformally invariant, so the harmonic functions in Ω are those of the surface, and the
-    triangles in Ω are never degenerate. Those of a discrete patch may be.
-    """
+    """That of the triangulation in Ω, or for a discrete patch, whose triangles may be degenerate, of its edges."""
     if not is_planned:
         return graph_laplacian(np.asarray(patch.faces))
+    # the Dirichlet energy is conformally invariant: harmonic functions in Ω are those of the surface
     return cotangent_laplacian(plane_coordinates(patch.points), np.asarray(patch.faces))
 
 
