@@ -77,20 +77,16 @@ def triangulate_pieces(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
     found: dict[int, PlaneTriangulation] = {}
     for is_seeded in (True, False):
         some = {place: piece for place, piece in enumerate(pieces) if (piece.seeds is not None) == is_seeded}
-        if some:
-            found |= zip(some, _triangulated(list(some.values())), strict=True)
+        if not some:
+            continue
+        own, most = list(some.values()), []
+        for piece in own:
+            require_few_points(piece.area, piece.target)
+            triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
+            most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
+        rims, seeds = [piece.rims for piece in own], [piece.seeds for piece in own if piece.seeds is not None]
+        found |= zip(some, triangulate_regions(rims, size_field(own), seeds=seeds, max_points=most), strict=True)
     return [found[place] for place in range(len(pieces))]
-
-
-def _triangulated(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
-    """All of them from seeds, or none."""
-    most = []
-    for piece in pieces:
-        require_few_points(piece.area, piece.target)
-        triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
-        most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
-    seeds = [piece.seeds for piece in pieces if piece.seeds is not None]
-    return triangulate_regions([piece.rims for piece in pieces], size_field(pieces), seeds=seeds, max_points=most)
 
 
 def size_field(pieces: Sequence[Piece]) -> RegionSizes:
