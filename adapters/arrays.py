@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spinor_geom.adapters.extending import check_extension, fitting_index_dtype, grown_attributes
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.adapters.extending import grown_attributes
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
 
 if TYPE_CHECKING:
     import torch
@@ -51,9 +51,11 @@ class ArrayPairAdapter:
         positions become float64, and index types too narrow for the new indices are widened.
         """
         vertices, faces = (np.asarray(member) for member in obj)
-        check_extension(extension, vertices=len(vertices), attributes={})
+        require_existing_vertices(extension.faces, vertices=len(vertices) + len(extension.vertices))
         floating = vertices.dtype if vertices.dtype.kind == "f" else np.dtype(np.float64)
-        indices = fitting_index_dtype(faces.dtype, extension.faces)
+        highest, indices = int(extension.faces.max(initial=0)), faces.dtype
+        if highest > np.iinfo(indices).max:
+            indices = np.promote_types(indices, np.min_scalar_type(highest))
         return _rebuilt_pair(
             obj,
             np.concatenate([vertices.astype(floating), extension.vertices.astype(floating)]),
@@ -81,7 +83,7 @@ class TensorPairAdapter:
         import torch
 
         vertices, faces = obj
-        check_extension(extension, vertices=len(vertices), attributes={})
+        require_existing_vertices(extension.faces, vertices=len(vertices) + len(extension.vertices))
         floating = vertices.dtype if vertices.dtype.is_floating_point else torch.float64
         fits = int(extension.faces.max(initial=0)) <= torch.iinfo(faces.dtype).max
         indices = faces.dtype if fits else torch.int64

@@ -21,36 +21,23 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileContents:
-    """What a mesh file holds.
+    """What a mesh file holds."""
 
-    Attributes:
-        vertices: (V, 3) float64 positions, in the file's order.
-        polygons: the faces as the file has them, over the file's own vertices.
-        attributes: (V, k) float64 per-vertex values: "color" in the file's own scale, "normal", "uv" (origin at the
-            lower left), and others by their names in the file.
-        labels: names of the attributes whose values name classes.
-        color_scale: what full intensity is in "color": 1, 255 or 65535.
-        representatives: (V,) int64, the vertex that stands for the place of each: itself, and another at texture and
-            normal seams only.
-        polylines: curves that the file holds beside faces, each (k,) vertex indices; a closed one repeats its first.
-        first_nonfinite: where in the file the first vertex stands that is NaN or infinite, as "line 12"; may be empty.
-        is_text_stl: whether this was read from a text STL file, and so is written as one again, with all digits.
-        notes: what was changed on the way from the file, a sentence each.
-        suffix: the format of the file that the contents follow, as ".obj"; "" where they follow none.
-        appended: gives that file with new elements after those that were in it, which stay as they are.
-    """
-
-    vertices: Float[np.ndarray, "v 3"]
-    polygons: Polygons
+    vertices: Float[np.ndarray, "v 3"]  # in the file's order
+    polygons: Polygons  # the faces as the file has them, over the file's own vertices
+    # "color" in the file's own scale, "normal", "uv" (origin at the lower left), others by their names in the file
     attributes: Mapping[str, Float[np.ndarray, "v _"]] = field(default_factory=dict)
-    labels: frozenset[str] = frozenset()
-    color_scale: float = 1.0
+    labels: frozenset[str] = frozenset()  # names of the attributes whose values name classes
+    color_scale: float = 1.0  # what full intensity is in "color": 1, 255 or 65535
+    # the vertex that stands for the place of each: itself, and another at texture and normal seams only
     representatives: Int[np.ndarray, " v"]
+    # curves beside faces, of vertex indices; a closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
-    first_nonfinite: str = ""
-    is_text_stl: bool = False
-    notes: tuple[str, ...] = ()
-    suffix: str = ""
+    first_nonfinite: str = ""  # where the first vertex stands that is NaN or infinite, as "line 12"; may be empty
+    is_text_stl: bool = False  # whether it is to be a text STL file again, with all digits
+    notes: tuple[str, ...] = ()  # what was changed on the way from the file, a sentence each
+    suffix: str = ""  # the format of the file that the contents follow, as ".obj"; "" where they follow none
+    # gives that file with new elements after those that were in it, which stay as they are
     appended: Callable[[MeshExtension], bytes] | None = None
 
 
@@ -96,10 +83,7 @@ def color_scale_of(values: np.ndarray) -> float:
 def converted(
     words: Sequence[bytes], convert: Callable[[bytes], Value], error: Callable[[int, str], MeshFileError]
 ) -> list[Value]:
-    """Words of a text file as `convert` understands them.
-
-    `error` makes of the number of the first word of which `convert` raises a ValueError, and that word, what is raised.
-    """
+    """Words as `convert` understands them; where it does not, `error` makes an exception of number and word."""
     try:
         return list(map(convert, words))
     except ValueError:

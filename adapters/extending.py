@@ -14,48 +14,33 @@ from spinor_geom.mesh.topology import linked
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
 
 
-def check_extension(extension: MeshExtension, *, vertices: int, attributes: Mapping[str, int]) -> None:
-    """Whether an extension fits a mesh of `vertices` vertices with attributes of the given widths.
-
-    Raises what `Adapter.extend` says; an extension without new vertices needs no attributes.
-    """
-    require_existing_vertices(extension.faces, vertices=vertices + len(extension.vertices))
-    if len(extension.vertices) == 0:
-        return
-    for name, width in attributes.items():
-        values = extension.vertex_attributes.get(name)
-        if values is None:
-            raise MeshShapeError(
-                f"the extension lacks the vertex attribute {name!r} that the mesh has; give its values"
-            )
-        if values.shape[1] != width:
-            raise MeshShapeError(
-                f"vertex attribute {name!r} has {width} numbers a vertex in the mesh and {values.shape[1]} in the "
-                "extension; give the same number"
-            )
-
-
 def grown_attributes(
     carried: Mapping[str, np.ndarray], extension: MeshExtension, *, vertices: int
 ) -> dict[str, np.ndarray]:
     """The attributes (V, ...) of a mesh of `vertices` vertices, followed by an extension's in their own dtypes.
 
-    Raises what `Adapter.extend` says.
+    Raises what `Adapter.extend` says; an extension without new vertices needs no attributes.
     """
-    widths = {name: columns(values).shape[1] for name, values in carried.items()}
-    check_extension(extension, vertices=vertices, attributes=widths)
-    rows = {name: np.zeros((0, width)) for name, width in widths.items()}
-    if len(extension.vertices):
-        rows |= extension.vertex_attributes
-    return {name: grown(values, rows[name]) for name, values in carried.items()}
+    require_existing_vertices(extension.faces, vertices=vertices + len(extension.vertices))
+    result = {}
+    for name, values in carried.items():
+        width = columns(values).shape[1]
+        rows = extension.vertex_attributes.get(name) if len(extension.vertices) else np.zeros((0, width))
+        if rows is None:
+            raise MeshShapeError(
+                f"the extension lacks the vertex attribute {name!r} that the mesh has; give its values"
+            )
+        if rows.shape[1] != width:
+            raise MeshShapeError(
+                f"vertex attribute {name!r} has {width} numbers a vertex in the mesh and {rows.shape[1]} in the "
+                "extension; give the same number"
+            )
+        result[name] = grown(values, rows)
+    return result
 
 
 def parts_of_faces(extension: MeshExtension, starts: Sequence[int], vertices: int) -> Int[np.ndarray, "t parts"]:
-    """How many vertices of each part of a mesh the patch of every new face hangs on.
-
-    The new faces that share vertices, one after the other, are a patch; part i begins at vertex starts[i] of
-    `vertices`.
-    """
+    """How many vertices of each part of a mesh, part i from starts[i] on, the patch of each new face hangs on."""
     faces = extension.faces
     labels = linked(np.concatenate([faces[:, :2], faces[:, 1:]]), vertices + len(extension.vertices))
     patches, patch_of_face = np.unique(labels[faces[:, 0]], return_inverse=True)
@@ -85,10 +70,7 @@ def grown(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarray:
 
 
 def most_frequent_row(values: np.ndarray) -> np.ndarray:
-    """The row that occurs most often among (n, ...) values, (1, ...): what a new face gets where nothing tells better.
-
-    Rows of zeros for values that cannot be compared, and where there are none.
-    """
+    """The row that occurs most often among (n, ...) values, (1, ...); zeros for what cannot be compared, or no rows."""
     if len(values) == 0 or values.dtype.kind not in "biuf":
         return np.zeros((1, *values.shape[1:]), dtype=values.dtype)
     _, first, counts = np.unique(values.reshape(len(values), -1), axis=0, return_index=True, return_counts=True)
@@ -99,14 +81,6 @@ def columns(values: np.ndarray) -> Real[np.ndarray, "v c"]:
     """An attribute (V, ...) of any real dtype as (V, k) numbers, truth values as 0 and 1."""
     rows = values.reshape(len(values), math.prod(values.shape[1:]))
     return rows.astype(np.float64) if rows.dtype.kind == "b" else rows
-
-
-def fitting_index_dtype(dtype: np.dtype[Any], faces: Int[np.ndarray, "t 3"]) -> np.dtype[Any]:
-    """The dtype of a mesh's faces, widened where it cannot hold the indices of new faces."""
-    highest = int(faces.max(initial=0))
-    if highest <= np.iinfo(dtype).max:
-        return dtype
-    return np.promote_types(dtype, np.min_scalar_type(highest))
 
 
 def repeated(values: np.ndarray, count: int) -> np.ndarray:

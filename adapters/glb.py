@@ -36,16 +36,11 @@ NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 def read_glb(data: bytes, path: Path | None) -> FileContents:
     """All triangles of a GLB file's scene, in the scene's coordinates.
 
-    Primitives follow one another in the order of the nodes. A mesh that several nodes show is read once for each. Skins
-    are at rest. Edges along which any attribute differs, and those between the primitives of one node (which differ in
-    material), are seams and are closed; nodes are not joined.
-
-    A mesh or an array that is shown again and again is read again and again: up to `MOST_ROWS` rows in all, or as many
-    as the file has bytes.
-
-    Raises:
-        MeshFileError: malformed, truncated, compressed (Draco, meshopt), with sparse arrays, strips, morph targets
-            or data outside of the file, of more rows than that, or without triangles; names the place.
+    Primitives follow one another in the order of the nodes. A mesh that several nodes show is read once for each, up to
+    `MOST_ROWS` rows of arrays in all, or as many as the file has bytes. Skins are at rest. Edges along which any
+    attribute differs, and those between the primitives of one node (which differ in material), are seams and are
+    closed; nodes are not joined. Compression (Draco, meshopt), sparse arrays, strips, morph targets and data outside of
+    the file are not read.
     """
     try:
         pieces = scene_pieces(GlbContainer.read(data, path))
@@ -81,59 +76,48 @@ def _appended(data: bytes, pieces: Sequence[Piece], path: Path | None, extension
     """
     if len(extension.faces) == 0 and len(extension.vertices) == 0:
         return data
+    from scipy.spatial import KDTree  # takes long to import
+
     container = GlbContainer.read(data, path)
+    nodes, meshes = container.tree["nodes"], container.tree["meshes"]
     vertices = np.concatenate([*(piece.decoded("POSITION") for piece in pieces), extension.vertices])
     votes = parts_of_faces(extension, [piece.start for piece in pieces], pieces[-1].stop)
     owners = votes.argmax(axis=1)
     for number in np.unique(owners).tolist():
-        _grow(container, pieces, pieces[number], extension, extension.faces[owners == number], vertices)
-    return container.encoded()
-
-
-def _grow(
-    container: GlbContainer,
-    pieces: Sequence[Piece],
-    piece: Piece,
-    extension: MeshExtension,
-    faces: Int[np.ndarray, "t 3"],
-    vertices: Float[np.ndarray, "v 3"],
-) -> None:
-    """Append faces and the vertices they need to one piece in the file."""
-    from scipy.spatial import KDTree  # takes long to import
-
-    nodes, meshes = container.tree["nodes"], container.tree["meshes"]
-    node = nodes[piece.node]
-    if Counter(other.get("mesh") for other in nodes)[node["mesh"]] > 1:
-        # what other nodes show stays as it is
-        meshes.append(deepcopy(meshes[node["mesh"]]))
-        node["mesh"] = len(meshes) - 1
-    primitive = meshes[node["mesh"]]["primitives"][piece.primitive]
-    own = (faces >= piece.start) & (faces < piece.stop)
-    others = np.unique(faces[~own])
-    is_new = others >= pieces[-1].stop
-    new = others[is_new] - pieces[-1].stop
-    _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[others])
-    for semantic, rows in piece.rows.items():
-        new_rows = rows[nearest]
-        name = NAMES.get(semantic, semantic)
-        if semantic == "POSITION":
-            new_rows = piece.encoded(semantic, vertices[others])
-        elif name in extension.vertex_attributes and not semantic.startswith(COPIED):
-            new_rows[is_new] = piece.encoded(semantic, extension.vertex_attributes[name][new])
-        for other in pieces:
-            if other.node == piece.node and have_one_layout(piece, other, semantic):
-                taken = (others >= other.start) & (others < other.stop)
-                new_rows[taken] = other.rows[semantic][others[taken] - other.start]
-        primitive["attributes"][semantic] = container.store(
-            np.concatenate([rows, new_rows]), target=ARRAY_BUFFER, instead_of=primitive["attributes"][semantic]
+        piece, faces = pieces[number], extension.faces[owners == number]
+        node = nodes[piece.node]
+        if Counter(other.get("mesh") for other in nodes)[node["mesh"]] > 1:
+            # what other nodes show stays as it is
+            meshes.append(deepcopy(meshes[node["mesh"]]))
+            node["mesh"] = len(meshes) - 1
+        primitive = meshes[node["mesh"]]["primitives"][piece.primitive]
+        own = (faces >= piece.start) & (faces < piece.stop)
+        others = np.unique(faces[~own])
+        is_new = others >= pieces[-1].stop
+        new = others[is_new] - pieces[-1].stop
+        _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[others])
+        for semantic, rows in piece.rows.items():
+            new_rows = rows[nearest]
+            name = NAMES.get(semantic, semantic)
+            if semantic == "POSITION":
+                new_rows = piece.encoded(semantic, vertices[others])
+            elif name in extension.vertex_attributes and not semantic.startswith(COPIED):
+                new_rows[is_new] = piece.encoded(semantic, extension.vertex_attributes[name][new])
+            for other in pieces:
+                if other.node == piece.node and have_one_layout(piece, other, semantic):
+                    taken = (others >= other.start) & (others < other.stop)
+                    new_rows[taken] = other.rows[semantic][others[taken] - other.start]
+            primitive["attributes"][semantic] = container.store(
+                np.concatenate([rows, new_rows]), target=ARRAY_BUFFER, instead_of=primitive["attributes"][semantic]
+            )
+        local = np.where(own, faces - piece.start, piece.stop - piece.start + np.searchsorted(others, faces))
+        all_faces = np.concatenate([piece.faces, local])
+        # the largest index of each type means "restart" to graphics hardware
+        dtype = np.uint16 if all_faces.max() < np.iinfo(np.uint16).max else np.uint32
+        primitive["indices"] = container.store(
+            all_faces.reshape(-1, 1).astype(dtype), target=ELEMENT_ARRAY_BUFFER, instead_of=primitive.get("indices")
         )
-    local = np.where(own, faces - piece.start, piece.stop - piece.start + np.searchsorted(others, faces))
-    all_faces = np.concatenate([piece.faces, local])
-    # the largest index of each type means "restart" to graphics hardware
-    dtype = np.uint16 if all_faces.max() < np.iinfo(np.uint16).max else np.uint32
-    primitive["indices"] = container.store(
-        all_faces.reshape(-1, 1).astype(dtype), target=ELEMENT_ARRAY_BUFFER, instead_of=primitive.get("indices")
-    )
+    return container.encoded()
 
 
 def encode_glb(contents: FileContents) -> bytes:
@@ -181,25 +165,15 @@ def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) ->
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One triangle primitive of one node: a run of the vertices of the whole scene.
+    """One triangle primitive of one node: a run of the vertices of the whole scene."""
 
-    Attributes:
-        node: the node's number.
-        primitive: the number of the primitive in the node's mesh.
-        start: the number of its first vertex in the scene.
-        faces: (F, 3) triangles over its own vertices.
-        rows: (n, k) its attributes as the file stores them, by their glTF names.
-        normalized: those of them whose integers stand for fractions of the largest one.
-        transform: (4, 4) from its own coordinates to the scene's.
-    """
-
-    node: int
-    primitive: int
-    start: int
-    faces: Int[np.ndarray, "f 3"]
-    rows: Mapping[str, np.ndarray]
-    normalized: frozenset[str]
-    transform: Float[np.ndarray, "4 4"]
+    node: int  # the node's number
+    primitive: int  # the number of the primitive in the node's mesh
+    start: int  # the number of its first vertex in the scene
+    faces: Int[np.ndarray, "f 3"]  # over its own vertices
+    rows: Mapping[str, np.ndarray]  # its attributes as the file stores them, by their glTF names
+    normalized: frozenset[str]  # those whose integers stand for fractions of the largest one
+    transform: Float[np.ndarray, "4 4"]  # from its own coordinates to the scene's
 
     @property
     def stop(self) -> int:
@@ -311,12 +285,14 @@ def _piece(
     if len(indices) % 3 or indices.max(initial=-1) >= count:
         problem = f"its indices are no triangles over its {count} vertices"
         raise malformed(path, place, problem, "correct the indices")
-    normalized = {
+    if not len(indices):
+        return None
+    normalized = (
         semantic
         for semantic, accessor in primitive["attributes"].items()
         if tree["accessors"][accessor].get("normalized", False) and rows[semantic].dtype.kind != "f"
-    }
-    piece = Piece(
+    )
+    return Piece(
         node=node,
         primitive=index,
         start=start,
@@ -325,7 +301,6 @@ def _piece(
         normalized=frozenset(normalized),
         transform=transform,
     )
-    return piece if len(indices) else None
 
 
 def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:

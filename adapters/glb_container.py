@@ -31,19 +31,12 @@ Json = dict[str, Any]
 
 @dataclass(kw_only=True, eq=False)
 class GlbContainer:
-    """The JSON of a glTF file and its binary buffer, read from and written to by accessors.
+    """The JSON of a glTF file and its binary buffer, read from and written to by accessors."""
 
-    Attributes:
-        tree: the JSON.
-        views: the bytes of each buffer view; None where they are not in the file, or compressed.
-        chunks: the chunks after the binary one, whatever they are.
-        path: the file's name, for errors.
-    """
-
-    tree: Json
-    views: list[bytes | None]
-    path: Path | None
-    chunks: bytes = b""
+    tree: Json  # the JSON
+    views: list[bytes | None]  # of each buffer view; None where they are not in the file, or compressed
+    path: Path | None  # the file's name, for errors
+    chunks: bytes = b""  # the chunks after the binary one, whatever they are
 
     @classmethod
     def read(cls, data: bytes, path: Path | None) -> GlbContainer:

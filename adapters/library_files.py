@@ -10,7 +10,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -23,21 +23,12 @@ from spinor_geom.adapters.registry import extend, to_mesh
 from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
-if TYPE_CHECKING:
-    import pyvista
-
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
 LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}  # other formats need none
 
 
 def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
-    """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk).
-
-    Raises:
-        MeshFileError: VTK says anything at all (after an error it goes on with what it has, or with nothing), or what
-            the file holds is no surface.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
-    """
+    """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
     import pyvista
 
     module, name = _READERS[suffix]
@@ -46,19 +37,14 @@ def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
     reader.SetBinaryInputString(data, len(data))
     with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as heard:
         reader.Update()
-    if heard.events:
+    if heard.events:  # after an error it goes on with what it has, or with nothing
         problem = f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})"
         raise malformed(path, "", problem, "check that it is complete")
     return _contents(pyvista.wrap(reader.GetOutput()), path, suffix)
 
 
 def read_3mf(data: bytes, path: Path | None) -> FileContents:
-    """All meshes of a 3MF file in the coordinates of its build; colours and materials are not read.
-
-    Raises:
-        MeshFileError: the file is malformed.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
-    """
+    """All meshes of a 3MF file in the coordinates of its build; colours and materials are not read."""
     import trimesh
 
     try:
@@ -71,7 +57,23 @@ def read_3mf(data: bytes, path: Path | None) -> FileContents:
 
 def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
     """A new .vtp or .vtk (binary) file with faces whole, curves as lines and all attributes as point data."""
-    return _encoded(_poly_data(contents), suffix)
+    import pyvista
+
+    polygons = contents.polygons
+    lines = [number for curve in contents.polylines for number in (len(curve), *curve.tolist())]
+    faces = pyvista.CellArray.from_arrays(polygons.starts, polygons.corners)
+    mesh = pyvista.PolyData(np.array(contents.vertices), faces=faces, lines=lines or None)
+    for name, values in contents.attributes.items():
+        if name == "color":
+            values = cast_values(values * (255.0 / contents.color_scale), np.dtype(np.uint8))
+        elif name in contents.labels:
+            values = values.astype(np.int64)
+        mesh.point_data[name] = np.array(values[:, 0] if values.shape[1] == 1 else values)
+    if "normal" in contents.attributes:
+        mesh.point_data.active_normals_name = "normal"
+    if "uv" in contents.attributes:
+        mesh.point_data.active_texture_coordinates_name = "uv"
+    return _encoded(mesh, suffix)
 
 
 def encode_3mf(contents: FileContents) -> bytes:
@@ -115,23 +117,3 @@ def _encoded(held: Any, suffix: str) -> bytes:
         path = Path(folder) / f"mesh{suffix}"
         held.save(path)
         return path.read_bytes()
-
-
-def _poly_data(contents: FileContents) -> pyvista.PolyData:
-    import pyvista
-
-    polygons = contents.polygons
-    lines = [number for curve in contents.polylines for number in (len(curve), *curve.tolist())]
-    faces = pyvista.CellArray.from_arrays(polygons.starts, polygons.corners)
-    mesh = pyvista.PolyData(np.array(contents.vertices), faces=faces, lines=lines or None)
-    for name, values in contents.attributes.items():
-        if name == "color":
-            values = cast_values(values * (255.0 / contents.color_scale), np.dtype(np.uint8))
-        elif name in contents.labels:
-            values = values.astype(np.int64)
-        mesh.point_data[name] = np.array(values[:, 0] if values.shape[1] == 1 else values)
-    if "normal" in contents.attributes:
-        mesh.point_data.active_normals_name = "normal"
-    if "uv" in contents.attributes:
-        mesh.point_data.active_texture_coordinates_name = "uv"
-    return mesh

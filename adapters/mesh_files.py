@@ -27,6 +27,7 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.optional import require
 from spinor_geom.shown import Shown
 
+# how each is read, where a MeshFileError names the place that cannot be, and written
 FORMATS: dict[str, tuple[Callable[[bytes, Path | None], FileContents], Callable[[FileContents], bytes]]] = {
     ".obj": (read_obj, encode_obj),
     ".ply": (read_ply, encode_ply),

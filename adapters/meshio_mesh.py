@@ -54,7 +54,12 @@ class MeshioAdapter:
         attributes = grown_attributes(real_attributes(obj.point_data), extension, vertices=len(points))
         count = len(extension.faces)
         blocks = [(block.type, block.data) for block in obj.cells]
-        is_face = [block.type in FACES for block in obj.cells]
+        of_faces = [number for number, block in enumerate(obj.cells) if block.type in FACES]
+
+        def likeliest(values: list[Any]) -> np.ndarray:
+            among_faces = np.concatenate([np.asarray(values[number]) for number in of_faces])
+            return np.repeat(most_frequent_row(among_faces), count, axis=0)
+
         return meshio.Mesh(
             points=grown(points, extension.vertices),
             cells=[*blocks, ("triangle", extension.faces)],
@@ -62,10 +67,7 @@ class MeshioAdapter:
                 name: attributes[name] if name in attributes else padded(values, len(extension.vertices))
                 for name, values in obj.point_data.items()
             },
-            cell_data={
-                name: [*values, _likeliest([v for v, face in zip(values, is_face, strict=True) if face], count)]
-                for name, values in obj.cell_data.items()
-            },
+            cell_data={name: [*values, likeliest(values)] for name, values in obj.cell_data.items()},
             field_data=deepcopy(obj.field_data),
             point_sets=deepcopy(obj.point_sets),
             cell_sets={name: [*own, np.zeros(0, dtype=np.int64)] for name, own in obj.cell_sets.items()},
@@ -91,8 +93,3 @@ def _polygons(mesh: meshio.Mesh) -> Polygons:
     return Polygons.of_sizes(
         np.concatenate([none, *(data.reshape(-1) for data in blocks)]), np.concatenate([none, *sizes])
     )
-
-
-def _likeliest(values: list[Any], count: int) -> np.ndarray:
-    """The row that occurs most often in the blocks of faces, `count` times."""
-    return np.repeat(most_frequent_row(np.concatenate([np.asarray(block) for block in values])), count, axis=0)

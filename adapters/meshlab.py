@@ -50,7 +50,13 @@ class MeshSetAdapter:
             arrays["v_scalar_array"] = grown["scalar"][:, 0]
         if "uv" in grown:
             arrays["v_tex_coords_matrix"] = grown["uv"]
-        arrays |= _grown_face_arrays(mesh, len(extension.faces))
+        new = len(extension.faces)
+        if mesh.has_face_color():
+            arrays["f_color_matrix"] = repeated(mesh.face_color_matrix(), new)
+        if mesh.has_face_scalar():
+            arrays["f_scalar_array"] = repeated(mesh.face_scalar_array(), new)
+        if mesh.has_wedge_tex_coord():
+            arrays["w_tex_coords_matrix"] = np.concatenate([mesh.wedge_tex_coord_matrix(), np.zeros((3 * new, 2))])
         result = pymeshlab.MeshSet(verbose=False)
         faces = np.concatenate([mesh.face_matrix(), extension.faces.astype(np.int32)])
         result.add_mesh(pymeshlab.Mesh(np.concatenate([vertices, extension.vertices]), faces, **arrays), mesh.label())
@@ -77,14 +83,3 @@ def _carried(mesh: pymeshlab.Mesh) -> dict[str, Float[np.ndarray, "v _"]]:
     if mesh.has_vertex_tex_coord():
         carried["uv"] = mesh.vertex_tex_coord_matrix()
     return carried
-
-
-def _grown_face_arrays(mesh: pymeshlab.Mesh, new_faces: int) -> dict[str, np.ndarray]:
-    arrays = {}
-    if mesh.has_face_color():
-        arrays["f_color_matrix"] = repeated(mesh.face_color_matrix(), new_faces)
-    if mesh.has_face_scalar():
-        arrays["f_scalar_array"] = repeated(mesh.face_scalar_array(), new_faces)
-    if mesh.has_wedge_tex_coord():
-        arrays["w_tex_coords_matrix"] = np.concatenate([mesh.wedge_tex_coord_matrix(), np.zeros((3 * new_faces, 2))])
-    return arrays

@@ -9,7 +9,7 @@ from __future__ import annotations
 import codecs
 import io
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
@@ -44,28 +44,17 @@ COUNTED = (b"v", b"vt", b"vn")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObjText:
-    """An OBJ file's elements, and what is needed to go on writing it.
+    """An OBJ file's elements, and what is needed to go on writing it."""
 
-    Attributes:
-        contents: vertices, polygons, attributes and curves, without a source.
-        names: of objects and groups, as "object/group" where both are given; the first is "".
-        face_names: (P,) int64, the name of each polygon as a number among them.
-        curve_names: the name of each of the contents' curves: that of its first piece.
-        corner_indices: for "uv" and "normal", where the file gives each vertex only one, its (V,) number among the `vt`
-            and `vn` lines, −1 where a vertex is in no face.
-        counts: how many `vt` and `vn` lines the file has, by the same names.
-        newline: what ends its lines.
-        ending: what has to follow its last byte before a new line can begin.
-    """
-
-    contents: FileContents
-    names: tuple[str, ...]
-    face_names: Int[np.ndarray, " p"]
-    curve_names: tuple[str, ...]
+    contents: FileContents  # vertices, polygons, attributes and curves, without a source
+    names: tuple[str, ...]  # of objects and groups, as "object/group"; the first is ""
+    face_names: Int[np.ndarray, " p"]  # of each polygon, as a number among them
+    curve_names: tuple[str, ...]  # of each of the contents' curves: that of its first piece
+    # for "uv" and "normal", where the file gives each vertex only one, its number there; −1 for a vertex in no face
     corner_indices: dict[str, Int[np.ndarray, " v"]]
-    counts: dict[str, int]
-    newline: bytes
-    ending: bytes
+    counts: dict[str, int]  # of `vt` and `vn` lines, by the same names
+    newline: bytes  # what ends its lines
+    ending: bytes  # what has to follow its last byte before a new line can begin
 
 
 def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
@@ -74,10 +63,7 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
     Faces are read by their position indices, so texture and normal seams leave no trace. `v` lines may carry colours
     (three or four numbers after the coordinates; they count if all lines have them) or a weight (ignored). Texture
     coordinates and normals become the attributes "uv" and "normal" where each vertex has only one. Pieces of curves are
-    joined where two of them meet in a vertex.
-
-    Raises:
-        MeshFileError: not text, no vertices, or a line that cannot be understood; names the line.
+    joined where two of them meet in a vertex. A MeshFileError names the line that cannot be understood.
     """
     reader = _Reader(path)
     # one byte a letter, with all line ends alike
@@ -137,32 +123,29 @@ class _Reader:
         """Takes the elements of the next block."""
         block.check_sizes(b"v", least=3, what="a vertex needs three coordinates")
         if len(block.standing[b"v"]):
-            self._add_vertices(block)
+            vertices = block.floats(b"v", 0, 3)
+            self.values[b"v"].append(vertices)
+            if not self.first_nonfinite and len(wrong := nonfinite_rows(vertices)):
+                self.first_nonfinite = f"line {block.line_numbers[block.standing[b'v'][wrong[0]]]}"
+            self.widths[b"v"] |= block.widths(b"v")
+            if self.widths[b"v"] in ({6}, {7}):
+                self.colors.append(block.floats(b"v", 3, min(self.widths[b"v"])))
+            else:
+                self.colors.clear()
         block.check_sizes(b"f", least=3, what="a face needs three corners")
         block.check_sizes(b"l", least=2, what="a curve needs two vertices")
         starts, names = self._names(block)
         for key in (b"f", b"l"):
             lines = block.standing[key]
             if len(lines):
-                corners, wrong = block.corners(key, self.counts)
-                self.wrong += wrong
+                corners, unknown = block.corners(key, self.counts)
+                self.wrong += unknown
                 own_names = np.array(names, dtype=np.int64)[np.searchsorted(starts, lines) - 1]
                 self.elements[key].append((corners, block.sizes[lines], block.line_numbers[lines], own_names))
         for key in (b"vt", b"vn"):
             self._add_values(block, key)
         for key in COUNTED:
             self.counts[key] += len(block.standing[key])
-
-    def _add_vertices(self, block: _Block) -> None:
-        vertices = block.floats(b"v", 0, 3)
-        self.values[b"v"].append(vertices)
-        if not self.first_nonfinite and len(wrong := nonfinite_rows(vertices)):
-            self.first_nonfinite = f"line {block.line_numbers[block.standing[b'v'][wrong[0]]]}"
-        self.widths[b"v"] |= block.widths(b"v")
-        if self.widths[b"v"] in ({6}, {7}):
-            self.colors.append(block.floats(b"v", 3, min(self.widths[b"v"])))
-        else:
-            self.colors.clear()
 
     def _add_values(self, block: _Block, key: bytes) -> None:
         """Texture coordinates or normals, as long as they may all be used; an unreadable one matters only then."""
@@ -197,7 +180,14 @@ class _Reader:
             raise malformed(self.path, "", "has no vertices (`v` lines)", advice)
         vertices = np.concatenate(self.values[b"v"])
         faces, curves = ([np.concatenate(parts) for parts in zip(*own, strict=True)] for own in self.elements.values())
-        self._check_corners((faces, curves), len(vertices))
+        wrong = list(self.wrong)
+        for corners, sizes, lines, _ in (faces, curves):
+            beyond = np.flatnonzero(corners[:, 0] >= len(vertices))[:1].tolist()
+            wrong += [(int(np.repeat(lines, sizes)[corner]), str(corners[corner, 0] + 1)) for corner in beyond]
+        if wrong:
+            number, word = min(wrong)
+            problem = f"'{word}' names a vertex that does not exist, the file has {len(vertices)} (numbered from 1)"
+            raise malformed(self.path, f"line {number}", problem, "correct the index, or complete the file")
         attributes = {"color": np.concatenate(self.colors)} if self.colors else {}
         corner_indices = {}
         for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
@@ -231,24 +221,12 @@ class _Reader:
             ending=ending,
         )
 
-    def _check_corners(self, elements: Iterable[list[Int[np.ndarray, "..."]]], vertices: int) -> None:
-        wrong = list(self.wrong)
-        for corners, sizes, lines, _ in elements:
-            beyond = np.flatnonzero(corners[:, 0] >= vertices)[:1].tolist()
-            wrong += [(int(np.repeat(lines, sizes)[corner]), str(corners[corner, 0] + 1)) for corner in beyond]
-        if wrong:
-            number, word = min(wrong)
-            problem = f"'{word}' names a vertex that does not exist, the file has {vertices} (numbered from 1)"
-            raise malformed(self.path, f"line {number}", problem, "correct the index, or complete the file")
-
 
 class _Block:
     """The lines of a part of an OBJ file, those that end with a backslash joined to the next.
 
-    Attributes:
-        sizes: how many words follow the first on each line; −1 on blank lines.
-        line_numbers: on which of the file's lines, from 1, each begins.
-        standing: the lines that begin with each of `KEYS`; those of groups stand among those of objects.
+    Known are the number of each line in the file, how many words follow the first on it (−1 on blank lines), and which
+    lines begin with each of `KEYS`; those of groups stand among those of objects.
     """
 
     def __init__(self, data: bytes, path: Path | None, *, first_line: int) -> None:
@@ -383,10 +361,7 @@ def _index_of_each_vertex(
 
 
 def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
-    """What to write after the last byte of a file: `v` lines (with colours, if the file's have them), a group of faces.
-
-    Texture coordinates and normals are added where the file gives each vertex one.
-    """
+    """What to write after a file's last byte: vertices with all that the file gives each of its own, and faces."""
     if len(extension.vertices) == 0 and len(extension.faces) == 0:
         return b""
     colors = [extension.vertex_attributes["color"]] if "color" in text.contents.attributes else []

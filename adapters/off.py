@@ -26,11 +26,7 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
     """The vertices, with colours, normals and texture coordinates, and the faces of an OFF file.
 
     One vertex and one face a line; colours of faces are kept in the file but not read. Plain files whose lines
-    are broken elsewhere are read too, and written anew.
-
-    Raises:
-        MeshFileError: another kind of OFF (binary, four or n coordinates), fewer lines than announced, no vertices or
-            faces, or a line that cannot be understood; names the line.
+    are broken elsewhere are read too, and written anew. Other kinds of OFF (binary, four or n coordinates) are not.
     """
     if b"\0" in data:
         raise malformed(path, f"byte {data.index(0)}", "a zero byte, so this is no OFF text", "binary OFF is not read")
@@ -112,10 +108,7 @@ def _without_color(row: list[bytes]) -> list[bytes]:
 
 
 def _reflowed(words: list[bytes], vertices: int, faces: int) -> tuple[list[list[bytes]], list[list[bytes]]] | None:
-    """Vertices of three numbers, then faces without colours, however they stand in lines.
-
-    None unless the words after the count of edges, which some files lack, are just these.
-    """
+    """Vertices of three numbers, then faces without colours, however they stand in lines; None for other words."""
     for rest in (words[1:], words):
         starts = list(range(0, 3 * vertices, 3)) if 3 * vertices <= len(rest) else []
         stop = 3 * len(starts)

@@ -14,16 +14,7 @@ from jaxtyping import Float
 from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.extending import most_frequent_row
 from spinor_geom.adapters.polygons import Polygons, seam_representatives
-from spinor_geom.adapters.records import (
-    Element,
-    Property,
-    Records,
-    binary_records,
-    of_rows,
-    read_binary,
-    rows_of,
-)
-from spinor_geom.errors import MeshFileError
+from spinor_geom.adapters.records import Element, Property, Records, binary_records, of_rows, read_binary, rows_of
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 NUMPY_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
@@ -47,11 +38,7 @@ def read_ply(data: bytes, path: Path | None) -> FileContents:
 
 
 def read_records(data: bytes, path: Path | None) -> Records:
-    """The header and all records of a PLY file.
-
-    Raises:
-        MeshFileError: not a PLY file, a malformed line, or shorter than its header says; names the place.
-    """
+    """The header and all records of a PLY file; a MeshFileError names the place that cannot be read."""
     position, records = _read_header(data, path)
     text, elements = data.replace(b"\r", b"\n") if records.newline == b"\r" else data, {}
     for element in records.elements.values():
@@ -120,10 +107,7 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
 
     Colours, normals and texture coordinates become "color", "normal" and "uv"; every other scalar property of the
     vertices becomes an attribute under its own name. Positions whose vertices differ in texture coordinates or normals
-    are seams.
-
-    Raises:
-        MeshFileError: no vertices or faces, or a face that names a vertex that does not exist.
+    are seams. Vertices and faces there must be; else it is a MeshFileError.
     """
     for name, what in (("vertex", "vertices"), ("face", "faces")):
         if name not in records.elements or records.elements[name].count == 0:
@@ -139,14 +123,15 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
         raise malformed(path, "header", "the corners of faces are not integers", "check the file")
     points, groups = _table(vertices, tuple("xyz")), _attribute_groups(vertices)
     attributes = {attribute: _table(vertices, names) for attribute, names in groups.items()}
-
-    def error(face: int, problem: str) -> MeshFileError:
+    polygons = Polygons.of_sizes(corners, faces.lengths[corner_list])
+    for face, problem in polygons.defects(len(points)):
         place = ", ".join(filter(None, (faces.line(face), f"face {face}")))
-        return malformed(path, place, problem, "correct or remove the face")
-
-    polygons = Polygons.of_sizes(corners, faces.lengths[corner_list]).checked(len(points), error)
+        raise malformed(path, place, problem, "correct or remove the face")
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
-    wrong = nonfinite_rows(points)
+    wrong, color_scale = nonfinite_rows(points), 1.0
+    if "color" in groups:
+        stored = vertices.values[groups["color"][0]].dtype
+        color_scale = color_scale_of(attributes["color"]) if stored.kind == "f" else float(np.iinfo(stored).max)
     return FileContents(
         vertices=points,
         polygons=polygons,
@@ -156,7 +141,7 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
             for attribute, names in groups.items()
             if attribute != "color" and all(vertices.values[name].dtype.kind in "iu" for name in names)
         ),
-        color_scale=_color_scale(vertices, groups["color"]) if "color" in groups else 1.0,
+        color_scale=color_scale,
         representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=vertices.line(wrong[0]) if len(wrong) else "",
         suffix=suffix,
@@ -167,10 +152,7 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
 def _appended(
     records: Records, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
 ) -> bytes:
-    """The file with records added after its own vertices and faces.
-
-    Properties of new faces get the value that occurs most often, lists beside the corners get zeros.
-    """
+    """The file with records added; properties of new faces get the value that occurs most often, other lists zeros."""
     vertices = dict(zip("xyz", extension.vertices.T, strict=True))
     for attribute, names in groups.items() if len(extension.vertices) else ():
         vertices |= dict(zip(names, extension.vertex_attributes[attribute].T, strict=True))
@@ -192,7 +174,9 @@ def encode_ply(contents: FileContents) -> bytes:
     for attribute, values in contents.attributes.items():
         names = next((names for names in GROUPS.get(attribute, ()) if len(names) == values.shape[1]), None)
         is_color = attribute == "color" and names is not None
-        names = names or _column_names(attribute, values.shape[1])
+        if names is None:
+            name, width = "_".join(attribute.split()) or "attribute", values.shape[1]
+            names = (name,) if width == 1 else tuple(f"{name}_{index}" for index in range(width))
         names = tuple(f"property_{name}" if name in columns else name for name in names)
         types |= dict.fromkeys(names, "uchar" if is_color else "double")
         columns |= dict(zip(names, (values * (255.0 / contents.color_scale) if is_color else values).T, strict=True))
@@ -224,11 +208,6 @@ def _encoded_polygons(polygons: Polygons, count_dtype: str) -> bytes:
     return buffer.tobytes()
 
 
-def _column_names(attribute: str, width: int) -> tuple[str, ...]:
-    name = "_".join(attribute.split()) or "attribute"
-    return (name,) if width == 1 else tuple(f"{name}_{index}" for index in range(width))
-
-
 def _table(element: Element, names: tuple[str, ...]) -> Float[np.ndarray, "n _"]:
     """Properties side by side as float64."""
     return np.stack([element.values[name] for name in names], axis=1).astype(np.float64)
@@ -244,8 +223,3 @@ def _attribute_groups(vertices: Element) -> dict[str, tuple[str, ...]]:
             groups[attribute] = names
             free = [name for name in free if name not in names]
     return groups | {(f"property {name}" if name in GROUPS else name): (name,) for name in free}
-
-
-def _color_scale(vertices: Element, names: tuple[str, ...]) -> float:
-    dtype = vertices.values[names[0]].dtype
-    return color_scale_of(_table(vertices, names)) if dtype.kind == "f" else float(np.iinfo(dtype).max)

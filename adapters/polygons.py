@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.sheets import repeats_a_vertex
 from spinor_geom.mesh.topology import boundary_edges, coincident_vertices, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -61,20 +60,13 @@ class Polygons:
         sizes = np.concatenate([self.sizes, np.full(len(faces), 3)])
         return Polygons.of_sizes(np.concatenate([self.corners, faces.reshape(-1)]), sizes)
 
-    def checked(self, vertices: int, error: Callable[[int, str], MeshFileError]) -> Polygons:
-        """These faces, if each has three corners, all among so many vertices.
-
-        `error` makes of the number of the first face that has not, and of what is wrong with it, what is raised.
-        """
-        few = np.flatnonzero(self.sizes < 3)
-        if len(few):
-            raise error(int(few[0]), f"has {self.sizes[few[0]]} corners, a face needs three")
-        wrong = np.flatnonzero((self.corners < 0) | (self.corners >= vertices))
-        if len(wrong):
-            face = int(np.searchsorted(self.starts, wrong[0], side="right")) - 1
-            problem = f"names vertex {self.corners[wrong[0]]}, but the file has vertices 0 to {vertices - 1}"
-            raise error(face, problem)
-        return self
+    def defects(self, vertices: int) -> Iterator[tuple[int, str]]:
+        """The first faces without three corners, and with one beyond so many vertices; what is wrong with each."""
+        for face in np.flatnonzero(self.sizes < 3)[:1].tolist():
+            yield face, f"has {self.sizes[face]} corners, a face needs three"
+        for corner in np.flatnonzero((self.corners < 0) | (self.corners >= vertices))[:1]:
+            problem = f"names vertex {self.corners[corner]}, but the file has vertices 0 to {vertices - 1}"
+            yield int(np.searchsorted(self.starts, corner, side="right")) - 1, problem
 
     def renumbered(self, new_index: Int[np.ndarray, " v"]) -> Polygons:
         """The same faces with vertex v called new_index[v]."""
@@ -148,10 +140,7 @@ def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[n
     """Pieces of polylines (k ≥ 2 vertex indices each) joined into curves as long as possible.
 
     Pieces are joined, turned round where needed, at every vertex where exactly two of their ends meet. A closed curve
-    begins and ends with the same vertex.
-
-    Returns:
-        The number of each curve's first piece, and the curve, in the order and direction of those pieces.
+    begins and ends with the same vertex. With each comes the number of its first piece, which gives it its direction.
     """
     pieces = [element.tolist() for element in elements]
     ends: dict[int, list[int]] = {}

@@ -32,25 +32,15 @@ class Property(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Element:
-    """One kind of record, and the records of a file.
+    """One kind of record, and the records of a file."""
 
-    Attributes:
-        name: what they are.
-        count: how many the header announces.
-        count_at: where in the file that number stands, the bytes from and to.
-        properties: what each is made of.
-        stop: where they end in the file, in bytes.
-        lines: on which line of a text each stands, from 1.
-        values: the values of each property by its name, those of lists one list after the other.
-        lengths: how many values each record has, of those properties that are lists.
-    """
-
-    name: str
-    count: int
-    count_at: tuple[int, int]
-    properties: tuple[Property, ...] = ()
-    stop: int = 0
-    lines: Sequence[int] = ()
+    name: str  # what they are
+    count: int  # how many the header announces
+    count_at: tuple[int, int]  # where in the file that number stands, the bytes from and to
+    properties: tuple[Property, ...] = ()  # what each is made of
+    stop: int = 0  # where they end in the file, in bytes
+    lines: Sequence[int] = ()  # on which line of a text each stands, from 1
+    # by the properties' names; those of lists one list after the other, with the lists' lengths
     values: Mapping[str, Shaped[np.ndarray, " _"]] = field(default_factory=dict)
     lengths: Mapping[str, Int[np.ndarray, " n"]] = field(default_factory=dict)
 
@@ -61,17 +51,11 @@ class Element:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Records:
-    """A file of records as it was read.
+    """A file of records as it was read."""
 
-    Attributes:
-        data: its bytes.
-        newline: how lines end; b"" where records are binary.
-        elements: the kinds of records by name, in the file's order.
-    """
-
-    data: bytes
-    newline: bytes
-    elements: Mapping[str, Element]
+    data: bytes  # its bytes
+    newline: bytes  # how lines end; b"" where records are binary
+    elements: Mapping[str, Element]  # the kinds of records by name, in the file's order
 
     def appended(self, columns: Mapping[str, Mapping[str, np.ndarray]], counts: Mapping[str, int]) -> bytes:
         """The file with records after those of some elements; all other bytes but their counts stay.
@@ -193,20 +177,13 @@ def _walk(
     buffer = np.frombuffer(data, np.uint8)
     values, lengths = {}, {}
     for item, (place, size, _, count) in zip(element.properties, columns, strict=True):
-        values[item.name] = _gathered(buffer, np.array(place), np.array(size), item.dtype)
+        own = np.array(size)
+        within = np.arange(int(own.sum())) - np.repeat(np.cumsum(own) - own, own)
+        begins = np.repeat(np.array(place), own) + within * item.dtype.itemsize
+        values[item.name] = buffer[begins[:, None] + np.arange(item.dtype.itemsize)].reshape(-1).view(item.dtype)
         if count:
-            lengths[item.name] = np.array(size)
+            lengths[item.name] = own
     return values, lengths, position
-
-
-def _gathered(
-    buffer: np.ndarray, starts: Int[np.ndarray, " n"], lengths: Int[np.ndarray, " n"], dtype: np.dtype[Any]
-) -> np.ndarray:
-    """Runs of `lengths` values that begin at the bytes `starts`, one after the other."""
-    before = np.cumsum(lengths) - lengths
-    within = np.arange(int(lengths.sum())) - np.repeat(before, lengths)
-    first = np.repeat(starts, lengths) + within * dtype.itemsize
-    return np.asarray(buffer[first[:, None] + np.arange(dtype.itemsize)].reshape(-1).view(dtype))
 
 
 def _too_short(element: Element, record: int, path: Path | None) -> MeshFileError:
@@ -217,10 +194,7 @@ def _too_short(element: Element, record: int, path: Path | None) -> MeshFileErro
 def rows_of(
     text: bytes, position: int, element: Element, path: Path | None, words: Callable[[bytes], list[bytes]] = bytes.split
 ) -> tuple[list[list[bytes]], Element]:
-    """The words of an element's records, one on each of the next lines that hold any, and the element with its lines.
-
-    A MeshFileError tells that there are fewer lines.
-    """
+    """The words of an element's records, one on each next line that holds any, and the element with its lines."""
     stream = io.BytesIO(text)
     stream.seek(position)
     rows, lines = [], []

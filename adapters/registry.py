@@ -15,7 +15,6 @@ class Adapter(Protocol):
     @property
     def name(self) -> str:
         """How error messages call what this adapter takes."""
-        ...
 
     @property
     def types(self) -> tuple[str, ...]:
@@ -24,11 +23,9 @@ class Adapter(Protocol):
         "pair of package.Class" stands for a tuple or list (vertices, faces) of two such objects. Subclasses are served
         too.
         """
-        ...
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
         """The triangles of `obj`, its vertices all and in its own order; a MeshError if its arrays are no mesh."""
-        ...
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new object of the type of `obj`: what `obj` holds, unchanged, followed by the extension.
@@ -37,7 +34,6 @@ class Adapter(Protocol):
             VertexIndexError: a new face names a vertex that neither of them has.
             MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
         """
-        ...
 
 
 _adapters: dict[str, Adapter] = {}
@@ -96,19 +92,15 @@ def known_types() -> tuple[str, ...]:
 
 
 def _adapter_of(obj: Any) -> Adapter:
-    for name in _type_names(obj):
-        if name in _adapters:
-            return _adapters[name]
-    raise UnknownMeshTypeError(found=_description(obj), known=known_types())
-
-
-def _type_names(obj: Any) -> list[str]:
-    """The names of an object's classes, nearest first; of a pair, the classes that both its members have."""
+    """That of the nearest of an object's classes; of a pair, of the classes that both its members have."""
     names = [_class_name(cls) for cls in type(obj).__mro__]
     if isinstance(obj, (tuple, list)) and len(obj) == 2:
         second = type(obj[1]).__mro__
         names += [f"pair of {_class_name(cls)}" for cls in type(obj[0]).__mro__ if cls in second]
-    return names
+    for name in names:
+        if name in _adapters:
+            return _adapters[name]
+    raise UnknownMeshTypeError(found=_description(obj), known=known_types())
 
 
 def _class_name(cls: type) -> str:

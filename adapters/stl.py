@@ -33,9 +33,6 @@ def read_stl(data: bytes, path: Path | None) -> FileContents:
     """The triangles of an STL file as a soup: vertices 3i, 3i + 1, 3i + 2 are the corners of facet i.
 
     Text positions are read as float64, binary ones are float32. Normals and attribute bytes are not kept.
-
-    Raises:
-        MeshFileError: shorter than announced, a facet without three readable corners, or no facets; names the place.
     """
     is_text = data.removeprefix(BYTE_ORDER_MARK).lstrip()[:5].lower() == b"solid" and b"\0" not in data
     count = int(np.frombuffer(data, "<u4", 1, HEADER)[0]) if len(data) >= HEADER + 4 else 0
@@ -65,7 +62,10 @@ def encode_stl(contents: FileContents) -> bytes:
     """An STL file of the triangles of all faces: text if the contents were, else binary and rounded to float32."""
     faces, _ = contents.polygons.triangulated(contents.vertices)
     corners = contents.vertices[faces]
-    normals = _normals(corners)
+    # at size 1: products of very large or small edges would overflow or vanish
+    size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
+    a, b, c = np.moveaxis(np.divide(corners, size, out=np.zeros_like(corners), where=size > 0), 1, 0)
+    normals = unit_vectors(np.cross(b - a, c - a))
     if contents.is_text_stl:
         rows = text_rows(corners.reshape(-1, 3))
         blocks = [
@@ -95,12 +95,3 @@ def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
         return malformed(path, f"facet {number // 9}", f"'{word}' is no number", "correct it")
 
     return np.array(converted(list(chain.from_iterable(words)), real, error)).reshape(-1, 3, 3)
-
-
-def _normals(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"]:
-    """Unit normals, zero for triangles without area."""
-    # to size 1 first: products of very large or small edges would overflow or vanish
-    size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
-    corners = np.divide(corners, size, out=np.zeros_like(corners), where=size > 0)
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return unit_vectors(areas)

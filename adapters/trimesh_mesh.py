@@ -11,7 +11,6 @@ from jaxtyping import Float, Int
 
 from spinor_geom.adapters.contents import unit_vectors
 from spinor_geom.adapters.extending import (
-    check_extension,
     grown_attributes,
     padded,
     parts_of_faces,
@@ -21,7 +20,7 @@ from spinor_geom.adapters.extending import (
 )
 from spinor_geom.adapters.polygons import without_seams
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
 
 if TYPE_CHECKING:
     import trimesh
@@ -180,7 +179,7 @@ class SceneAdapter:
         parts = _parts(obj)
         grown = obj.copy()
         old = sum(len(part.mesh.vertices) for part in parts)
-        check_extension(extension, vertices=old, attributes={})
+        require_existing_vertices(extension.faces, vertices=old + len(extension.vertices))
         if not parts:
             return grown
         votes = parts_of_faces(extension, [part.start for part in parts], old)

@@ -11,7 +11,6 @@ from jaxtyping import Complex, Float
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
 from spinor_geom.measures.hausdorff import HausdorffDistance, hausdorff_distance
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -119,7 +118,12 @@ def compare(
         DomainError: The solution cannot be meshed, or its two loops have no discrete annulus.
     """
     mesh = mesh_patch(solution, target_edge_length) if patch is None else patch
-    discrete = baseline or _baseline(mesh, [rim.loop for rim in solution.rims], target_edge_length)
+    discrete, loops = baseline, [rim.loop for rim in solution.rims]
+    if discrete is None and len(loops) == 1:
+        length = loops[0].mean_edge_length if target_edge_length == "auto" else target_edge_length
+        discrete = discrete_minimal_surface(loops, target_edge_length=length)
+    elif discrete is None:
+        discrete = discrete_minimal_surface(loops) if len(loops) == 2 else mesh.relaxed()
     exact = exact_curvature(solution, mesh.points[mesh.boundary_size :])
     return Comparison(
         method=discrete.method,
@@ -140,15 +144,6 @@ def compare(
         solution_seconds=sum(solution.solve_timings.values()),
         baseline_seconds=discrete.seconds,
     )
-
-
-def _baseline(mesh: Patch, loops: list[BoundaryLoop], edge_length: float | Literal["auto"]) -> DiscreteMinimalSurface:
-    if len(loops) > 2:
-        return mesh.relaxed()
-    if len(loops) > 1:
-        return discrete_minimal_surface(loops)
-    length = loops[0].mean_edge_length if edge_length == "auto" else edge_length
-    return discrete_minimal_surface(loops, target_edge_length=length)
 
 
 def _discrete_curvature(mesh: Patch | DiscreteMinimalSurface) -> CurvatureFigures:

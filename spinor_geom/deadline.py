@@ -15,10 +15,7 @@ _DEADLINE: ContextVar[float] = ContextVar("deadline", default=math.inf)
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Computations inside the block stop, with what they have, when so many seconds are over.
-
-    They look between their steps, so they may take a step longer. Of nested limits the earlier end counts.
-    """
+    """Computations inside stop after so many seconds, or a step later; of nested limits the earlier end counts."""
     token = _DEADLINE.set(min(_DEADLINE.get(), perf_counter() + seconds))
     try:
         yield
@@ -32,10 +29,6 @@ def is_out_of_time() -> bool:
 
 
 def require_time() -> None:
-    """Stops what has nothing to show yet.
-
-    Raises:
-        OutOfTimeError: the time is over.
-    """
+    """Stops what has nothing to show yet by an OutOfTimeError, once the time is over."""
     if is_out_of_time():
         raise OutOfTimeError

@@ -26,9 +26,6 @@ def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, (list, tuple)) else value
 
 
-# --- meshes -----------------------------------------------------------------------------------------------------------
-
-
 class MeshError(SpinorGeomError, ValueError):
     """The input mesh cannot be used as it is."""
 
@@ -88,9 +85,6 @@ class DuplicateVertexError(MeshError):
         "vertices; merge vertices of equal position first (read_mesh(path).merged(), TriangleMesh.merged(), or "
         "--merge on the command line)"
     )
-
-
-# --- boundary loops ---------------------------------------------------------------------------------------------------
 
 
 class LoopError(SpinorGeomError, ValueError):
@@ -237,9 +231,6 @@ class LoneFaceError(LoopError):
     )
 
 
-# --- surfaces and solvers ---------------------------------------------------------------------------------------------
-
-
 class DomainError(SpinorGeomError, ValueError):
     """No simple plane domain, or a plane polygon that is not simple."""
 
@@ -315,19 +306,13 @@ class ImperfectFillWarning(UserWarning):
     """Holes that were asked for stay open, are closed by a discrete surface or not within the tolerance, or cross."""
 
 
-# --- adapters and files -----------------------------------------------------------------------------------------------
-
-
-_REMEDIES = {
-    "trimesh.PointCloud": "points have no holes: make faces first, or span a closed curve of points with solve_plateau",
-}
-
-
 class UnknownMeshTypeError(SpinorGeomError, TypeError):
     """No adapter knows this type."""
 
     def __init__(self, *, found: str, known: Sequence[str]) -> None:
-        what_to_do = _REMEDIES.get(found, f"give one of: {', '.join(known)}")
+        what_to_do = f"give one of: {', '.join(known)}"
+        if found == "trimesh.PointCloud":
+            what_to_do = "points have no holes: make faces first, or span a closed curve of points with solve_plateau"
         super().__init__(f"{found} is not a mesh type known here; {what_to_do}", found=found, known=tuple(known))
 
 

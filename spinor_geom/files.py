@@ -30,12 +30,6 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     interrupt included, the old file is as it was and the temporary file is gone. A symbolic link stays a link: the file
     it names is replaced. Devices and pipes (`/dev/stdout`) hold nothing to protect and are written to directly.
 
-    Args:
-        path: the file to write; its folder must exist.
-
-    Yields:
-        The path to write to; the file exists and is empty.
-
     Raises:
         OSError: the folder does not exist or may not be written to, the disk is full, or `path` is a folder; its
             `filename` is `path`, not the temporary one, where it names one or none.
@@ -78,17 +72,8 @@ def atomic_folder(path: str | os.PathLike[str], *, staging: str | os.PathLike[st
     """A temporary folder to write to, which becomes `path` only when the block ends without an error.
 
     At the end of the block its files are flushed to the disk (fsync), and it is renamed; a folder that was there is
-    removed just before.
-
-    Args:
-        path: the folder to make; those above it are made if they do not exist.
-        staging: where temporary folders lie, on the same disk; is made if it does not exist.
-
-    Yields:
-        The folder to write to; it exists and is empty.
-
-    Raises:
-        OSError: a folder cannot be made, or the disk is full.
+    removed just before. Temporary folders lie in `staging`, on the same disk. It is made where it does not exist, and
+    so are the folders above `path`. An OSError tells that one cannot be made, or that the disk is full.
     """
     target, temporary = Path(path), Path(staging) / secrets.token_hex(8)
     temporary.mkdir(parents=True)

@@ -36,13 +36,9 @@ START = (
 
 
 class FaultError(Exception):
-    """A process died or was ended before its job was done.
+    """A process ended before its job was done; what it told last, and the end of what it wrote during the job.
 
-    Attributes:
-        kind: "start": it ended by itself before it could take a job; "death": it died; "time" and "memory": it was
-            ended at that limit.
-        last: what it told last; empty where it had told nothing.
-        said: the end of what was written to standard output and error during the job.
+    Its kind is "start" where it ended by itself before it could take a job, "death" where it died, else the limit.
     """
 
     def __init__(self, reason: str, *, kind: Kind, last: Event, said: str) -> None:
@@ -67,20 +63,11 @@ class Process:
         whole_seconds: float = math.inf,
         memory: float = math.inf,
     ) -> str:
-        """Has a job done.
+        """Has a JSON-ready job done; gives the end of what was written to standard output and error meanwhile.
 
-        Args:
-            job: JSON-ready.
-            heard: is called with all that the process tells.
-            seconds: that may pass between two things that it tells.
-            whole_seconds: that the job may take.
-            memory: resident bytes that the process may have (looked at by psutil, where there is a limit).
-
-        Returns:
-            The end of what was written to standard output and error meanwhile.
-
-        Raises:
-            FaultError: the process died, or was ended at a limit.
+        `heard` is called with all that the process tells, between which so many seconds may pass; the whole job may
+        take so many. The memory is resident bytes, looked at by psutil where there is a limit. A FaultError tells that
+        the process died, or was ended at a limit.
         """
         self._last: Event = {}
         try:
@@ -195,11 +182,7 @@ def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | No
 
 
 def serve(work: Callable[[Any, Tell], None]) -> None:
-    """What the main program of a process does: the jobs that come in, until no more can come.
-
-    Args:
-        work: does a job; what it tells reaches `Process.run` as it stands in JSON.
-    """
+    """The main program of a process: does jobs as they come; what its work tells reaches `Process.run`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides what an interrupt means
     # what libraries print goes to standard error
     channel = os.fdopen(os.dup(1), "w", encoding="ascii")

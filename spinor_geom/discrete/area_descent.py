@@ -14,6 +14,9 @@ from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.operators import face_areas, factor_symmetric, mollified_laplacian, vertex_normals
 
+Vertices = Float[np.ndarray, "n 3"]
+Faces = Int[np.ndarray, "f 3"]
+
 # Harmonic steps converge slowly near a loss of stability, Newton steps need a good start: hand over at this change.
 _HAND_OVER = 1e-3
 # Steps shorter than this share are not worth an area evaluation: the area is stationary to round-off.
@@ -26,8 +29,8 @@ _NO_AREA = 1e-300
 class Disk:
     """A triangulated disk or annulus, its boundary's points first: how its area fell, and why it is no better."""
 
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
+    vertices: Vertices
+    faces: Faces
     areas: tuple[float, ...]
     converged: bool
     reason: str = ""
@@ -51,12 +54,7 @@ def descend_from_plane(
 
 
 def descend_area(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "f 3"],
-    boundary_size: int,
-    *,
-    relative_change: float,
-    max_iterations: int = 100,
+    vertices: Vertices, faces: Faces, boundary_size: int, *, relative_change: float, max_iterations: int = 100
 ) -> Disk:
     """Moves the inner vertices until the area is stationary for motions along the vertex normals.
 
@@ -65,13 +63,8 @@ def descend_area(
     plane would lower the area of the mesh further, by about the discretisation error, and degenerate the triangles:
     they are left alone. Faces without area take no part in ∇area; L is mollified there.
 
-    Args:
-        vertices: the first boundary_size are fixed.
-        faces: triangles.
-        boundary_size: number of fixed vertices.
-        relative_change: the area counts as stationary when a full Newton step lowers it by less than this share, or
-            would lower it by less by its slope. From 1e-3 on harmonic maps are near enough: no Newton step is taken.
-        max_iterations: limit on steps.
+    The area counts as stationary when a full Newton step lowers it by less than a relative change, or would lower it by
+    less by its slope. From 1e-3 on harmonic maps are near enough: no Newton step is taken.
 
     Source: Pinkall & Polthier, "Computing discrete minimal surfaces and their conjugates", Experim. Math. 2 (1993).
     """
@@ -109,9 +102,7 @@ def descend_area(
     return Disk(vertices=x, faces=faces, areas=tuple(areas), converged=converged, reason=reason)
 
 
-def _harmonic_step(
-    x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int
-) -> tuple[Float[np.ndarray, "i 3"], float]:
+def _harmonic_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "i 3"], float]:
     """The step −L⁻¹∇area of the inner vertices, and by how much it lowers the area to first order."""
     corner = x[faces]
     edge = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
@@ -125,9 +116,7 @@ def _harmonic_step(
     return np.asarray(step), -float((gradient * step).sum())
 
 
-def _newton_step(
-    x: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], m: int
-) -> tuple[Float[np.ndarray, "i 3"], float]:
+def _newton_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "i 3"], float]:
     """Newton step of the area for displacements of the inner vertices along their normals, and as `_harmonic_step`."""
     n = len(x)
     corner = x[faces]

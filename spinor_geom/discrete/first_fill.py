@@ -29,14 +29,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     The minimum-area triangulation of the curve alone has no inner vertex, so it unfolds into the plane without
     distortion; slits and folds come out right. Where the unfolding overlaps it is straightened (see `flatten`).
     Curves of more than 160 points are thinned for this, straight sides to their ends; the points left out are put on
-    the polygon's sides.
-
-    Args:
-        points: of the curve, in order.
-        saws: as for `flatten_boundary`.
-
-    Raises:
-        FirstFillError: no simple polygon was found.
+    the polygon's sides. `saws` is as for `flatten_boundary`. No simple polygon is a FirstFillError.
     """
     kept = _thinned(points)
     corners = points[kept]
@@ -100,11 +93,7 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
 
 
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
-    """Faces of a disk over a closed curve with no other vertices and about the least area.
-
-    Up to 160 points it is their minimum-area triangulation. Of more points every k-th is taken for it, and the pieces
-    of the curve that these skip are closed likewise.
-    """
+    """Faces of about the least area over a closed curve; of long ones first over every k-th point, then the rest."""
     m = len(points)
     if m <= _LONGEST:
         return minimum_area_triangulation(points)

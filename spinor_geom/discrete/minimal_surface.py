@@ -176,19 +176,21 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
     domain, failure = np.empty(0), ""
     try:
         domain = unfolded_loop(points)
-        first = _fill(domain, points, relative_change=_FIRST_CHANGE)
+        first = descend_from_plane(triangulate_polygon(domain), points, relative_change=_FIRST_CHANGE)
     except (DomainError, FirstFillError) as error:
         # on the unit circle, by a mean of the points' numbers and their places along the curve
         length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
         domain = np.exp(1j * np.cumsum(np.pi * (length / length.sum() + 1 / len(points))))
         failure = f"it started from a round domain: {error}"
-        first = _fill(domain, points, relative_change=_FIRST_CHANGE)
+        first = descend_from_plane(triangulate_polygon(domain), points, relative_change=_FIRST_CHANGE)
     try:
         flat = flatten(first.vertices, first.faces, len(points)).boundary
-        disk = _fill(flat, points, relative_change=relative_change, size=_capped(flat, first, target))
+        plane = triangulate_polygon(flat, _capped(flat, first, target))
+        disk = descend_from_plane(plane, points, relative_change=relative_change)
     except DomainError as error:
         failure = f"it was not meshed anew on its flattening: {error}"
-        disk = _fill(domain, points, relative_change=relative_change, size=_capped(domain, first, target))
+        plane = triangulate_polygon(domain, _capped(domain, first, target))
+        disk = descend_from_plane(plane, points, relative_change=relative_change)
     if disk.converged and not failure:
         return disk
     faces = disk_without_inner_points(points)
@@ -229,28 +231,15 @@ def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | Spinor
 def finer_disk(disk: Disk, boundary_size: int) -> Disk:
     """The disk flattened and meshed anew, finer inside, until its area is stationary; twice.
 
-    Folds and narrow places that the first mesh is too coarse for come out right.
-
-    Raises:
-        DomainError: the disk has no simple flattening.
+    Folds and narrow places that the first mesh is too coarse for come out right. A disk without a simple flattening is
+    a DomainError.
     """
     points = disk.vertices[:boundary_size]
     for _ in range(2):
         flat = flatten(disk.vertices, disk.faces, boundary_size).boundary
-        disk = _fill(flat, points, relative_change=FINE_CHANGE, size=graded_size(flat, growth=_FINE_GROWTH))
+        plane = triangulate_polygon(flat, graded_size(flat, growth=_FINE_GROWTH))
+        disk = descend_from_plane(plane, points, relative_change=FINE_CHANGE)
     return disk
-
-
-def _fill(
-    polygon: Complex[np.ndarray, " m"],
-    points: Float[np.ndarray, "m 3"],
-    *,
-    relative_change: float,
-    size: SizeFunction | None = None,
-) -> Disk:
-    """Meshes a polygon, maps it harmonically to the loop, and descends in area."""
-    plane = triangulate_polygon(polygon, size or graded_size(polygon))
-    return descend_from_plane(plane, points, relative_change=relative_change)
 
 
 def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | None) -> SizeFunction:
@@ -283,10 +272,8 @@ def remeshed(
     """A disk whose inner edges MeshLab has made about equally long; the boundary and its edges stay as they are.
 
     It splits, collapses and flips edges away from the boundary's triangles, then only flips, everywhere. A disk that
-    has no other triangles is left alone. The boundary's vertices come first, in order.
-
-    Raises:
-        FirstFillError: MeshLab fails, moves the boundary or tears the disk.
+    has no other triangles is left alone. The boundary's vertices come first, in order. Where MeshLab fails, moves the
+    boundary or tears the disk, it is a FirstFillError.
     """
     import pymeshlab
 

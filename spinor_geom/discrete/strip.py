@@ -8,9 +8,12 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import Disk, descend_from_plane, harmonic_extension
-from spinor_geom.domain.sizes import graded_size, size_bounds
+from spinor_geom.domain.sizes import GROWTH, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
+
+Rim = Float[np.ndarray, "m 3"]
+OtherRim = Float[np.ndarray, "n 3"]
 
 # Longer loops are thinned to so many points for the search of the strip.
 _MOST_POINTS = 128
@@ -18,13 +21,9 @@ _MOST_POINTS = 128
 _FIRST_CHANGE, _ROUNDS = 1e-3, 2
 # Nodes on a length as long as a round annulus is wide.
 _NODES_PER_MODULUS = 4
-# Change of the edge length per unit of distance from the rims, where it is given.
-_GROWTH = 0.35
 
 
-def minimum_area_strip(
-    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]
-) -> tuple[Int[np.ndarray, "f 3"], float]:
+def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f 3"], float]:
     """The strip of m + n triangles of least area between two closed polygons, by dynamic programming; and its area.
 
     A strip runs once around both, which have it on their left; each triangle has an edge of one polygon and a vertex of
@@ -66,18 +65,18 @@ def minimum_area_strip(
     return np.array(faces[::-1]), float(rows[m, start, n])
 
 
-def runs_back(first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]) -> bool:
+def runs_back(first: Rim, second: OtherRim) -> bool:
     """Whether a strip from the first of two closed polygons to the second reversed has less area."""
     first, second = (points[_thinned(points)] for points in (first, second))
     return minimum_area_strip(first, second[::-1])[1] < minimum_area_strip(first, second)[1]
 
 
-def _thinned(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " k"]:
+def _thinned(points: OtherRim) -> Int[np.ndarray, " k"]:
     return np.arange(0, len(points), math.ceil(len(points) / _MOST_POINTS))
 
 
 def discrete_annulus(
-    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], *, relative_change: float = _FIRST_CHANGE
+    first: Rim, second: OtherRim, *, relative_change: float = _FIRST_CHANGE
 ) -> tuple[PlaneTriangulation, Disk]:
     """A triangulated annulus of stationary area between two polygons, both with it on their left.
 
@@ -91,29 +90,25 @@ def discrete_annulus(
     Source: Pinkall & Polthier, Experim. Math. 2 (1993), for the descent.
     """
     points = np.concatenate([first, second])
-    plane = triangulated_annulus(*_strip_places(first, second))
+    outer, inner = _strip_places(first, second)
+    plane = triangulate_polygon(outer, holes=[inner])
     descent = descend_from_plane(plane, points, relative_change=_FIRST_CHANGE)
     for _ in range(_ROUNDS):
-        plane = triangulated_annulus(*_conformal_places(descent.vertices, plane.faces, len(first), len(points)))
+        outer, inner = _conformal_places(descent.vertices, plane.faces, len(first), len(points))
+        plane = triangulate_polygon(outer, holes=[inner])
         descent = descend_from_plane(plane, points, relative_change=relative_change)
     return plane, descent
 
 
-def ruled_annulus(
-    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"], target: float
-) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
+def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
     """A triangulated round annulus, and straight lines between two polygons over its radii: nothing is minimised.
 
-    Both have the annulus on their left; edges are about as long as the target, in units of space.
-
-    Raises:
-        DomainError: the rims lie so that no round annulus can be meshed with their vertices.
+    Edges are about as long as the target, in units of space; otherwise as `discrete_annulus`, and it raises alike.
     """
     rims = (first, second)
     places = _strip_places(first, second)
     length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in rims) / 2
-    boundary = np.concatenate(places)
-    bounds = size_bounds(boundary, growth=_GROWTH, decay=_GROWTH, rims=(len(first), len(second)))
+    bounds = size_bounds(places, growth=GROWTH, decay=GROWTH)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         shortest, longest = bounds(z, 0)
@@ -129,21 +124,13 @@ def ruled_annulus(
     return plane, np.concatenate([first, second, (1 - share) * ends[0] + share * ends[1]])
 
 
-def triangulated_annulus(outer: Complex[np.ndarray, " m"], inner: Complex[np.ndarray, " n"]) -> PlaneTriangulation:
-    """A mesh between two polygons, with edges that grow away from them."""
-    size = graded_size(np.concatenate([outer, inner]), rims=(len(outer), len(inner)))
-    return triangulate_polygon(outer, size, holes=[inner])
-
-
 def _triangle_areas(
     a: Float[np.ndarray, "*#s 3"], b: Float[np.ndarray, "*#s 3"], c: Float[np.ndarray, "*#s 3"]
 ) -> Float[np.ndarray, "*s"]:
     return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1))
 
 
-def _strip_places(
-    first: Float[np.ndarray, "m 3"], second: Float[np.ndarray, "n 3"]
-) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
+def _strip_places(first: Rim, second: OtherRim) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
     """Places on a round annulus: angles by the strip, radii by its mean width."""
     kept = [_thinned(p) for p in (first, second)]
     faces, area = minimum_area_strip(first[kept[0]], second[kept[1]])
@@ -196,11 +183,7 @@ def nodes_on_cylinder(
 
 
 def _best_turn(
-    first: Float[np.ndarray, "m 3"],
-    second: Float[np.ndarray, "n 3"],
-    angle: Float[np.ndarray, " m"],
-    other: Float[np.ndarray, " n"],
-    modulus: float,
+    first: Rim, second: OtherRim, angle: Float[np.ndarray, " m"], other: Float[np.ndarray, " n"], modulus: float
 ) -> float:
     """The turn of the inner rim, run clockwise, for which the harmonic map of the annulus has the least energy."""
     n = 256

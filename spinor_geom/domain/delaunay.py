@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import pythoncdt
 from jaxtyping import Bool, Complex, Float, Int
 
 from spinor_geom.errors import DomainError
@@ -19,42 +20,23 @@ _LONGEST_WALK = 16
 
 
 class ConstrainedDelaunay:
-    """Constrained Delaunay triangulations of regions of the plane, made together, each as it were by itself.
+    """Constrained Delaunay triangulations of regions, each as by itself; all polygons' vertices, then inner points."""
 
-    Points are numbered through: the vertices of all polygons, one region after the other, then the points inside in the
-    order in which they came.
-
-    Attributes:
-        points: Of all regions.
-        region: Of each point.
-        regions: Numbers of vertices of the polygons of each region.
-        boundary_size: Number of vertices of all polygons.
-        own: The numbers of each region's points.
-        faces: Counter-clockwise triangles, one region after the other; those outside the polygons stay among them, with
-            vertices that mean nothing.
-        inside: Numbers of the triangles inside.
-    """
-
+    # counter-clockwise, one region after the other; those outside the polygons have vertices that mean nothing
     faces: Int[np.ndarray, "t 3"]
-    inside: Int[np.ndarray, " i"]
+    inside: Int[np.ndarray, " i"]  # numbers of the faces inside
 
     def __init__(
         self, points: Complex[np.ndarray, " n"], regions: Sequence[Rims], region: Int[np.ndarray, " n"] | None = None
     ) -> None:
-        """Takes the vertices of the polygons, then points inside.
+        """Takes the vertices of the polygons, then points inside; without the region of each there is only one.
 
-        Args:
-            points: Of all regions.
-            regions: Numbers of vertices of the polygons of each.
-            region: Of each point; none where there is only one.
-
-        Raises:
-            DomainError: Two edges of a polygon cross, or two points are equal.
+        A DomainError tells that two edges of a polygon cross, or that two points are equal.
         """
         self.points, self.regions = points, tuple(regions)
         self.region = np.zeros(len(points), dtype=np.int64) if region is None else region
-        self.boundary_size = sum(map(sum, regions))
-        self.own = _members(self.region, len(regions))
+        self.boundary_size = sum(map(sum, regions))  # of all polygons
+        self.own = _members(self.region, len(regions))  # the numbers of each region's points
         self._parts = [_Region(points[own], rims) for own, rims in zip(self.own, regions, strict=True)]
         self._read()
 
@@ -64,11 +46,7 @@ class ConstrainedDelaunay:
         return np.asarray(self.faces[self.inside])
 
     def insert(self, points: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"] | None = None) -> None:
-        """Adds points inside the polygons and off their edges; the numbers of the triangles change.
-
-        Raises:
-            DomainError: Two points are equal.
-        """
+        """Adds points inside the polygons and off their edges, and to no other; the triangles' numbers change."""
         region = np.zeros(len(points), dtype=np.int64) if region is None else region
         for number, some in enumerate(_members(region, len(self.regions))):
             if len(some):
@@ -78,11 +56,7 @@ class ConstrainedDelaunay:
         self._read()
 
     def move(self, points: Complex[np.ndarray, " n"], regions: Int[np.ndarray, " r"]) -> None:
-        """Puts points elsewhere, those of some regions, and triangulates these anew.
-
-        Raises:
-            DomainError: Two points are equal.
-        """
+        """Puts points elsewhere, those of some regions and to no other, and triangulates these regions anew."""
         self.points = points
         for number in regions:
             self._parts[number] = _Region(points[self.own[number]], self.regions[number])
@@ -113,8 +87,6 @@ class _Region:
     """The triangulation of one region, by the numbers of its own points."""
 
     def __init__(self, points: Complex[np.ndarray, " n"], rims: Rims) -> None:
-        import pythoncdt
-
         self._cdt = pythoncdt.Triangulation(
             pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
         )

@@ -13,40 +13,34 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.domain.delaunay import Rims, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError
-from spinor_geom.mesh.operators import (
-    factor_symmetric,
-    intrinsic_angles,
-    intrinsic_laplacian,
-    mollified_edge_lengths,
-)
+from spinor_geom.mesh.operators import factor_symmetric, intrinsic_angles, intrinsic_laplacian, mollified_edge_lengths
+
+PerVertex = Float[np.ndarray, " m"]  # one number for each vertex of the boundary, rim by rim
+Matrix = Float[np.ndarray, "m m"]
+Polygon = Complex[np.ndarray, "_"]
 
 # Strengths of straightening, weakest first: weight of the size of u against the evenness of the smoothed curvature.
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 # Widths of the smoothing as fractions of the boundary length: slow windings first, then ever more local tangles.
 _WIDTHS = (0.06, 0.03, 0.015)
+# Between far parts of the outer rim, across the outside, in local edge lengths.
+CLEARANCE = 1.5
 # Newton steps to holes that close, and the log scale at which they have come to nothing: floats tell edges no more.
 _CLOSING_STEPS, _LARGEST_SCALE = 6, -float(np.log(np.finfo(np.float64).eps))
 
 # gives the Dirichlet-to-Neumann matrix Λ of a surface's boundary
-NeumannMatrix = Callable[[], Float[np.ndarray, "m m"]]
+NeumannMatrix = Callable[[], Matrix]
 # makes of polygons the points of the curves that are drawn through their vertices
-Drawn = Callable[[tuple[Complex[np.ndarray, "_"], ...]], tuple[Complex[np.ndarray, "_"], ...]]
+Drawn = Callable[[tuple[Polygon, ...]], tuple[Polygon, ...]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flattening:
-    """Boundary of a plane domain conformal to a discrete surface.
+    """Boundary of a plane domain conformal to a discrete surface."""
 
-    Attributes:
-        rims: the images of the boundary vertices, the outer rim's counter-clockwise, then those of holes, clockwise.
-        log_scale: u at those vertices: logarithm of the length in the plane per length in space, mean of two edges.
-        clearance: smallest distance across the outside between far parts of the outer rim, in local edge lengths
-            (infinite where no two parts come near).
-    """
-
-    rims: tuple[Complex[np.ndarray, "_"], ...]
-    log_scale: Float[np.ndarray, " m"]
-    clearance: float
+    rims: tuple[Polygon, ...]  # the outer boundary's image, counter-clockwise, then those of holes, clockwise
+    log_scale: PerVertex  # u: logarithm of the length in the plane per length in space, mean of two edges
+    clearance: float  # smallest gap across the outside between far parts of the outer rim, in local edges
 
     @property
     def boundary(self) -> Complex[np.ndarray, " m"]:
@@ -56,16 +50,11 @@ class Flattening:
 
 def dirichlet_to_neumann(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
-) -> tuple[NeumannMatrix, Float[np.ndarray, " m"]]:
+) -> tuple[NeumannMatrix, PerVertex]:
     """Dirichlet-to-Neumann matrix Λ of a discrete surface and its boundary's turning k₀ when flattened at u = 0.
 
     A flattening with boundary log scale u turns by k₀ + Λu at its vertices; a disk's turning sums to 2π. Λ is made when
-    it is asked for: most boundaries are simple at u = 0.
-
-    Args:
-        vertices: the boundary vertices come first, in boundary order, rim by rim.
-        faces: counter-clockwise.
-        boundary_size: m, of all rims.
+    it is asked for: most boundaries are simple at u = 0. The boundary's vertices come first, in order, rim by rim.
 
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
@@ -80,7 +69,7 @@ def dirichlet_to_neumann(
     inner = factor_symmetric(laplacian[m:, m:])
     coupling = laplacian[:m, m:]
 
-    def matrix() -> Float[np.ndarray, "m m"]:
+    def matrix() -> Matrix:
         neumann = laplacian[:m, :m].toarray() - coupling @ inner.solve(coupling.T.toarray())
         return np.asarray((neumann + neumann.T) / 2)
 
@@ -93,7 +82,6 @@ def flatten(
     boundary_size: int,
     *,
     holes: Rims = (),
-    clearance: float = 1.5,
     drawn: Drawn | None = None,
 ) -> Flattening:
     """Flattens a discrete surface conformally, with boundary scale as near to 1 as a simple boundary allows.
@@ -102,7 +90,7 @@ def flatten(
     each rim turns by −2π and closes, by Newton's method. Each rim is laid out by itself; the place, turn and scale of
     the holes are those of least conformal energy, which is Dirichlet's less the area.
 
-    Where rims cross, or two parts of the outer one come nearer than `clearance` edges across the outside, u is the
+    Where rims cross, or two parts of the outer one come nearer than 1.5 edges across the outside, u is the
     minimiser of α(|u|²/ℓ² + u·Λu/ℓ) + |S(k₀ + Λu)/ds − κ|² with κ the curvature of circles as long as the rims and a
     Gaussian smoothing S along them: it straightens the slow winding and leaves corners alone. α is lowered until the
     boundary is clear. Small lobes, as ragged rims have them, are drawn in where that does not help (see `untangled`).
@@ -112,9 +100,7 @@ def flatten(
         faces: counter-clockwise.
         boundary_size: number m of boundary vertices.
         holes: numbers of those on the rims of holes, which come last.
-        clearance: smallest allowed gap in local edge lengths; smaller gaps are accepted if nothing larger is found.
-        drawn: gives the points, in order, of the curve that will be drawn through each rim's vertices; these curves are
-            to bound a domain too. Without it the polygons are enough.
+        drawn: gives the curves that will be drawn through the rims' vertices, which are to bound a domain too.
 
     Raises:
         DomainError: no simple domain was found.
@@ -125,33 +111,24 @@ def flatten(
     neumann, turning = dirichlet_to_neumann(vertices, faces, boundary_size)
     after = rim_successors((boundary_size - sum(holes), *holes))
     edge = np.linalg.norm(vertices[after] - vertices[:boundary_size], axis=1)
-    return flatten_boundary(edge, turning, neumann, holes=holes, clearance=clearance, drawn=drawn)
+    return flatten_boundary(edge, turning, neumann, holes=holes, drawn=drawn)
 
 
 def flatten_boundary(
-    edge: Float[np.ndarray, " m"],
-    turning: Float[np.ndarray, " m"],
+    edge: PerVertex,
+    turning: PerVertex,
     neumann: NeumannMatrix,
     *,
-    clearance: float,
+    clearance: float = CLEARANCE,
     holes: Rims = (),
     saws: bool = False,
     drawn: Drawn | None = None,
 ) -> Flattening:
-    """The boundary of `flatten` from edge lengths, turning angles at u = 0 and the matrix Λ.
+    """The boundary of `flatten`, which raises alike, from edge lengths, turning angles at u = 0 and the matrix Λ.
 
-    Args:
-        edge: lengths.
-        turning: angles in radians.
-        neumann: gives Λ.
-        clearance: as for `flatten`.
-        holes: as for `flatten`.
-        saws: leaves u·Λu out. The boundary may then turn to and fro from vertex to vertex, which rounding it off
-            undoes, and has fewer notches where it winds about itself.
-        drawn: as for `flatten`.
-
-    Raises:
-        DomainError: no simple domain was found.
+    A gap below the clearance, in local edge lengths, is accepted if no larger one is found. `saws` leaves u·Λu out: the
+    boundary may then turn to and fro from vertex to vertex, which rounding it off undoes, and has fewer notches where
+    it winds about itself.
     """
     rims = (len(edge) - sum(holes), *holes)
     # tee: what was laid out in vain is not laid out again for its lobes
@@ -167,10 +144,7 @@ def flatten_boundary(
 
 
 def _least_straightened(
-    boundaries: Iterable[tuple[Complex[np.ndarray, "_"] | None, ...]],
-    edge: Float[np.ndarray, " m"],
-    clearance: float,
-    drawn: Drawn | None,
+    boundaries: Iterable[tuple[Polygon | None, ...]], edge: PerVertex, clearance: float, drawn: Drawn | None
 ) -> Flattening | None:
     """The first boundary of a domain with enough clearance; where none has, the first with half of it, or with any."""
     found: list[Flattening] = []
@@ -179,8 +153,9 @@ def _least_straightened(
         if len(rims) < len(boundary) or not bound_domain(rims) or (drawn is not None and not bound_domain(drawn(rims))):
             continue
         parts = np.split(edge, np.cumsum([len(rim) for rim in rims[:-1]]))
-        scales = [log_scale_of(rim, lengths) for rim, lengths in zip(rims, parts, strict=True)]
-        found.append(Flattening(rims=rims, log_scale=np.concatenate(scales), clearance=outer_clearance(rims[0])))
+        ratios = [np.log(np.abs(np.roll(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
+        scale = np.concatenate([(ratio + np.roll(ratio, 1)) / 2 for ratio in ratios])
+        found.append(Flattening(rims=rims, log_scale=scale, clearance=outer_clearance(rims[0])))
         if found[-1].clearance >= clearance:
             return found[-1]
     # little straightening comes before a little more room: boundaries are in order of their straightening
@@ -188,8 +163,8 @@ def _least_straightened(
 
 
 def _laid_out(
-    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: NeumannMatrix, rims: Rims, *, saws: bool
-) -> Iterator[tuple[Complex[np.ndarray, "_"], ...]]:
+    edge: PerVertex, turning: PerVertex, neumann: NeumannMatrix, rims: Rims, *, saws: bool
+) -> Iterator[tuple[Polygon, ...]]:
     """The rims as polygons, for one boundary log scale after the other, the nearest to 0 first."""
     ends = np.cumsum(rims[:-1])
     for turned, log_scale, matrix in _candidates(edge, turning, neumann, rims, saws=saws):
@@ -200,8 +175,8 @@ def _laid_out(
 
 
 def _candidates(
-    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], neumann: NeumannMatrix, rims: Rims, *, saws: bool
-) -> Iterator[tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, "m m"] | None]]:
+    edge: PerVertex, turning: PerVertex, neumann: NeumannMatrix, rims: Rims, *, saws: bool
+) -> Iterator[tuple[PerVertex, PerVertex, Matrix | None]]:
     """Turning angles and boundary log scales to try, the nearest to 0 first, with Λ where there are holes."""
     ends = np.cumsum(rims)
     holes = [slice(start, end) for start, end in itertools.pairwise(ends.tolist())]
@@ -218,7 +193,7 @@ def _candidates(
     # S is blind to what changes from vertex to vertex: without Λ here slivers turn the boundary to and fro
     size = np.diag(ds) / length**2 + (0 if saws else matrix / length)
 
-    def systems() -> Iterator[tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]]:
+    def systems() -> Iterator[tuple[Matrix, PerVertex]]:
         if holes:
             yield size, np.zeros(len(edge))
         for width in _WIDTHS:
@@ -243,17 +218,9 @@ def _candidates(
 
 
 def _gap(
-    u: Float[np.ndarray, " m"],
-    edge: Float[np.ndarray, " m"],
-    turning: Float[np.ndarray, " m"],
-    neumann: Float[np.ndarray, "m m"],
-    rim: slice,
+    u: PerVertex, edge: PerVertex, turning: PerVertex, neumann: Matrix, rim: slice
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 m"]]:
-    """By how much a hole's rim laid out with log scale u does not close, by its length, and turns by more than −2π.
-
-    Returns:
-        Both coordinates of the gap and the turning, and their derivatives by u.
-    """
+    """Both coordinates of a hole's gap, by its length, and its turning beyond −2π at log scale u; the slopes by u."""
     flux = neumann[rim]
     turned = turning[rim] + flux @ u
     count = len(turned)
@@ -272,9 +239,7 @@ def _gap(
     )
 
 
-def _placed(
-    rims: Sequence[Complex[np.ndarray, "_"]], neumann: Float[np.ndarray, "m m"]
-) -> list[Complex[np.ndarray, "_"]]:
+def _placed(rims: Sequence[Polygon], neumann: Matrix) -> list[Polygon]:
     """The holes where the conformal energy ½ z*Λz − area of t + βz for each is least."""
     outer, *shapes = rims
     shapes = [shape - shape.mean() for shape in shapes]
@@ -287,7 +252,7 @@ def _placed(
     return [t + beta * shape for (t, beta), shape in zip(moves, shapes, strict=True)]
 
 
-def smoothing(edge: Float[np.ndarray, " m"], width: float) -> Float[np.ndarray, "m m"]:
+def smoothing(edge: PerVertex, width: float) -> Matrix:
     """Gaussian means along a closed boundary, the width a share of its length: turning at vertices to curvature."""
     s = np.concatenate([[0.0], np.cumsum(edge)[:-1]]) / edge.sum()
     distance = np.abs(s[:, None] - s)
@@ -295,20 +260,8 @@ def smoothing(edge: Float[np.ndarray, " m"], width: float) -> Float[np.ndarray, 
     return np.asarray(smooth / (smooth @ ((edge + np.roll(edge, 1)) / 2))[:, None])
 
 
-def log_scale_of(polygon: Complex[np.ndarray, " m"], edge: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Logarithm of a polygon's edge lengths per given ones at its vertices, the mean of two edges each."""
-    ratio = np.log(np.abs(np.roll(polygon, -1) - polygon) / edge)
-    return np.asarray((ratio + np.roll(ratio, 1)) / 2)
-
-
-def lay_out(
-    edge: Float[np.ndarray, " m"], turning: Float[np.ndarray, " m"], log_scale: Float[np.ndarray, " m"]
-) -> Complex[np.ndarray, " m"] | None:
-    """Polygon with given turning at its vertices and edge lengths e^u, closed by the least relative change of lengths.
-
-    Returns:
-        The vertices, or None where closing would need an edge of negative length or all edges are parallel.
-    """
+def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Complex[np.ndarray, " m"] | None:
+    """Polygon of given turning and edge lengths e^u, closed by the least relative change of these; None if none is."""
     length = edge * np.exp((log_scale + np.roll(log_scale, -1)) / 2)
     direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j
     rows = np.stack([direction.real, direction.imag])

@@ -20,13 +20,8 @@ def lattices_inside(
     """The points of triangular lattices inside polygons, or between them, and their regions, which ascend.
 
     Row by row: a row enters and leaves a region by turns where it crosses the edges. Takes time and memory in
-    proportion to the crossings and the points.
-
-    Args:
-        polygons: Vertices of simple polygons.
-        spacing: Distance of neighbouring points of the lattice of each vertex's region.
-        after: For each vertex the next one on its polygon.
-        region: That the vertices bound.
+    proportion to the crossings and the points. Of every vertex of the simple polygons come the distance of neighbouring
+    points of its region's lattice, the number of the next vertex on its polygon, and the region.
     """
     height = np.sqrt(0.75) * spacing
     end = polygons[after]

@@ -9,8 +9,10 @@ from scipy.spatial import cKDTree
 # Regions are farther apart than any two points of one, in extents of the largest; they are kept apart by the half.
 _APART = 8.0
 
-Regions = Int[np.ndarray, " k"] | int
-"""Numbers of the regions of points, or the one of all of them."""
+Places = Complex[np.ndarray, " k"]
+Lengths = Float[np.ndarray, " k"]
+Owners = Int[np.ndarray, " k"]  # the regions of points
+Regions = Owners | int  # or the one of all of them
 
 
 class NearestPoints:
@@ -27,22 +29,15 @@ class NearestPoints:
         self._tree = cKDTree(self._places(points, region), balanced_tree=False)
 
     def query(
-        self, z: Complex[np.ndarray, " k"], region: Regions = 0, *, count: int = 1, within: float = np.inf
+        self, z: Places, region: Regions = 0, *, count: int = 1, within: float = np.inf
     ) -> tuple[Float[np.ndarray, "k c"], Int[np.ndarray, "k c"]]:
-        """Distances and numbers of the points nearest to z, in order; infinite and n for those that there are not.
-
-        Args:
-            z: Anywhere near the points.
-            region: Those of z.
-            count: So many points for each.
-            within: Distance that all of them are nearer than.
-        """
+        """Distances and numbers of so many points nearest to each z, in order; infinite and n where there are fewer."""
         bound = min(within, 0.5 * self._apart)
         nearest = np.arange(1, min(count, max(self._tree.n, 1)) + 1)
         distance, index = self._tree.query(self._places(z, region), k=nearest, distance_upper_bound=bound)
         return np.asarray(distance), np.asarray(index)
 
-    def _places(self, z: Complex[np.ndarray, " k"], region: Regions) -> Float[np.ndarray, "k 3"]:
+    def _places(self, z: Places, region: Regions) -> Float[np.ndarray, "k 3"]:
         places = np.empty((len(z), 3))
         places[:, 0], places[:, 1], places[:, 2] = z.real, z.imag, self._apart * np.asarray(region)
         return places

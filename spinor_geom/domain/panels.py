@@ -15,31 +15,19 @@ from spinor_geom.domain.quadrature import cumulative_matrix, rule
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panels:
-    """Composite Gauss-Legendre rule along ∂Ω: P panels of G nodes each.
+    """Composite Gauss-Legendre rule along ∂Ω: P panels of G nodes each."""
 
-    Attributes:
-        order: G.
-        breaks: panel ends in the boundary parameter t, (P + 1,), from 0 to 1; those of holes follow, with parameters as
-            those of `PlaneDomain`.
-        t: parameters of the nodes, (P·G,), increasing.
-        z: nodes on ∂Ω.
-        dz: derivative dz/dt at the nodes.
-        weights: quadrature weights in t, so that Σ f·dz·weights = ∮ f dz.
-    """
-
-    order: int
-    breaks: Float[np.ndarray, " b"]
-    t: Float[np.ndarray, " n"]
-    z: Complex[np.ndarray, " n"]
-    dz: Complex[np.ndarray, " n"]
-    weights: Float[np.ndarray, " n"]
+    order: int  # G
+    breaks: Float[np.ndarray, " b"]  # panel ends in the parameter t, from 0 to 1; for holes as in `PlaneDomain`
+    t: Float[np.ndarray, " n"]  # parameters of the nodes, increasing
+    z: Complex[np.ndarray, " n"]  # nodes on ∂Ω
+    dz: Complex[np.ndarray, " n"]  # derivative dz/dt at the nodes
+    weights: Float[np.ndarray, " n"]  # quadrature weights in t, so that Σ f·dz·weights = ∮ f dz
 
     @classmethod
     def around(cls, domain: PlaneDomain, breaks: Sequence[Float[np.ndarray, " _"]], order: int) -> Panels:
         """Panels on all of ∂Ω, between the breaks from 0 to 1 that each of its boundaries has."""
         parts = [cls.on(boundary, ends, order) for boundary, ends in zip(domain.boundaries, breaks, strict=True)]
-        if len(parts) == 1:
-            return parts[0]
         shifts = 2.0 * np.arange(len(parts))
         return cls(
             order=order,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Protocol, runtime_checkable
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
@@ -16,42 +16,20 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
-from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
 
-@runtime_checkable
-class Boundary(Protocol):
-    """A closed plane curve t ↦ z(t), t in [0, 1), with Ω on its left: counter-clockwise, clockwise around a hole."""
-
-    @property
-    def vertices(self) -> Complex[np.ndarray, " m"]:
-        """Points that the curve passes through."""
-        ...
-
-    @property
-    def parameters(self) -> Float[np.ndarray, " m1"]:
-        """Parameters of the vertices, from 0, with 1 (the first vertex again) at the end."""
-        ...
-
-    @property
-    def corners(self) -> Bool[np.ndarray, " m"]:
-        """Which vertices are corners."""
-        ...
-
-    def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """z(t); t is taken modulo 1."""
-        ...
-
-    def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dt."""
-        ...
-
-
 class SplineBoundary:
-    """A closed curve of polynomial pieces, with corners where the domain has corners."""
+    """A closed curve z(t) of polynomial pieces, t in [0, 1), with corners where the domain has corners.
+
+    Attributes:
+        parameters: (m + 1,) of the vertices, from 0, with 1 (the first vertex again) at the end.
+        coefficients: (d + 1, m) of the pieces between them, highest power first.
+        corners: (m,) bool, which vertices are corners.
+        vertices: (m,) points that the curve passes through.
+    """
 
     def __init__(
         self,
@@ -59,7 +37,6 @@ class SplineBoundary:
         coefficients: Complex[np.ndarray, "d1 m"],
         corners: Bool[np.ndarray, " m"],
     ) -> None:
-        """Takes the ends of the pieces from 0 to 1, their coefficients, highest power first, and the corners."""
         self.parameters = np.asarray(parameters, dtype=np.float64)
         self.coefficients = np.asarray(coefficients, dtype=np.complex128)
         self.corners = np.asarray(corners, dtype=bool)
@@ -71,11 +48,8 @@ class SplineBoundary:
     ) -> SplineBoundary:
         """The interpolating cubic spline by chord length through vertices, counter-clockwise."""
         flags = np.zeros(len(vertices), dtype=bool) if corners is None else np.asarray(corners, dtype=bool)
-        z = np.asarray(vertices, dtype=np.complex128)
-        parameters, coefficients = piecewise_cubic(plane_coordinates(z), flags)
-        boundary = cls(parameters, coefficients[..., 0] + 1j * coefficients[..., 1], flags)
-        boundary.vertices = z
-        return boundary
+        parameters, coefficients = piecewise_cubic(plane_coordinates(np.asarray(vertices, dtype=np.complex128)), flags)
+        return cls(parameters, coefficients[..., 0] + 1j * coefficients[..., 1], flags)
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(t); t is taken modulo 1."""
@@ -88,12 +62,6 @@ class SplineBoundary:
     @cached_property
     def _pieces(self) -> PPoly:
         return PPoly(self.coefficients, self.parameters)
-
-
-def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
-    """Points of a curve, in order: `each` from every vertex to the next, at equal steps of the parameter."""
-    t = boundary.parameters
-    return boundary.point((t[:-1, None] + np.diff(t)[:, None] * (np.arange(each) / each)).ravel())
 
 
 class FourierBoundary:
@@ -145,6 +113,16 @@ class FourierBoundary:
         return np.asarray(polyval(e, ahead) + polyval(np.conj(e), back))
 
 
+# with Ω on the left: counter-clockwise, clockwise around a hole; parameters are taken modulo 1
+Boundary: TypeAlias = SplineBoundary | FourierBoundary
+
+
+def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
+    """Points of a curve, in order: `each` from every vertex to the next, at equal steps of the parameter."""
+    t = boundary.parameters
+    return boundary.point((t[:-1, None] + np.diff(t)[:, None] * (np.arange(each) / each)).ravel())
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathTree:
     """A tree of straight edges inside Ω that joins every vertex of its triangulation to the root.
@@ -152,12 +130,10 @@ class PathTree:
     Attributes:
         root: the vertex where integration starts.
         parent: for each vertex the one before it on its way from the root; the root is its own parent.
-        levels: the vertices at 1, 2, … edges from the root, nearest first.
     """
 
     root: int
     parent: Int[np.ndarray, " n"]
-    levels: tuple[Int[np.ndarray, "_"], ...]
 
     def visited(self, wanted: Int[np.ndarray, " k"]) -> Int[np.ndarray, " v"]:
         """The vertices on the ways from the root to the given ones, these and the root included, ascending."""
@@ -232,11 +208,7 @@ class PlaneDomain:
 
     @classmethod
     def inside(
-        cls,
-        boundary: Boundary,
-        log_scale: Float[np.ndarray, " m"] | None = None,
-        *,
-        holes: tuple[Boundary, ...] = (),
+        cls, boundary: Boundary, log_scale: Float[np.ndarray, " m"] | None = None, *, holes: tuple[Boundary, ...] = ()
     ) -> PlaneDomain:
         """The domain inside a curve and outside holes, triangulated with edges that grow inwards.
 
@@ -358,7 +330,7 @@ class PlaneDomain:
         _, before = dijkstra(graph, directed=False, indices=np.array(self.root), return_predecessors=True)
         parent = before.ravel().astype(np.int64)
         parent[self.root] = self.root
-        return PathTree(root=self.root, parent=parent, levels=_levels(self.root, parent))
+        return PathTree(root=self.root, parent=parent)
 
 
 def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
@@ -378,20 +350,7 @@ def _graded_triangulation(vertices: bytes, rims: Rims) -> PlaneTriangulation:
     """The triangulation inside polygons given as the bytes of their complex vertices, with edges that grow inwards."""
     points = np.frombuffer(vertices, dtype=np.complex128)
     outer, *holes = np.split(points, np.cumsum(rims)[:-1])
-    mesh = triangulate_polygon(outer, graded_size(points, rims=rims), holes=holes)
+    mesh = triangulate_polygon(outer, holes=holes)
     for shared in (mesh.points, mesh.faces):
         shared.setflags(write=False)
     return mesh
-
-
-def _levels(root: int, parent: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, "_"], ...]:
-    """The vertices by their number of edges from the root."""
-    level = np.full(len(parent), -1)
-    level[root] = 0
-    levels: list[Int[np.ndarray, "_"]] = []
-    while True:
-        reached = np.flatnonzero((level < 0) & (level[parent] == len(levels)))
-        if not len(reached):
-            return tuple(levels)
-        level[reached] = len(levels) + 1
-        levels.append(reached)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -34,31 +34,26 @@ def rule(name: RuleName, n: int) -> Rule:
     """
     if n < 1:
         raise OptionError(f"a quadrature rule needs n of at least 1, got {n}")
+    if name not in get_args(RuleName):
+        raise OptionError(f"unknown quadrature rule {name!r}; choose 'trapezoid', 'simpson' or 'gauss'")
     if name == "gauss":
         x, w = np.polynomial.legendre.leggauss(n)
         return Rule(_frozen((x + 1) / 2), _frozen(w / 2))
-    nodes = np.linspace(0.0, 1.0, n + 1)
-    if name == "trapezoid":
-        weights = np.full(n + 1, 1.0 / n)
-        weights[[0, -1]] /= 2
-        return Rule(_frozen(nodes), _frozen(weights))
+    weights = np.full(n + 1, 1.0 / n)
     if name == "simpson":
         if n % 2:
             raise OptionError(f"Simpson's rule needs an even number of intervals, got {n}")
         weights = np.full(n + 1, 2.0 / (3 * n))
         weights[1::2] *= 2
-        weights[[0, -1]] /= 2
-        return Rule(_frozen(nodes), _frozen(weights))
-    raise OptionError(f"unknown quadrature rule {name!r}; choose 'trapezoid', 'simpson' or 'gauss'")
+    weights[[0, -1]] /= 2
+    return Rule(_frozen(np.linspace(0.0, 1.0, n + 1)), _frozen(weights))
 
 
 @lru_cache(maxsize=32)
 def cumulative_matrix(order: int, ends: tuple[float, ...] | None = None) -> Float[np.ndarray, "h g"]:
-    """Matrix S: (S f)_i is the integral from 0 to end i of the polynomial through the values f at the Gauss nodes.
+    """Matrix S: (S f)_i is the integral from 0 to end i of the polynomial through the values f at so many Gauss nodes.
 
-    Args:
-        order: number of nodes.
-        ends: in [0, 1]; the nodes themselves by default.
+    The ends are in [0, 1]; the nodes themselves by default.
     """
     nodes, _ = np.polynomial.legendre.leggauss(order)
     x = nodes if ends is None else 2 * np.asarray(ends) - 1

@@ -13,7 +13,7 @@ from spinor_geom.domain.delaunay import (
     reachable,
     unique_edges,
 )
-from spinor_geom.domain.nearest import NearestPoints
+from spinor_geom.domain.nearest import Lengths, NearestPoints, Owners, Places
 from spinor_geom.domain.sizes import RegionSizes
 
 # in degrees, below which a triangle is refined; above 30 the number of points grows quickly
@@ -34,15 +34,7 @@ _LONGEST_EAR = 1.05
 
 
 class Boundary:
-    """The polygons of all regions; tells which points are so near an edge that they see it under too large an angle.
-
-    Attributes:
-        points: Their vertices.
-        after: For each the next one on its polygon.
-        region: That each bounds.
-        edge: From each to the next one.
-        count: Number of regions.
-    """
+    """The vertices of all polygons, and of each the next, the region and the edge; tells what is too near an edge."""
 
     def __init__(
         self, points: Complex[np.ndarray, " m"], after: Int[np.ndarray, " m"], region: Int[np.ndarray, " m"]
@@ -57,7 +49,7 @@ class Boundary:
             for some in (np.flatnonzero(group == g) for g in np.unique(group))
         ]
 
-    def too_near(self, z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    def too_near(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
         """Whether each point sees some edge of its region under too large an angle."""
         inside = np.zeros(len(z), dtype=bool)
         if len(z) == 0:
@@ -80,10 +72,7 @@ def refine(
     size: RegionSizes,
     room: Int[np.ndarray, " r"],
 ) -> None:
-    """Inserts batches of circumcentres until no triangle wants and can have one, given the sizes wanted at points.
-
-    So many points have room in each region, those that are there already included.
-    """
+    """Inserts batches of circumcentres until no triangle wants and can have one; `room` bounds each region's points."""
     sine = np.sin(np.radians(MIN_ANGLE))
     at_centres = np.zeros(boundary.count, dtype=bool)
     # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
@@ -120,19 +109,15 @@ def refine(
         mesh.insert(centre[new], owner[new])
 
 
-def independent(
-    z: Complex[np.ndarray, " k"],
-    region: Int[np.ndarray, " k"],
-    spacing: Float[np.ndarray, " k"],
-    priority: Float[np.ndarray, " k"],
-) -> Int[np.ndarray, " s"]:
-    """Indices of points no two of which are nearer than the smaller of their spacings, high priority preferred.
-
-    They are ordered by their regions; points of two regions are not near each other.
-    """
+def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) -> Int[np.ndarray, " s"]:
+    """Indices of points, by region, no two nearer than the smaller of their spacings; high priority is preferred."""
     if len(z) < 2:
         return np.arange(len(z))
-    first = _first_in_cell(z, region, spacing, priority)
+    # the point of highest priority in each occupied square cell, a quarter to half a spacing wide
+    level = np.floor(np.log2(spacing))
+    cell = np.column_stack([np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]), level, region])
+    order = np.lexsort((-priority, *cell.T))
+    first = order[np.append(True, (np.diff(cell[order], axis=0) != 0).any(axis=1))]
     z, region, spacing, priority = z[first], region[first], spacing[first], priority[first]
     rank = np.empty(len(z), dtype=np.int64)
     rank[np.argsort(-priority, kind="stable")] = np.arange(len(z))
@@ -157,23 +142,7 @@ def independent(
     return np.asarray(first[taken])
 
 
-def _first_in_cell(
-    z: Complex[np.ndarray, " k"],
-    region: Int[np.ndarray, " k"],
-    spacing: Float[np.ndarray, " k"],
-    priority: Float[np.ndarray, " k"],
-) -> Int[np.ndarray, " s"]:
-    """Index of the point of highest priority in each occupied square cell, a quarter to half a spacing wide."""
-    level = np.floor(np.log2(spacing))
-    cell = np.column_stack([np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]), level, region])
-    order = np.lexsort((-priority, *cell.T))
-    new = (np.diff(cell[order], axis=0) != 0).any(axis=1)
-    return np.asarray(order[np.append(True, new)])
-
-
-def long_bridges(
-    mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSizes
-) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+def long_bridges(mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSizes) -> tuple[Places, Owners]:
     """Points that split inner edges between boundary vertices, where a region has room for one, and their regions."""
     m, points, faces, after = mesh.boundary_size, mesh.points, mesh.triangles, boundary.after
     edges = unique_edges(faces[(faces < m).sum(axis=1) > 1], len(points))
@@ -198,6 +167,6 @@ def long_bridges(
     return place[chosen], owner[chosen]
 
 
-def place_in_region(region: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+def place_in_region(region: Owners) -> Owners:
     """Numbers from 0 on within each run of equal numbers, which ascend."""
     return np.asarray(np.arange(len(region)) - np.searchsorted(region, region))

@@ -5,67 +5,46 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex
 
-from spinor_geom.domain.delaunay import Rims, rim_successors
-from spinor_geom.domain.nearest import NearestPoints, Regions
+from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.domain.nearest import Lengths, NearestPoints, Owners, Places, Regions
 
-SizeFunction = Callable[[Complex[np.ndarray, " k"]], Float[np.ndarray, " k"]]
-RegionSizes = Callable[[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]], Float[np.ndarray, " k"]]
-SizeBounds = Callable[[Complex[np.ndarray, " k"], Regions], tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]
+SizeFunction = Callable[[Places], Lengths]
+RegionSizes = Callable[[Places, Owners], Lengths]
+SizeBounds = Callable[[Places, Regions], tuple[Lengths, Lengths]]
 
 # Change of the edge length per unit of distance from the boundary, upwards.
 GROWTH = 0.35
 
 
-def graded_size(
-    boundary: Complex[np.ndarray, " m"],
-    *,
-    growth: float = GROWTH,
-    rims: Rims | None = None,
-) -> SizeFunction:
-    """Edge length that is the local one at the boundary and grows with the distance from it.
+def graded_size(*polygons: Complex[np.ndarray, " _"], growth: float = GROWTH) -> SizeFunction:
+    """Edge length that is the local one at the closed polygons of a boundary and grows with the distance from them.
 
     h(z) = min_j (e_j + growth·|z − b_j|) over the boundary vertices b_j nearest to z; e_j is the mean of the two
-    boundary edges at b_j, lowered where a neighbour's e_i + growth·|b_i − b_j| is smaller.
-
-    Args:
-        boundary: Closed polygon, in units of Ω, or several, one after the other.
-        growth: Increase of h per unit of distance.
-        rims: Numbers of vertices of the polygons; none for a single one.
-
-    Returns:
-        A function from points (k,) to edge lengths (k,).
+    boundary edges at b_j, lowered where a neighbour's e_i + growth·|b_i − b_j| is smaller. In units of Ω.
     """
-    bounds = size_bounds(boundary, growth=growth, decay=0.0, rims=rims)
+    bounds = size_bounds(polygons, growth=growth, decay=0.0)
     return lambda z: bounds(z, 0)[1]
 
 
 def graded_sizes(polygons: Sequence[Complex[np.ndarray, " _"]]) -> RegionSizes:
     """`graded_size` inside each of several polygons, by their numbers."""
-    rims = tuple(map(len, polygons))
-    owner = np.repeat(np.arange(len(rims)), rims)
-    bounds = size_bounds(np.concatenate(polygons), growth=GROWTH, decay=0.0, rims=rims, region=owner)
+    bounds = size_bounds(polygons, range(len(polygons)), growth=GROWTH, decay=0.0)
     return lambda z, region: bounds(z, region)[1]
 
 
 def size_bounds(
-    boundary: Complex[np.ndarray, " m"], *, growth: float, decay: float, rims: Rims | None = None, region: Regions = 0
+    polygons: Sequence[Complex[np.ndarray, " _"]], regions: Sequence[int] = (), *, growth: float, decay: float
 ) -> SizeBounds:
-    """The range of edge lengths that pass gradually into those of a boundary.
+    """The range of edge lengths that pass gradually into those of closed polygons: of one region, or of those named.
 
-    Args:
-        boundary: Closed polygon, in units of Ω, or several, one after the other.
-        growth: Increase of the upper bound per unit of distance; it is `graded_size`.
-        decay: Decrease of the lower bound, from the local edge length at the nearest boundary vertex.
-        rims: Numbers of vertices of the polygons; none for a single one.
-        region: That each vertex bounds.
-
-    Returns:
-        A function from points (k,) and their regions to lower bounds (k,), which may be negative, and upper bounds
-        (k,).
+    As functions of points (k,) and their regions. The upper bound is `graded_size`; the lower one, which may be
+    negative, falls by `decay` per unit of distance from the local edge length at the nearest vertex.
     """
-    after = rim_successors(rims or (len(boundary),))
+    rims, boundary = tuple(map(len, polygons)), np.concatenate(polygons)
+    region = np.repeat(regions or (0,) * len(rims), rims)
+    after = rim_successors(rims)
     edge = np.abs(boundary[after] - boundary)
     before = np.empty_like(after)
     before[after] = np.arange(len(after))
@@ -77,11 +56,9 @@ def size_bounds(
         local = (np.append(local, np.inf)[index] + growth * distance).min(axis=1)
     around = np.append(local, np.inf)
 
-    def bounds(
-        z: Complex[np.ndarray, " k"], region: Regions
-    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    def bounds(z: Places, region: Regions) -> tuple[Lengths, Lengths]:
         distance, index = tree.query(z, region, count=3)
-        low: Float[np.ndarray, " k"] = own[index[:, 0]] - decay * distance[:, 0]
+        low: Lengths = own[index[:, 0]] - decay * distance[:, 0]
         return low, (around[index] + growth * distance).min(axis=1)
 
     return bounds

@@ -17,10 +17,7 @@ _AROUND = np.append(0, np.exp(2j * np.pi * np.arange(8) / 8))
 
 
 def smooth(mesh: ConstrainedDelaunay) -> None:
-    """Moves inner points to the mean of their neighbours, twice; a new Delaunay triangulation follows.
-
-    No face is flipped.
-    """
+    """Moves inner points to the mean of their neighbours, twice, where no face is flipped, and triangulates anew."""
     points, faces, m = mesh.points, mesh.triangles, mesh.boundary_size
     n = len(points)
     if n == m:

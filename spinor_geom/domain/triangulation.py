@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.domain.delaunay import ConstrainedDelaunay, Rims, rim_successors, unique_edges
 from spinor_geom.domain.lattice import lattices_inside
-from spinor_geom.domain.nearest import NearestPoints
+from spinor_geom.domain.nearest import Lengths, NearestPoints, Owners, Places
 from spinor_geom.domain.refinement import MIN_ANGLE, Boundary, independent, long_bridges, place_in_region, refine
-from spinor_geom.domain.sizes import RegionSizes, SizeFunction
+from spinor_geom.domain.sizes import RegionSizes, SizeFunction, graded_size
 from spinor_geom.domain.smoothing import polish, smooth
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
 
@@ -29,6 +29,8 @@ _STRAIGHT = 1e-9
 # this share of the wanted size from each other
 _FROM_TIPS, _FROM_VERTICES, _LEAST_SPACING = 0.75, 1.2, 0.7
 
+# points inside a region, about as far from each other as is wanted, and the distance of each from its neighbours
+Seeds = tuple[Places, Lengths]
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -79,26 +81,11 @@ def one_by_one_on_error(make: Callable[[Sequence[T]], list[R]], items: Sequence[
     return [made for some in (items[:half], items[half:]) for made in one_by_one_on_error(make, some)]
 
 
-class Seeds(NamedTuple):
-    """Points inside regions to start from; those that are too near to the boundary are not taken.
-
-    Attributes:
-        points: About as far from each other as is wanted.
-        spacing: Distance of each from its neighbours.
-        region: Of each, ascending.
-    """
-
-    points: Complex[np.ndarray, " k"]
-    spacing: Float[np.ndarray, " k"]
-    region: Int[np.ndarray, " k"]
-
-
 def triangulate_polygon(
     boundary: Complex[np.ndarray, " m"],
-    size: SizeFunction,
+    size: SizeFunction | None = None,
     *,
     holes: Sequence[Complex[np.ndarray, " _"]] = (),
-    max_points: int = MOST_POINTS,
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
@@ -108,40 +95,31 @@ def triangulate_polygon(
     the polygon is one triangle wide they stay), the inner points are smoothed, and those of triangles that are still
     poor are moved one by one. Small angles that the boundary itself forces stay.
 
-    Args:
-        boundary: Vertices of the polygon, counter-clockwise, without repetition of the first.
-        size: Wanted edge length at points (k,), in units of the polygon.
-        holes: Polygons inside it, clockwise, that are left out.
-        max_points: No further points are inserted when there are so many in all.
+    The polygon runs counter-clockwise, the holes inside it, which are left out, clockwise. The size is the wanted edge
+    length at points (k,), in units of the polygon; by default `graded_size`.
 
     Raises:
-        DomainError: The polygon is clockwise, has fewer than three vertices or a vertex that is not finite, or touches
-            or crosses itself; or a hole is counter-clockwise, not inside it, or otherwise such.
+        DomainError: The polygon or a hole runs the other way, has fewer than three vertices or one that is not finite,
+            or touches or crosses itself; or a hole is not inside.
         OptionError: `size` gives a value that is not positive and finite.
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
-    return triangulate_regions([(boundary, *holes)], lambda z, _: size(z), max_points=max_points)[0]
+    wanted = size or graded_size(boundary, *holes)
+    return triangulate_regions([(boundary, *holes)], lambda z, _: wanted(z))[0]
 
 
 def triangulate_regions(
     regions: Sequence[Sequence[Complex[np.ndarray, " _"]]],
     size: RegionSizes,
     *,
-    seeds: Seeds | None = None,
+    seeds: Sequence[Seeds] = (),
     max_points: Sequence[int] | int = MOST_POINTS,
 ) -> list[PlaneTriangulation]:
     """As `triangulate_polygon` for many regions at once: the triangulation of each is the same, to the last bit.
 
-    Args:
-        regions: For each its polygon and its holes.
-        size: Wanted edge length at points (k,) and the numbers (k,) of their regions.
-        seeds: By default the points of lattices as wide as the largest of the sizes wanted.
-        max_points: Of each region, or of any.
-
-    Raises:
-        DomainError: A region is none, see `triangulate_polygon`.
-        OptionError: `size` gives a value that is not positive and finite.
+    A region is a polygon and its holes. Seeds are by default the points of lattices as wide as the largest of the sizes
+    wanted; those too near to the boundary are not taken. No further points are inserted when there are so many.
     """
     parts = [[np.array(polygon, dtype=np.complex128) for polygon in region] for region in regions]
     rims = [tuple(map(len, region)) for region in parts]
@@ -151,7 +129,7 @@ def triangulate_regions(
     boundary = np.concatenate(given)
     edges = Boundary((boundary - centre[owner]) / scale[owner], rim_successors(sum(rims, ())), owner)
 
-    def wanted(z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    def wanted(z: Places, region: Owners) -> Lengths:
         h = size(z * scale[region] + centre[region], region)
         wrong = ~((h > 0) & np.isfinite(h))
         if wrong.any():
@@ -161,13 +139,13 @@ def triangulate_regions(
     # nothing is put into a triangle
     m = np.array([len(boundary) for boundary in given])
     room = np.where(m > 3, np.maximum(max_points - m, 0), 0)
-    if seeds is None:
+    if not seeds:
         inner, of = _seeds(edges, wanted, room)
         lengths = wanted(inner, of)
     else:
-        of = seeds.region
-        scaled = Seeds((seeds.points - centre[of]) / scale[of], seeds.spacing / scale[of], of)
-        inner, of, lengths = _behind_a_row(edges, wanted, scaled)
+        of = np.repeat(np.arange(len(seeds)), [len(points) for points, _ in seeds])
+        places, spacing = map(np.concatenate, zip(*seeds, strict=True))
+        inner, of, lengths = _behind_a_row(edges, wanted, (places - centre[of]) / scale[of], spacing / scale[of], of)
     some = place_in_region(of) < room[of]
     inner, of, lengths = inner[some], of[some], lengths[some]
     mesh = ConstrainedDelaunay(np.append(edges.points, inner), rims, np.append(owner, of))
@@ -179,13 +157,8 @@ def triangulate_regions(
         mesh.insert(middle, of)
     smooth(mesh)
     polish(mesh, MIN_ANGLE)
-    result = mesh.points * scale[mesh.region] + centre[mesh.region]
-    result[: mesh.boundary_size] = boundary
-    return _split(mesh, result)
-
-
-def _split(mesh: ConstrainedDelaunay, points: Complex[np.ndarray, " n"]) -> list[PlaneTriangulation]:
-    """Each region's own, its vertices at given points."""
+    points = mesh.points * scale[mesh.region] + centre[mesh.region]
+    points[: mesh.boundary_size] = boundary
     place = np.empty(len(points), dtype=np.int64)
     for own in mesh.own:
         place[own] = np.arange(len(own))
@@ -198,13 +171,16 @@ def _split(mesh: ConstrainedDelaunay, points: Complex[np.ndarray, " n"]) -> list
 
 
 def _require_region(polygons: Sequence[Complex[np.ndarray, " _"]]) -> tuple[complex, float]:
-    """Checks a polygon and its holes; at unit size about the origin it is the same wherever and however large it is.
-
-    Returns:
-        What is its origin there, and its unit.
-    """
+    """Checks a polygon and its holes; gives an origin and a unit in which nothing depends on its place and size."""
     for number, polygon in enumerate(polygons):
-        _require_polygon(polygon, clockwise=number > 0)
+        name, sign, ways = "the polygon", 1, ("clockwise", "counter-clockwise")
+        if number:
+            name, sign, ways = "a hole", -1, ways[::-1]
+        m = len(polygon)
+        if m < 3 or not np.isfinite(polygon).all():
+            raise DomainError(f"{name} needs at least 3 finite vertices, got {m}", vertices=m)
+        if sign * _area(polygon) <= 0:
+            raise DomainError(f"{name} runs {ways[0]} or has no area; give it {ways[1]}", vertices=m)
     boundary = np.concatenate(polygons)
     if sum(map(_area, polygons)) <= 0:
         raise DomainError("a hole is not inside the polygon", vertices=len(boundary))
@@ -213,17 +189,6 @@ def _require_region(polygons: Sequence[Complex[np.ndarray, " _"]]) -> tuple[comp
     if len(polygons) > 1 or not _is_convex((boundary - centre) / scale):
         _require_simple((boundary - centre) / scale, tuple(map(len, polygons)))
     return centre, scale
-
-
-def _require_polygon(polygon: Complex[np.ndarray, " m"], *, clockwise: bool) -> None:
-    m, name = len(polygon), "a hole" if clockwise else "the polygon"
-    if m < 3 or not np.isfinite(polygon).all():
-        raise DomainError(f"{name} needs at least 3 finite vertices, got {m}", vertices=m)
-    area = _area(polygon)
-    if clockwise and area >= 0:
-        raise DomainError("a hole runs counter-clockwise or has no area; give it clockwise", vertices=m)
-    if not clockwise and area <= 0:
-        raise DomainError("the polygon runs clockwise or has no area; give it counter-clockwise", vertices=m)
 
 
 def _is_convex(polygon: Complex[np.ndarray, " m"]) -> bool:
@@ -249,9 +214,7 @@ def _area(polygon: Complex[np.ndarray, " m"]) -> float:
     return 0.5 * float((np.conj(polygon) * np.roll(polygon, -1)).imag.sum())
 
 
-def _seeds(
-    boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]
-) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+def _seeds(boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]) -> tuple[Places, Owners]:
     """Points of lattices as wide as the largest of the sizes wanted in each region: inner points to start from."""
     points, after, owner = boundary.points, boundary.after, boundary.region
     area = 0.5 * np.bincount(owner, (np.conj(points) * points[after]).imag)
@@ -273,7 +236,7 @@ def _seeds(
 
 
 def _behind_a_row(
-    boundary: Boundary, size: RegionSizes, seeds: Seeds
+    boundary: Boundary, size: RegionSizes, z: Places, spacing: Lengths, of: Owners
 ) -> tuple[Complex[np.ndarray, " j"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
     """The tips of equilateral triangles on the edges of polygons, and behind them the seeds that stand wide enough.
 
@@ -286,7 +249,6 @@ def _behind_a_row(
     free = (kept == np.bincount(owner))[owner] & ~boundary.too_near(tips, owner)
     row = np.concatenate([tips[free], polygon])
     away = np.concatenate([_FROM_TIPS * length[free], _FROM_VERTICES * length])
-    z, spacing, of = seeds
     distance, nearest = NearestPoints(row, np.concatenate([owner[free], owner])).query(z, of)
     clear = distance[:, 0] > away[nearest[:, 0]]
     z, spacing, of = z[clear], spacing[clear], of[clear]

@@ -31,15 +31,8 @@ def patch_attributes(
 
     Attributes are interpolated harmonically, all columns in one solve. Labels, which must not be averaged, are those of
     the nearest rim vertex. "normal" is the unit normal of the surface, on the side the patch's faces look to. A value
-    on the rim that is not finite counts as that of the nearest rim vertex with a finite one.
-
-    Args:
-        attributes: the mesh's own, (V, k) each; so are the results, (n − M, k).
-        rim: mesh vertices of the patch's boundary vertices.
-        patch: the patch.
-        surface: gives the normals at the patch's points of Ω; None for a patch that is not on one.
-        is_planned: whether the patch was triangulated in Ω, so that its triangles there have area.
-        labels: names of attributes whose values name classes.
+    on the rim, whose mesh vertices are `rim`, that is not finite counts as that of the nearest with a finite one. A
+    patch that `is_planned` was triangulated in Ω, so that its triangles there have area.
 
     Source: Pinkall & Polthier (1993), the discrete Dirichlet energy.
     """
@@ -67,13 +60,10 @@ def patch_attributes(
 
 
 def _laplacian(patch: Patch, *, is_planned: bool) -> csc_array:
-    """That of the patch's triangulation in Ω, or for a discrete patch that of its edges.
-
-    The Dirichlet energy is conformally invariant, so the harmonic functions in Ω are those of the surface, and the
-    triangles in Ω are never degenerate. Those of a discrete patch may be.
-    """
+    """That of the triangulation in Ω, or for a discrete patch, whose triangles may be degenerate, of its edges."""
     if not is_planned:
         return graph_laplacian(np.asarray(patch.faces))
+    # the Dirichlet energy is conformally invariant: harmonic functions in Ω are those of the surface
     return cotangent_laplacian(plane_coordinates(patch.points), np.asarray(patch.faces))
 
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
 
+from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.operators import Bending, crossing_angles, face_normals, unclosed_vertices, vertex_angles
 from spinor_geom.mesh.topology import HalfEdges
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 
 # An edge with a larger angle between its faces' normals is a crease, and nothing goes on across it.
@@ -22,20 +21,6 @@ _FEWEST_EDGES = 12
 _CONSTANT = 1e-3
 # Edges over which the curvature of the smoothest mesh changes.
 _LONGEST = 100.0
-
-
-class FacesAround:
-    """The faces at each vertex of a mesh."""
-
-    def __init__(self, mesh: TriangleMesh) -> None:
-        """Sorts the corners of all faces once."""
-        self.mesh, corners = mesh, mesh.faces.ravel()
-        entries = (np.ones(len(corners), dtype=bool), (corners, np.arange(len(corners)) // 3))
-        self._faces = csr_array(entries, shape=(len(mesh.vertices), len(mesh.faces)))
-
-    def at(self, vertices: Int[np.ndarray, " k"]) -> Int[np.ndarray, " f"]:
-        """The faces that touch any of some vertices, ascending."""
-        return np.unique(self._faces[vertices].indices)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,29 +40,16 @@ class Collar:
     """The first ring of faces around a patch, and how the mesh bends there.
 
     The vertices are the patch's boundary, in its order, then those of the ring beyond it.
-
-    Attributes:
-        vertices: (m + r, 3) positions.
-        faces: those of the mesh that touch the boundary.
-        boundary_size: m.
-        bends: which vertices have a mean curvature: not those on another border, at a crease, or where faces do not
-            hang together.
-        curvature: H at the r vertices beyond the boundary; 0 where they have none.
-        length: ℓ, over which H changes in the rings around, in mesh units: that after which the correlation of H has
-            fallen by e; 0 for noise, and where H does not change at all, so that nothing depends on ℓ.
-        roughness: the share of the variance of H that lies between neighbours: 0 on a smooth mesh, 1 and more where H
-            is noise.
-        creased: number of boundary vertices at creases.
     """
 
-    vertices: Float[np.ndarray, "v 3"]
-    faces: Int[np.ndarray, "f 3"]
-    boundary_size: int
-    bends: Bool[np.ndarray, " v"]
-    curvature: Float[np.ndarray, " r"]
-    length: float
-    roughness: float
-    creased: int
+    vertices: Float[np.ndarray, "v 3"]  # (m + r, 3) positions
+    faces: Int[np.ndarray, "f 3"]  # those of the mesh that touch the boundary
+    boundary_size: int  # m
+    bends: Bool[np.ndarray, " v"]  # which have a mean curvature: not on another border, at a crease, at loose faces
+    curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where they have none
+    length: float  # ℓ, after which the correlation of H has fallen by e; 0 for noise, and where H does not change
+    roughness: float  # share of the variance of H between neighbours: 0 on a smooth mesh, 1 and more in noise
+    creased: int  # number of boundary vertices at creases
 
     @property
     def angles(self) -> Float[np.ndarray, " m"]:
@@ -85,12 +57,12 @@ class Collar:
         return vertex_angles(self.vertices, self.faces)[: self.boundary_size]
 
 
-def collar_of(around: FacesAround, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
+def collar_of(surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
     """The collar of a patch that has no edge which the mesh has too, other than the rim's; `rim` are mesh vertices."""
-    mesh, m = around.mesh, len(rim)
-    rings = [around.at(rim)]
+    mesh, m = surroundings.mesh, len(rim)
+    rings = [surroundings.faces_at(rim)]
     for _ in range(1, _RINGS):
-        rings.append(np.setdiff1d(around.at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
+        rings.append(np.setdiff1d(surroundings.faces_at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
     first = np.setdiff1d(mesh.faces[rings[0]], rim)
     beyond = np.setdiff1d(mesh.faces[np.concatenate(rings)], np.concatenate([rim, first]))
     ids = np.concatenate([rim, first, beyond])

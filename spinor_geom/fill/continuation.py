@@ -31,6 +31,7 @@ from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.remesh import over_domain_of_angles, remesh
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Newton's method starts after so many linear solves at most; a dome that is not found after few is not after many.
 _STARTS = 3
@@ -264,6 +265,11 @@ class MadePatch:
             return "minimal"
         return "strip" if self.patch.hole_sizes else "discrete"
 
+    @property
+    def surface(self) -> SpinorSurface | None:
+        """The exact surface that the patch is a mesh of."""
+        return None if self.solution is None or self.continuation is not None else self.solution.surface
+
     @cached_property
     def rim(self) -> Int[np.ndarray, " m"]:
         """Mesh vertices of its boundary vertices."""
@@ -271,14 +277,8 @@ class MadePatch:
 
     def joinable(self, surroundings: Surroundings) -> MadePatch:
         """The patch with its edges split that the mesh or another patch has."""
-        patch, split = fit_to_rim(self.rim, self.patch, surroundings.taken, self._middles)
+        patch, split = fit_to_rim(self.rim, self.patch, surroundings.taken, self.surface)
         return replace(self, patch=patch, edges_split=self.edges_split + split)
-
-    def _middles(self, patch: Patch, chords: Int[np.ndarray, "c 2"]) -> Float[np.ndarray, "c 3"]:
-        """Positions halfway along chords: on the surface, halfway in Ω, where the patch is a mesh of one."""
-        if self.solution is None or self.continuation is not None:
-            return np.asarray(patch.vertices[chords].mean(axis=1))
-        return np.asarray(self.solution.surface.position(patch.points[chords].mean(axis=1)), dtype=np.float64)
 
 
 def continued(first: MadePatch, target: float, surroundings: Surroundings) -> MadePatch:
@@ -293,7 +293,7 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
     """
     if len(first.patch.vertices) == len(first.rim):
         return _staying(first)
-    collar = collar_of(surroundings.faces_around, first.rim, first.patch)
+    collar = collar_of(surroundings, first.rim, first.patch)
     try:
         moved = continue_patch(first.patch, collar, target, is_conformal=first.start != "discrete")
     except SingularMatrixError as error:

@@ -31,10 +31,7 @@ _LONG = 60
 def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
     """The discrete minimal surface over a loop, else a triangulation without inner vertices; and what it is, in words.
 
-    Args:
-        loop: any loop.
-        target: upper bound of the edge length, in mesh units.
-        seconds: after which the descent of the area ends where it is.
+    Edges are at most `target` long, in mesh units. After so many seconds the descent of the area ends where it is.
 
     Raises:
         TooManyPointsError: the edge length asks for more vertices than anyone can use.
@@ -68,11 +65,7 @@ def over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> 
 
 
 def refuse_long_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
-    """Checks, before anything is solved, that a discrete disk over a long loop does not lie on the mesh.
-
-    Raises:
-        SheetBorderError: it does.
-    """
+    """Refuses, before anything is solved, a long loop whose discrete disk lies on the mesh, as `refuse_border` does."""
     # 2π around a flat sheet, −2π around a hole in one
     if len(loop) < _LONG or np.sum(np.pi - surroundings.angles[loop.vertex_ids]) <= 0:
         return
@@ -88,11 +81,7 @@ def refuse_long_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
 def refuse_border(
     surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch, *, most_crossing: float = 0.0
 ) -> None:
-    """Checks that a patch does not lie on the mesh; so many of its faces may cross it.
-
-    Raises:
-        SheetBorderError: it does.
-    """
+    """Raises a SheetBorderError where a patch lies on the mesh; so many of its faces may cross it."""
     folded = surroundings.taken.share_folded_back(surroundings.mesh, rim, patch)
     if folded > _MOST_FOLDED_BACK:
         pairs = surroundings.crossings(patch).mesh

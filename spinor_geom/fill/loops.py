@@ -49,17 +49,11 @@ def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:
     Raises:
         ForeignLoopError: it is none of them, or runs the other way.
     """
-    ids = np.asarray(loop.vertex_ids)
     for place, candidate in enumerate(loops):
-        if len(candidate) != len(loop):
-            continue
-        start = np.flatnonzero(np.asarray(candidate.vertex_ids) == ids[0])
-        if start.size != 1:
-            continue
-        shift = -int(start[0])
-        same_vertices = np.array_equal(np.roll(candidate.vertex_ids, shift), ids)
-        if same_vertices and np.array_equal(np.roll(candidate.points, shift, axis=0), loop.points):
-            return place
+        for start in np.flatnonzero(candidate.vertex_ids == loop.vertex_ids[0]).tolist():
+            same_vertices = np.array_equal(np.roll(candidate.vertex_ids, -start), loop.vertex_ids)
+            if same_vertices and np.array_equal(np.roll(candidate.points, -start, axis=0), loop.points):
+                return place
     raise ForeignLoopError(vertices=len(loop))
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from time import perf_counter
 from typing import Literal, TypeAlias
 
@@ -29,7 +28,6 @@ from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
 # An island lies no farther over or under the plane of its hole than the hole itself, and this share of its width.
 _HEIGHT_PER_WIDTH = 0.2
-
 
 Islands: TypeAlias = Literal["join", "ignore"]
 # Seconds that a surface may wait for others to be meshed together; their meshes do not depend on it.
@@ -58,8 +56,7 @@ def planned_joins(
 ) -> Joins:
     """The bridge that was asked for, by the places of its loops, or the islands in the holes that are to be filled.
 
-    Raises:
-        OptionError: a bridge of a single loop, or from a loop to itself, was asked for.
+    A bridge of a single loop, or from a loop to itself, is an OptionError.
     """
     if bridge is not None:
         if len(bridge) < 2:
@@ -94,31 +91,27 @@ def fill_between(
 ) -> tuple[tuple[LoopOutcome, ...], LoopPatch | None]:
     """The patch between several of a mesh's loops, with the outcomes of all, or the reason why there is none."""
     first, *others = places
-
-    def found() -> Solved:
-        try:
-            for place in places:
-                refuse_what_is_no_hole(loops[place], surroundings.taken)
-            rims = [loops[place] for place in places]
-            with time_limit(options.time_limit):
-                solution = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
-        except SpinorGeomError as error:
-            return error
+    options.on_stage(first, "exact surface")
+    begin = perf_counter()
+    found: Solved
+    try:
+        for place in places:
+            refuse_what_is_no_hole(loops[place], surroundings.taken)
+        rims = [loops[place] for place in places]
+        with time_limit(options.time_limit):
+            solution = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
         if isinstance(solution, NoConnectedSurface):
             one_by_one = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
-            return SurfaceError(f"{solution.reason}; {one_by_one}")
+            raise SurfaceError(f"{solution.reason}; {one_by_one}")
         # the outside of one rim would be joined to the inside of another
-        is_twisted = solution.annulus is not None and solution.annulus.reversed
-        return TwistedRimsError(loops=places) if is_twisted else solution
-
-    def answer() -> Answer:
-        begin = perf_counter()
-        one = found()
-        return exact_patches([(loops[first], one, perf_counter() - begin)], options)[0]
-
-    here, patch = fill_loop(
-        surroundings, first, loops[first], answer, options, others={place: loops[place] for place in others}
-    )
+        if solution.annulus is not None and solution.annulus.reversed:
+            raise TwistedRimsError(loops=places)
+        found = solution
+    except SpinorGeomError as error:
+        found = error
+    (answer,) = exact_patches([(loops[first], found, perf_counter() - begin)], options)
+    beyond = {place: loops[place] for place in others}
+    here, patch = fill_loop(surroundings, first, loops[first], answer, options, others=beyond)
     there = [
         LoopOutcome(
             index=place,
@@ -187,16 +180,10 @@ def fill_loops(
     left_open: Mapping[int, LoopOutcome] | None = None,
     joins: Joins | None = None,
 ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
-    """One outcome for every loop, and the patches of those that are filled.
+    """One outcome for each of a mesh's loops, and the patches of those that are filled, which join the surroundings.
 
-    Args:
-        surroundings: the mesh; takes the patches.
-        loops: all of its loops.
-        answers: for each loop that is to be filled by itself, in order, its exact patch, or why it has none.
-        options: of the call.
-        on_loop: as for `fill_hole`.
-        left_open: outcomes of the loops that nothing is tried for, by their places.
-        joins: what is joined to what; by default nothing.
+    The answers are those of the loops that are to be filled by themselves, in order; `left_open` has the outcomes of
+    the loops that nothing is tried for, by their places.
     """
     left_open, joins = left_open or {}, joins or Joins()
     asked = len(loops) - sum(not _was_asked(outcome) for outcome in left_open.values())
@@ -212,7 +199,8 @@ def fill_loops(
         elif place in joins.others:
             done, patch = fill_between(surroundings, (place, *joins.others[place]), loops, options)
         else:
-            outcome, patch = fill_loop(surroundings, place, loop, partial(next, answers), options)
+            options.on_stage(place, "exact surface")
+            outcome, patch = fill_loop(surroundings, place, loop, next(answers), options)
             done = (outcome,)
         if place in joins.notes and done[0].filled:
             done = (replace(done[0], remarks=(*done[0].remarks, joins.notes[place])), *done[1:])

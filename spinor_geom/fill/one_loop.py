@@ -56,22 +56,14 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FillOptions:
-    """What every loop of one call is filled with: options of `fill_hole`.
-
-    Attributes:
-        fills_borders: whether a loop is filled whose patch lies on the mesh.
-        on_stage: is called with a loop's place and what comes next for it, as "exact surface".
-
-    Raises:
-        OptionError: a number is not positive, or the model or the continuity is unknown.
-    """
+    """What every loop of one call is filled with: options of `fill_hole`, with an OptionError for what is none."""
 
     target_edge_length: float | Literal["auto"]
     model: Model
     tolerance: float
     time_limit: float = math.inf
     continuity: Continuity = "C0"
-    fills_borders: bool = True
+    fills_borders: bool = True  # whether a loop is filled whose patch lies on the mesh
     on_stage: Callable[[int, str], None] = lambda place, stage: None
 
     def __post_init__(self) -> None:
@@ -81,12 +73,8 @@ class FillOptions:
         require_positive("time_limit", self.time_limit, finite=False)
         if self.continuity not in CONTINUITY:
             raise OptionError(f"continuity must be 'C0' or 'C1', not {self.continuity!r}")
-        if not isinstance(self.target_edge_length, str):
+        if not (isinstance(self.target_edge_length, str) and self.target_edge_length == "auto"):
             require_positive("target_edge_length", self.target_edge_length, instead="'auto' or ")
-        elif self.target_edge_length != "auto":
-            raise OptionError(
-                f"target_edge_length must be 'auto' or a positive number, not {self.target_edge_length!r}"
-            )
 
 
 class Clock:
@@ -111,7 +99,7 @@ def fill_loop(
     surroundings: Surroundings,
     place: int,
     loop: BoundaryLoop,
-    answer: Callable[[], Answer],
+    answer: Answer,
     options: FillOptions,
     *,
     others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
@@ -119,13 +107,10 @@ def fill_loop(
     """The patch of one loop, or from it to the others of a bridge, or the reason why it has none.
 
     Where one loop has no exact surface, or none that follows it, its patch is discrete. A patch joins the surroundings.
-
-    Raises:
-        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+    A TooManyPointsError tells that the edge length asks for more vertices than anyone can use.
     """
     joined_to = next(iter(others), None)
-    options.on_stage(place, "exact surface")
-    found, exact, seconds = answer()
+    found, exact, seconds = answer
     clock = Clock(seconds)
     try:
         options.on_stage(place, "mesh")
@@ -147,12 +132,12 @@ def fill_loop(
         clock.lap("failed")
         solution = found if isinstance(found, PlateauSolution) else None
         return unfilled(place, loop, error, solution=solution, joined_to=joined_to, timings=clock.laps()), None
-    patch, is_smooth = made.patch, made.continuation is not None
+    patch = made.patch
     attributes = patch_attributes(
         surroundings.mesh.vertex_attributes,
         made.rim,
         patch,
-        None if made.solution is None or is_smooth else made.solution.surface,
+        made.surface,
         is_planned=made.solution is not None,
         labels=surroundings.mesh.labels,
     )
@@ -229,9 +214,7 @@ def _patch_over(
     target = target_length(rims, options)
     if others:
         # straight lines, a start for a surface that is not minimal
-        plane, vertices = ruled_annulus(loop.points, others[0].points, target)
-        size, holes = plane.boundary_size, plane.hole_sizes
-        patch = Patch(vertices=vertices, faces=plane.faces, boundary_size=size, points=plane.points, hole_sizes=holes)
+        patch = Patch.over(*ruled_annulus(loop.points, others[0].points, target))
     else:
         options.on_stage(place, "discrete surface")
         patch, what = discrete_patch(loop, target, seconds=options.time_limit)
@@ -286,22 +269,18 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
     if loop.obstacle is not None:
         raise loop.obstacle
     if loop.slit_fraction > _WHOLE_SLIT:
-        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=first_slit_edge(loop))
+        # the first edge that lies on another one, run the other way
+        ends = np.roll(loop.points, -1, axis=0)
+        one, other = loop_crossings(loop.points).T
+        opposite = (loop.points[one] == ends[other]).all(axis=1) & (ends[one] == loop.points[other]).all(axis=1)
+        edge = np.roll(loop.vertex_ids, -one[np.argmax(opposite)])[:2]
+        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=edge.tolist())
     if len(loop.seam_edges):
         raise SeamError(edge=[int(v) for v in loop.seam_edges[0]], count=len(loop.seam_edges))
     face = taken.face_on(loop)
     if face is not None:
         raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
     refuse_empty(loop, loop.diagonal / loop.elongation)
-
-
-def first_slit_edge(loop: BoundaryLoop) -> list[int]:
-    """The vertices of the first edge of a loop that lies on another of its edges, run the other way."""
-    ends = np.roll(loop.points, -1, axis=0)
-    first, second = loop_crossings(loop.points).T
-    opposite = (loop.points[first] == ends[second]).all(axis=1) & (ends[first] == loop.points[second]).all(axis=1)
-    edge = first[np.argmax(opposite)]
-    return [int(loop.vertex_ids[edge]), int(loop.vertex_ids[(edge + 1) % len(loop)])]
 
 
 def refuse_empty(loop: BoundaryLoop, width: float) -> None:

@@ -13,11 +13,7 @@ CONTINUITY: tuple[Continuity, ...] = get_args(Continuity)
 
 
 def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
-    """Checks an option; `instead` says what else it may be.
-
-    Raises:
-        OptionError: the value is not a positive number.
-    """
+    """Raises an OptionError for a value that is not a positive number; `instead` says what else it may be."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number or not 0 < value <= (sys.float_info.max if finite else math.inf):
         raise OptionError(f"{name} must be {instead}a positive number, not {value!r}")

@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.sheets import away_from_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
-
-Middles: TypeAlias = Callable[[Patch, Int[np.ndarray, "c 2"]], Float[np.ndarray, "c 3"]]
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 _FOLDED_BACK = np.cos(np.radians(45))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopPatch:
-    """A patch ready to be joined to the mesh.
+    """A patch ready to be joined to the mesh."""
 
-    Attributes:
-        place: of its loop, or of the first, among the mesh's loops.
-        rim: mesh vertices of the patch's first `boundary_size` vertices.
-        patch: the patch.
-        attributes: (n − M, k) values at the inner vertices.
-    """
-
-    place: int
-    rim: Int[np.ndarray, " m"]
+    place: int  # of its loop, or of the first, among the mesh's loops
+    rim: Int[np.ndarray, " m"]  # mesh vertices of the patch's first `boundary_size` vertices
     patch: Patch
-    attributes: Mapping[str, Float[np.ndarray, "n _"]]
+    attributes: Mapping[str, Float[np.ndarray, "n _"]]  # at the inner vertices
 
 
 def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
@@ -85,33 +77,28 @@ class RimEdges:
         return self._faces.get(tuple(sorted(loop.vertex_ids.tolist())))
 
     def share_folded_back(self, mesh: TriangleMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> float:
-        """The share of a rim's length along which a patch and the face beside it are less than 45° apart.
-
-        Each edge between `rim`, the mesh vertices of the patch's boundary vertices, is one of the mesh's.
-        """
+        """The share of a rim (its mesh vertices) along which a patch and the face beside it are less than 45° apart."""
         sides = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         apexes = np.roll(patch.faces, -2, axis=1).reshape(-1)
         on_rim = np.flatnonzero((sides < patch.boundary_size).all(axis=1))
         on_rim = on_rim[rim_successors(patch.rims)[sides[on_rim, 0]] == sides[on_rim, 1]]
         sides = sides[on_rim]
         opposite = np.array([self._opposite.get(key, -1) for key in self._keys(rim[sides])])
-        start, along = patch.vertices[sides[:, 0]], patch.vertices[sides[:, 1]] - patch.vertices[sides[:, 0]]
-        lengths = np.linalg.norm(along, axis=1)
-        unit = along / np.where(lengths > 0, lengths, 1.0)[:, None]
-        away = []
-        for apex in (patch.vertices[apexes[on_rim]], mesh.vertices[opposite]):
-            aside = apex - start
-            aside = aside - np.einsum("ei,ei->e", aside, unit)[:, None] * unit
-            size = np.linalg.norm(aside, axis=1, keepdims=True)
-            away.append(aside / np.where(size > 0, size, 1.0))
+        start, end = patch.vertices[sides.T]
+        lengths = np.linalg.norm(end - start, axis=1)
+        corners = (patch.vertices[apexes[on_rim]], mesh.vertices[opposite])
+        away = [away_from_edges(start, end, corner) for corner in corners]
         folded = (opposite >= 0) & (np.einsum("ei,ei->e", *away) > _FOLDED_BACK)
         return float(lengths[folded].sum() / lengths.sum())
 
 
-def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], middles: Middles) -> Patch:
-    """Puts a new vertex, after the others, in the middle (in Ω) of each chord, and divides its two triangles there."""
-    points = patch.points[chords].mean(axis=1)
-    faces = np.asarray(patch.faces)
+def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], surface: SpinorSurface | None = None) -> Patch:
+    """Puts a new vertex, after the others, in the middle of each chord, and divides its two triangles there.
+
+    Where the patch is a mesh of a surface, that is on it, halfway in Ω.
+    """
+    faces, points = np.asarray(patch.faces), patch.points[chords].mean(axis=1)
+    middles = patch.vertices[chords].mean(axis=1) if surface is None else np.asarray(surface.position(points))
     for count, chord in enumerate(chords):
         middle = len(patch.vertices) + count
         beside = np.isin(faces, chord).sum(axis=1) == 2
@@ -120,19 +107,21 @@ def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], middles: Middles)
         faces = np.concatenate([faces[~beside], *halves])
     return replace(
         patch,
-        vertices=np.concatenate([patch.vertices, middles(patch, chords)]),
+        vertices=np.concatenate([patch.vertices, middles]),
         faces=faces,
         points=np.concatenate([patch.points, points]),
     )
 
 
-def fit_to_rim(rim: Int[np.ndarray, " m"], patch: Patch, taken: RimEdges, middles: Middles) -> tuple[Patch, int]:
+def fit_to_rim(
+    rim: Int[np.ndarray, " m"], patch: Patch, taken: RimEdges, surface: SpinorSurface | None = None
+) -> tuple[Patch, int]:
     """A patch whose chords on taken edges are split, and how many were; `rim` are the mesh's vertices around it."""
     chords = patch_chords(patch)
     clash = taken.are_taken(rim[chords])
     if not clash.any():
         return patch, 0
-    return split_chords(patch, chords[clash], middles), int(clash.sum())
+    return split_chords(patch, chords[clash], surface), int(clash.sum())
 
 
 def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import csr_array
 
-from spinor_geom.fill.collar import FacesAround
 from spinor_geom.fill.stitch import RimEdges, patch_chords
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections
@@ -52,9 +52,14 @@ class Surroundings:
         self._count = len(mesh.faces)
 
     @cached_property
-    def faces_around(self) -> FacesAround:
-        """The mesh's faces at its vertices."""
-        return FacesAround(self.mesh)
+    def _faces_of_vertices(self) -> csr_array:
+        corners = self.mesh.faces.ravel()
+        entries = (np.ones(len(corners), dtype=bool), (corners, np.arange(len(corners)) // 3))
+        return csr_array(entries, shape=(len(self.mesh.vertices), len(self.mesh.faces)))
+
+    def faces_at(self, vertices: Int[np.ndarray, " k"]) -> Int[np.ndarray, " f"]:
+        """The mesh's faces that touch any of some vertices, ascending."""
+        return np.unique(self._faces_of_vertices[vertices].indices)
 
     @cached_property
     def angles(self) -> Float[np.ndarray, " n"]:
@@ -105,16 +110,11 @@ class _Piece:
         self._axis = int(np.argmax(self.high - self.low)) if len(faces) else 0
 
     @cached_property
-    def _order(self) -> Int[np.ndarray, " f"]:
-        return np.argsort(self._lows[self._axis], kind="stable")
-
-    @cached_property
-    def _ordered(self) -> Float[np.ndarray, " f"]:
-        return np.asarray(self._lows[self._axis][self._order])
-
-    @cached_property
-    def _widest(self) -> float:
-        return float((self._highs - self._lows)[self._axis].max(initial=0.0))
+    def _along_axis(self) -> tuple[Int[np.ndarray, " f"], Float[np.ndarray, " f"], float]:
+        """The order of the faces' low ends, these in order, and the widest face's extent."""
+        low, high = self._lows[self._axis], self._highs[self._axis]
+        order = np.argsort(low, kind="stable")
+        return order, low[order], float((high - low).max(initial=0.0))
 
     def crossings(self, other: _Piece) -> Int[np.ndarray, "k 2"]:
         """Pairs of a face of this and one of another piece that cross."""
@@ -126,9 +126,10 @@ class _Piece:
     def _faces_near(self, piece: _Piece) -> Int[np.ndarray, " k"]:
         """The faces whose boxes meet that of another piece, ascending."""
         # a little wider than needed: the sum is rounded
-        first = np.searchsorted(self._ordered, piece.low[self._axis] - 2 * self._widest)
-        last = np.searchsorted(self._ordered, piece.high[self._axis], side="right")
-        some = np.sort(self._order[first:last])
+        order, lows, widest = self._along_axis
+        first = np.searchsorted(lows, piece.low[self._axis] - 2 * widest)
+        last = np.searchsorted(lows, piece.high[self._axis], side="right")
+        some = np.sort(order[first:last])
         return np.asarray(some[_meeting(self._lows[:, some], self._highs[:, some], piece)])
 
 

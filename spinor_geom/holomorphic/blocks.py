@@ -1,4 +1,4 @@
-"""Functions of many points, evaluated so many at once that their tables stay small."""
+"""Functions of many complex points, evaluated so many at once that their tables stay small."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Callable
 import torch
 from jaxtyping import Complex
 from torch import Tensor
+
+from spinor_geom.errors import DtypeError
 
 # entries of a table computed at once: on the CPU it stays in the cache, elsewhere each call takes long to start
 _ENTRIES, _ENTRIES_ON_DEVICES = 1 << 17, 1 << 23
@@ -20,3 +22,10 @@ def in_blocks(
     blocks = torch.split(z.reshape(-1), max(1, entries // max(1, width)))
     values = torch.cat([function(block) for block in blocks])
     return values.reshape(*z.shape, values.shape[-1])
+
+
+def require_complex(**tensors: Tensor) -> None:
+    """Raises a DtypeError for the first of some tensors that is not complex, by its name."""
+    for name, tensor in tensors.items():
+        if not tensor.is_complex():
+            raise DtypeError(f"{name} must be complex, got {tensor.dtype}; convert it by .to(torch.complex128)")

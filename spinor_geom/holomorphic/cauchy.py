@@ -9,9 +9,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from spinor_geom.errors import DtypeError
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials, barycentric_weights, leja_points
-from spinor_geom.holomorphic.blocks import in_blocks
+from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 
 
@@ -58,9 +57,7 @@ class CauchyNetwork(torch.nn.Module):
         super().__init__()
         if readout is None:
             readout = torch.zeros(mixing.shape[1], 2, dtype=mixing.dtype, device=mixing.device)
-        for name, tensor in (("poles", poles), ("mixing", mixing), ("readout", readout)):
-            if not tensor.is_complex():
-                raise DtypeError(f"{name} must be complex, got {tensor.dtype}")
+        require_complex(poles=poles, mixing=mixing, readout=readout)
         branch = poles[:0].clone() if branch is None else branch
         buffers = {"hessenberg": hessenberg, "poles": poles, "scales": scales, "mixing": mixing, "branch": branch}
         for name, tensor in {**buffers, "leja": leja, "at_leja": at_leja}.items():

@@ -9,6 +9,8 @@ from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 from scipy.special import comb
 
+from spinor_geom.domain.delaunay import plane_coordinates
+
 # two clusters are apart when their radii add up to this share of their distance; series of so many terms then leave
 # 1e-12 or less
 _APART, _TERMS = 0.4, 32
@@ -27,12 +29,9 @@ _TINY = np.finfo(np.float64).tiny
 def cauchy_sums(
     sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, "m c"]:
-    """Σ_j g_j/(ζ_j − z) at many points z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
+    """Σ_j g_j/(ζ_j − z) at many targets z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
 
-    Args:
-        sources: ζ_j, in order along a curve.
-        strengths: g_j, for c sums at once.
-        targets: z.
+    The sources ζ_j are in order along a curve; the strengths g_j are those of c sums at once.
     """
     if len(sources) * len(targets) > _FEW_PAIRS:
         return fast_sums(sources, strengths, targets)
@@ -151,7 +150,7 @@ def _cells(
     sources: Complex[np.ndarray, " n"], targets: Complex[np.ndarray, " m"]
 ) -> tuple[Int[np.ndarray, " m"], Complex[np.ndarray, " t"], Float[np.ndarray, " t"]]:
     """Square cells of targets away from the sources: each target's cell, −1 for none, and the cells' circles."""
-    tree = cKDTree(_plane(sources))
+    tree = cKDTree(plane_coordinates(sources))
     cell, count = np.full(len(targets), -1), 0
     centres, radii = [np.zeros(0, dtype=np.complex128)], [np.zeros(0)]
     extent = max(float(np.abs(z - sources[0]).max(initial=0.0)) for z in (sources, targets))
@@ -161,7 +160,7 @@ def _cells(
         corner = np.floor(targets[left].real / side) + 1j * np.floor(targets[left].imag / side)
         corner, number, members = np.unique(corner, return_inverse=True, return_counts=True)
         centre = (corner + 0.5 + 0.5j) * side
-        distance, _ = tree.query(_plane(centre))
+        distance, _ = tree.query(plane_coordinates(centre))
         crowd = members >= _FEWEST_IN_CELL
         good = crowd & (side <= _CELL_SIDE * distance)
         chosen = good[number]
@@ -241,7 +240,3 @@ def _add_by_owner(
     if len(owner):
         first = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
         total[owner[first]] += np.add.reduceat(values, first, axis=0)
-
-
-def _plane(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 2"]:
-    return np.stack([z.real, z.imag], axis=1)

@@ -12,9 +12,12 @@ from torch import Tensor
 from torch._C._functorch import is_functorch_wrapped_tensor
 from torch.autograd.forward_ad import unpack_dual
 
-from spinor_geom.errors import DtypeError
-from spinor_geom.holomorphic.blocks import in_blocks
+from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
+
+Nodes = Complex[Tensor, " n"]
+Values = Complex[Tensor, "n 2"]  # of p and q at them
+Answer = Complex[Tensor, "*pts 2"]
 
 # more nodes and more points than so many take less time by the fast multipole method
 _MANY = 700
@@ -40,14 +43,10 @@ class CauchyInterpolant(torch.nn.Module):
     nodes: Tensor
     weights: Tensor
 
-    def __init__(
-        self, nodes: Complex[Tensor, " n"], weights: Complex[Tensor, " n"], values: Complex[Tensor, "n 2"]
-    ) -> None:
+    def __init__(self, nodes: Nodes, weights: Nodes, values: Values) -> None:
         """Raises DtypeError where a tensor is not complex."""
         super().__init__()
-        for name, tensor in (("nodes", nodes), ("weights", weights), ("values", values)):
-            if not tensor.is_complex():
-                raise DtypeError(f"{name} must be complex, got {tensor.dtype}")
+        require_complex(nodes=nodes, weights=weights, values=values)
         self.register_buffer("nodes", nodes)
         self.register_buffer("weights", weights)
         self.values = torch.nn.Parameter(values.clone())
@@ -58,26 +57,24 @@ class CauchyInterpolant(torch.nn.Module):
         kernel = torch.where(hit.any(-1, keepdim=True), hit.to(inverse.dtype), self.weights * inverse)
         return kernel / kernel.sum(-1, keepdim=True)
 
-    def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def value(self, z: Complex[Tensor, "*pts"]) -> Answer:
         """(p(z), q(z)); many at once on the CPU, without derivatives, by a fast multipole method, to 1e-12."""
         if min(z.numel(), len(self.nodes)) > _MANY and all(_is_plain(t) for t in (z, self.values)):
-            return self._many_values(z.reshape(-1)).reshape(*z.shape, 2)
+            flat = z.reshape(-1)
+            parts = (self.nodes, _strengths(self.weights, self.values), flat)
+            sums = cauchy_sums(*(part.detach().resolve_conj().numpy() for part in parts))
+            with np.errstate(over="ignore", invalid="ignore"):
+                value = torch.from_numpy(sums[:, :2] / sums[:, 2:])
+            at_node = ~value.isfinite().all(-1)
+            value[at_node] = interpolated(flat[at_node], self.nodes, self.weights, self.values)
+            return value.reshape(*z.shape, 2)
         return in_blocks(lambda some: interpolated(some, self.nodes, self.weights, self.values), z, len(self.nodes))
 
-    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def derivative(self, z: Complex[Tensor, "*pts"]) -> Answer:
         """(p'(z), q'(z))."""
         return in_blocks(
             lambda some: interpolated_slope(some, self.nodes, self.weights, self.values), z, len(self.nodes)
         )
-
-    def _many_values(self, z: Complex[Tensor, " m"]) -> Complex[Tensor, "m 2"]:
-        parts = (self.nodes, _strengths(self.weights, self.values), z)
-        sums = cauchy_sums(*(part.detach().resolve_conj().numpy() for part in parts))
-        with np.errstate(over="ignore", invalid="ignore"):
-            value = torch.from_numpy(sums[:, :2] / sums[:, 2:])
-        at_node = ~value.isfinite().all(-1)
-        value[at_node] = interpolated(z[at_node], self.nodes, self.weights, self.values)
-        return value
 
     def config(self) -> dict[str, Any]:
         """Number of nodes."""
@@ -91,12 +88,7 @@ class CauchyInterpolant(torch.nn.Module):
         return cls(zeros, zeros.clone(), torch.zeros(count, 2, dtype=torch.complex128))
 
 
-def interpolated(
-    z: Complex[Tensor, " m"],
-    nodes: Complex[Tensor, " n"],
-    weights: Complex[Tensor, " n"],
-    values: Complex[Tensor, "n 2"],
-) -> Complex[Tensor, "m 2"]:
+def interpolated(z: Complex[Tensor, " m"], nodes: Nodes, weights: Nodes, values: Values) -> Complex[Tensor, "m 2"]:
     """Σ_j w_j f_j/(ζ_j − z) / Σ_j w_j/(ζ_j − z) for two functions with values f_j at the nodes ζ_j."""
     inverse, hit = _inverse_distances(z, nodes)
     sums = inverse @ _strengths(weights, values)
@@ -105,10 +97,7 @@ def interpolated(
 
 
 def interpolated_slope(
-    z: Complex[Tensor, " m"],
-    nodes: Complex[Tensor, " n"],
-    weights: Complex[Tensor, " n"],
-    values: Complex[Tensor, "n 2"],
+    z: Complex[Tensor, " m"], nodes: Nodes, weights: Nodes, values: Values
 ) -> Complex[Tensor, "m 2"]:
     """The derivatives of the same functions."""
     # with N = Σ w f/(ζ − z), D = Σ w/(ζ − z): (N/D)' = (Σ w f/(ζ − z)² − (N/D) Σ w/(ζ − z)²)/D
@@ -122,13 +111,13 @@ def interpolated_slope(
     return torch.where(hit.any(-1, keepdim=True), (own * sums[:, 2:] - sums[:, :2]) / weight, elsewhere)
 
 
-def _strengths(weights: Complex[Tensor, " n"], values: Complex[Tensor, "n 2"]) -> Complex[Tensor, "n 3"]:
+def _strengths(weights: Nodes, values: Values) -> Complex[Tensor, "n 3"]:
     """What stands above the units' denominators: w f for both functions, and w."""
     return torch.cat([values, torch.ones_like(values[:, :1])], dim=-1) * weights[:, None]
 
 
 def _inverse_distances(
-    z: Complex[Tensor, "*pts"], nodes: Complex[Tensor, " n"]
+    z: Complex[Tensor, "*pts"], nodes: Nodes
 ) -> tuple[Complex[Tensor, "*pts n"], Bool[Tensor, "*pts n"]]:
     """Rows 1/(ζ_j − z), with 0 where z is a node, and where that is."""
     difference = nodes - z[..., None]

@@ -85,20 +85,16 @@ class LaurentSeries(torch.nn.Module):
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
         outer, *inner = zeta = self.circles.coordinates(z)
-        k = torch.arange(1, max(len(self.outward), self.inward.shape[1]) + 1, device=z.device, dtype=z.real.dtype)[
-            :, None
-        ]
+        terms = max(len(self.outward), self.inward.shape[1])
+        k = torch.arange(1, terms + 1, device=z.device, dtype=z.real.dtype)[:, None]
         total = power_sums(outer, self.outward[1:] * k[: len(self.outward) - 1])
-        for own, coefficients, radius in zip(inner, self.inward, self.circles.radii, strict=True):
+        logarithmic = torch.zeros_like(outer)
+        for own, coefficients, radius, odd in zip(
+            inner, self.inward, self.circles.radii, self.antiperiodic, strict=True
+        ):
             total = total - (own**2 / radius)[..., None] * power_sums(own, coefficients * k[: len(coefficients)])
-        logarithmic = sum(
-            (
-                0.5 * own / radius
-                for own, radius, odd in zip(inner, self.circles.radii, self.antiperiodic, strict=True)
-                if odd
-            ),
-            torch.zeros_like(outer),
-        )
+            if odd:
+                logarithmic = logarithmic + 0.5 * own / radius
         total = total + logarithmic[..., None] * _sums(zeta, self.outward, self.inward)
         return total * self.sign_changing(z)[..., None]
 
@@ -115,10 +111,9 @@ class LaurentSeries(torch.nn.Module):
     def integrals(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"], Complex[Tensor, "holes 3"]]:
         """Coefficients of the integrals of p², q² and pq as of p and q themselves, and of log(z − c_j)."""
         products = self.products()
-        k = torch.arange(1, max(map(len, products)) + 1, device=products[0].device, dtype=products[0].real.dtype)[
-            :, None
-        ]
-        outward = torch.cat([torch.zeros_like(products[0][:1]), products[0] / k[: len(products[0])]])
+        whole = products[0]
+        k = torch.arange(1, max(map(len, products)) + 1, device=whole.device, dtype=whole.real.dtype)[:, None]
+        outward = torch.cat([torch.zeros_like(whole[:1]), whole / k[: len(whole)]])
         radii = self.circles.radii
         inward = torch.stack(
             [-radius * part[1:] / k[: len(part) - 1] for radius, part in zip(radii, products[1:], strict=True)]
@@ -134,19 +129,15 @@ class LaurentSeries(torch.nn.Module):
         k, j = len(self.outward), self.inward.shape[1]
         # of a product so many frequencies lead, and no more than these lag
         ahead = 2 * k - 1 + sum(self.antiperiodic)
-        lead, lag = max(ahead, 2 * j + 2), self._lagging
+        lead, lag = max(ahead, 2 * j + 2), max(k, j)
+        if len(self.inward) > 1:
+            # powers of other circles' coordinates that are no rounding errors on a circle
+            lag = math.ceil(math.log(ROUND_OFF) / math.log(self.circles.nearness))
         n = next_fast_len(lead + 2 * lag + 2)
         p, q = self.on_circles(n).unbind(-1)
         root = self.circles.squared_root(self.circles.circles(n), self.antiperiodic)
         spectra = torch.fft.fft(torch.stack([p * p, q * q, p * q], dim=-1) * root[..., None], dim=1) / n
         return [spectra[0, :ahead], *spectra[1:, 1 : 2 * (j + 1)]]
-
-    @property
-    def _lagging(self) -> int:
-        """Powers of other circles' coordinates that are no rounding errors on a circle."""
-        if len(self.inward) == 1:
-            return max(len(self.outward), self.inward.shape[1])
-        return math.ceil(math.log(ROUND_OFF) / math.log(self.circles.nearness))
 
     def on_circles(self, n: int) -> Complex[Tensor, "m n 2"]:
         """P and q without their roots at n equal steps of every circle, as `CircularDomain.circles` runs."""

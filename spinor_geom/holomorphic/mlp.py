@@ -82,7 +82,18 @@ class ComplexMLP(torch.nn.Module):
         """
         super().__init__()
         largest = 1 + _BEND / max(depth, 1) if gain is None else float(gain)
-        _check(depth, width, activation, radius, largest)
+        if depth < 1 or width < 1:
+            raise OptionError(f"a network needs at least one hidden layer of one unit, got {depth} of {width}")
+        if not 0 < radius < math.inf or not 0 < largest < math.inf:
+            raise OptionError(
+                f"the radius of the disk around Ω and the gain must be positive and finite, got {radius} and {largest}"
+            )
+        if activation not in _ACTIVATIONS:
+            raise OptionError(
+                f"unknown activation {activation!r}: p and q are holomorphic only if it is entire, so it may not act "
+                "on the real and the imaginary part apart, depend on |z|, or have poles; choose one of: "
+                f"{', '.join(_ACTIVATIONS)}"
+            )
         self.activation: ActivationName = activation
         self.center = complex(center)
         self.radius = float(radius)
@@ -212,21 +223,6 @@ class Linearisation:
         weighted = [sensitivity.conj() * v.mT[..., None] for sensitivity in self.sensitivities]
         weights = [part.mT @ h.conj() for part, h in zip(weighted, self.inputs, strict=True)]
         return [*weights, *(part.sum(1) for part in weighted)]
-
-
-def _check(depth: int, width: int, activation: str, radius: float, gain: float) -> None:
-    if depth < 1 or width < 1:
-        raise OptionError(f"a network needs at least one hidden layer of one unit, got {depth} of {width}")
-    if not 0 < radius < math.inf or not 0 < gain < math.inf:
-        raise OptionError(
-            f"the radius of the disk around Ω and the gain must be positive and finite, got {radius} and {gain}"
-        )
-    if activation not in _ACTIVATIONS:
-        raise OptionError(
-            f"unknown activation {activation!r}: p and q are holomorphic only if it is entire, so it may not act on "
-            "the real and the imaginary part apart, depend on |z|, or have poles; choose one of: "
-            f"{', '.join(_ACTIVATIONS)}"
-        )
 
 
 def disk_around(domain: PlaneDomain) -> tuple[complex, float]:

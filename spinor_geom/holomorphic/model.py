@@ -28,19 +28,15 @@ class HolomorphicModel(Protocol):
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
         """The shared hidden layer at z."""
-        ...
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
-        ...
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
-        ...
 
     def config(self) -> dict[str, Any]:
         """Sizes from which `from_config` rebuilds an empty model of the same shape; JSON-ready."""
-        ...
 
 
 @runtime_checkable
@@ -49,7 +45,6 @@ class IntegrableModel(HolomorphicModel, Protocol):
 
     def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
         """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from a point of its own to z, to round-off."""
-        ...
 
 
 Model: TypeAlias = CauchyInterpolant | CauchyNetwork | ComplexMLP | LaurentSeries | PowerSeries
@@ -64,11 +59,7 @@ MODELS: dict[str, type[Model]] = {
 
 
 def rebuild(kind: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -> torch.nn.Module:
-    """The model of a given kind with its sizes and state, as they were saved.
-
-    Raises:
-        StorageError: unknown kind, or a state that does not fit the sizes.
-    """
+    """The model of a given kind with its sizes and state, as they were saved; a StorageError where they do not fit."""
     if kind not in MODELS:
         raise StorageError(f"unknown holomorphic model {kind!r}; known: {', '.join(sorted(MODELS))}")
     try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
+from spinor_geom.domain.plane_domain import PlaneDomain
 
 # A pole in a narrow gap outside Ω moves back until no part of ∂Ω is nearer than this share of its offset.
 _FREE_SHARE = 0.6
@@ -56,11 +56,19 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _C
     Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
     Numer. Anal. 57 (2019), for the clusters.
     """
-    beside = edge_poles(domain, offset=offset)
-    clusters = [
-        _corner_clusters(domain, boundary, at_corner) for boundary in domain.boundaries if boundary.corners.any()
-    ]
-    return sum(clusters, beside)
+    poles, root = edge_poles(domain, offset=offset), np.sqrt(np.arange(1, at_corner + 1))
+    for boundary in domain.boundaries:
+        w, corners = boundary.vertices, np.flatnonzero(boundary.corners)
+        if not len(corners):
+            continue
+        along = np.concatenate([[0.0], np.cumsum(np.abs(np.roll(w, -1) - w))])
+        side = np.diff(np.append(along[corners], along[-1] + along[corners[0]]))
+        reach = np.minimum(side, np.roll(side, 1)) / 2
+        distance = (reach[:, None] * np.exp(-_CORNER_DECAY * (root[-1] - root))).ravel()
+        foot, direction = np.repeat(w[corners], at_corner), np.repeat(_outward(w)[corners], at_corner)
+        position, distance = _cleared(domain, foot, direction, distance)
+        poles += Poles(positions=position, scales=distance)
+    return poles
 
 
 def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
@@ -163,15 +171,3 @@ def _outward(w: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
     ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
     tangent = ahead / np.abs(ahead) + back / np.abs(back)
     return np.asarray(-1j * tangent / np.maximum(np.abs(tangent), 1e-12))
-
-
-def _corner_clusters(domain: PlaneDomain, boundary: Boundary, count: int) -> Poles:
-    w, corners = boundary.vertices, np.flatnonzero(boundary.corners)
-    along = np.concatenate([[0.0], np.cumsum(np.abs(np.roll(w, -1) - w))])
-    side = np.diff(np.append(along[corners], along[-1] + along[corners[0]]))
-    reach = np.minimum(side, np.roll(side, 1)) / 2
-    root = np.sqrt(np.arange(1, count + 1))
-    distance = (reach[:, None] * np.exp(-_CORNER_DECAY * (root[-1] - root))).ravel()
-    foot, direction = np.repeat(w[corners], count), np.repeat(_outward(w)[corners], count)
-    position, distance = _cleared(domain, foot, direction, distance)
-    return Poles(positions=position, scales=distance)

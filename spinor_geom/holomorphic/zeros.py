@@ -17,12 +17,11 @@ import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from scipy.interpolate import AAA
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import ZeroOnContourError
+from spinor_geom.mesh.topology import linked
 
 HolomorphicFunction = Callable[[Complex[Tensor, " n"]], Complex[Tensor, " n"]]
 
@@ -56,13 +55,9 @@ def find_zeros(
 ) -> tuple[Zero, ...]:
     """All zeros of a function, holomorphic on Ω and its boundary, inside ∂Ω, with multiplicity.
 
-    Those nearer to each other than the resolution, a share of the domain's diameter, are reported as one.
-
-    Returns:
-        The zeros, ordered by real and then imaginary part; simple and multiple ones are exact to round-off.
-
-    Raises:
-        ZeroOnContourError: the function has a zero on ∂Ω or so near to it that it cannot be placed.
+    They are ordered by real and then imaginary part; simple and multiple ones are exact to round-off. Those nearer to
+    each other than the resolution, a share of the domain's diameter, are reported as one. A ZeroOnContourError tells of
+    a zero on ∂Ω, or so near to it that it cannot be placed.
     """
     count = round(float(_turning(function, domain).sum() / (2 * np.pi)))
     if count == 0:
@@ -139,9 +134,5 @@ def _approximate_zeros(
     roots = roots[domain.contains(roots)]
     # a zero of its own beside a pole of its own is none of f
     roots = roots[np.abs(_evaluate(function, roots)) < _SMALL * np.median(np.abs(values))]
-    if not len(roots):
-        return np.asarray(roots)
-    near = np.argwhere(np.abs(roots[:, None] - roots) <= size)
-    graph = coo_array((np.ones(len(near)), near.T), shape=(len(roots), len(roots)))
-    groups, label = connected_components(graph, directed=False)
-    return np.array([roots[label == k].mean() for k in range(groups)], dtype=np.complex128)
+    label = linked(np.argwhere(np.abs(roots[:, None] - roots) <= size), len(roots))
+    return np.array([roots[label == k].mean() for k in np.unique(label)], dtype=np.complex128)

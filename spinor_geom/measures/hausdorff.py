@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import igl
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -16,33 +17,20 @@ MAX_SUBDIVISIONS = 8
 
 @dataclass(frozen=True, kw_only=True)
 class OneSidedDistance:
-    """Distances from the points of one mesh to the nearest points of another, in mesh units.
+    """Distances from the points of one mesh to the nearest points of another, in mesh units."""
 
-    Attributes:
-        max: Largest distance at a sample.
-        mean: Mean distance, weighted by area.
-        samples: Number of samples.
-        spacing: No point of the mesh is farther than this from a sample, so the true largest distance lies between
-            `max` and `max + spacing`.
-    """
-
-    max: float
-    mean: float
-    samples: int
-    spacing: float
+    max: float  # at a sample
+    mean: float  # by area
+    samples: int  # their number
+    spacing: float  # no point is farther than this from a sample: the true largest is at most max + spacing
 
 
 @dataclass(frozen=True, kw_only=True)
 class HausdorffDistance:
-    """Distances between two meshes in both directions, in mesh units.
+    """Distances between two meshes in both directions, in mesh units."""
 
-    Attributes:
-        forward: From the first mesh to the second.
-        backward: From the second mesh to the first.
-    """
-
-    forward: OneSidedDistance
-    backward: OneSidedDistance
+    forward: OneSidedDistance  # from the first mesh to the second
+    backward: OneSidedDistance  # from the second mesh to the first
 
     @property
     def max(self) -> float:
@@ -67,9 +55,7 @@ def hausdorff_distance(
 
     Each mesh is sampled at the vertices of a mesh whose faces are divided into four, equally often, until it has at
     least `samples` faces; the distance of a sample to the other mesh is exact, to its faces and not only its vertices.
-
-    Raises:
-        OptionError: A mesh has no face.
+    A mesh without faces is an OptionError.
     """
     if len(faces_a) == 0 or len(faces_b) == 0:
         raise OptionError("a Hausdorff distance needs two meshes with at least one face each")
@@ -100,8 +86,6 @@ class SurfaceSamples:
 
 def mesh_samples(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], count: int) -> SurfaceSamples:
     """The vertices of a mesh whose faces are divided into four, equally often, until it has at least `count` faces."""
-    import igl
-
     times = int(np.clip(np.ceil(np.log(count / len(faces)) / np.log(4)), 1, MAX_SUBDIVISIONS))
     fine, fine_faces = igl.upsample(*igl_arrays(vertices, faces), times)
     fine_faces = fine_faces.astype(np.int64)  # libigl's own kind of 64-bit integers is not numpy's int64
@@ -120,8 +104,6 @@ def distances_to_mesh(
     points: Float[np.ndarray, "k 3"], vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Float[np.ndarray, " k"]:
     """Exact distances of points from a mesh, to its faces and not only its vertices."""
-    import igl
-
     squared, _, _ = igl.point_mesh_squared_distance(
         np.ascontiguousarray(points, dtype=np.float64), *igl_arrays(vertices, faces)
     )

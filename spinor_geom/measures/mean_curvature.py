@@ -14,20 +14,12 @@ from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiscreteMeanCurvature:
-    """|H| at the inner vertices of a mesh, in 1/mesh units.
+    """|H| at the inner vertices of a mesh, in 1/mesh units."""
 
-    Attributes:
-        vertices: Indices of the inner vertices.
-        values: |H| there.
-        tangential: What pulls the vertices along the surface, in the same units: how far the mesh is from the least
-            area with its connectivity. It says how the triangles lie, nothing of the surface's curvature.
-        areas: Mixed Voronoi areas there, in squared mesh units.
-    """
-
-    vertices: Int[np.ndarray, " k"]
-    values: Float[np.ndarray, " k"]
-    tangential: Float[np.ndarray, " k"]
-    areas: Float[np.ndarray, " k"]
+    vertices: Int[np.ndarray, " k"]  # indices of the inner vertices
+    values: Float[np.ndarray, " k"]  # |H| there
+    tangential: Float[np.ndarray, " k"]  # what pulls them along the surface: how uneven the triangles are, no curvature
+    areas: Float[np.ndarray, " k"]  # mixed Voronoi areas there, in squared mesh units
 
     @cached_property
     def max(self) -> float:

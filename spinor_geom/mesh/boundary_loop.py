@@ -111,7 +111,17 @@ class BoundaryLoop:
             given = given[:-1]
         # an array of indices compares elementwise, so ask for text first
         automatic = isinstance(corners, str) and corners == "auto"
-        flags = detect_corners(given) if automatic else _corner_flags(corners, points=len(given))
+        if automatic:
+            flags = detect_corners(given)
+        else:
+            try:
+                indices = frozen(corners, "integers", np.size(corners), name="corners")
+            except MeshShapeError as error:
+                raise OptionError(f"corners must be 'auto' or a row of point indices, got {corners!r}") from error
+            outside = indices[(indices < 0) | (indices >= len(given))]
+            if len(outside):
+                raise OptionError(f"corners names point {outside[0]}, but the loop has points 0 to {len(given) - 1}")
+            flags = np.isin(np.arange(len(given)), indices)
         loop = cls(points=given, vertex_ids=np.arange(len(given)), corners=flags)
         require_distinct_neighbours(given)
         return loop
@@ -234,16 +244,3 @@ def require_distinct_neighbours(points: Float[np.ndarray, "m 3"]) -> None:
     equal = (points == np.roll(points, -1, axis=0)).all(axis=1)
     if equal.any():
         raise RepeatedPointError(index=int(np.argmax(equal)))
-
-
-def _corner_flags(corners: ArrayLike, *, points: int) -> Bool[np.ndarray, " {points}"]:
-    try:
-        indices = frozen(corners, "integers", np.size(corners), name="corners")
-    except MeshShapeError as error:
-        raise OptionError(f"corners must be 'auto' or a row of point indices, got {corners!r}") from error
-    outside = (indices < 0) | (indices >= points)
-    if outside.any():
-        raise OptionError(f"corners names point {int(indices[outside][0])}, but the loop has points 0 to {points - 1}")
-    flags = np.zeros(points, dtype=bool)
-    flags[indices] = True
-    return flags

@@ -41,7 +41,6 @@ DERIVATIVE_ERROR = 1e-5
 SLOW, STANDSTILL = 0.1, 1e-9
 KINK = "has a jump or a kink that corners= does not name"
 
-
 CurveFunction: TypeAlias = Callable[[Float[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
 
 
@@ -148,7 +147,14 @@ class BoundaryCurve:
         turn[np.roll(corners, -1)] = 0
         if turn.max() > DERIVATIVE_ERROR * np.abs(slopes).max():
             raise CurveError(reason=KINK, parameter=float(breaks[1:][turn.argmax()]))
-        _require_own_derivatives(fitted, curve, between)
+        for name, own, given in (
+            ("derivative", fitted.derivative(between), curve.derivative(between)),
+            ("second_derivative", fitted.second_derivative(between), curve.second_derivative(between)),
+        ):
+            error = np.linalg.norm(own - given, axis=2)
+            if not error.max() <= DERIVATIVE_ERROR * max(np.abs(own).max(), extent):
+                worst = float(between.flat[int(np.nan_to_num(error, nan=np.inf).argmax())])
+                raise CurveError(reason=f"has another derivative than {name}= says", parameter=worst)
         fitted = replace(fitted, slopes=_formula_coefficients(curve.derivative, breaks))
         _require_speed(fitted, between)
         return fitted
@@ -375,16 +381,3 @@ def _require_speed(curve: BoundaryCurve, s: Float[np.ndarray, "m k"]) -> None:
     speed = np.linalg.norm(curve.derivative(s), axis=1)
     if (speed < STANDSTILL * largest).any():
         raise CurveError(reason="stands still, its derivative is 0", parameter=float(s[speed.argmin()] % 1.0))
-
-
-def _require_own_derivatives(fitted: BoundaryCurve, curve: ClosedCurve, s: Float[np.ndarray, "m k"]) -> None:
-    """Checks the derivatives of a formula against those of the polynomials."""
-    extent = np.ptp(fitted.coefficients[-1], axis=0).max()
-    for name, own, given in (
-        ("derivative", fitted.derivative(s), curve.derivative(s)),
-        ("second_derivative", fitted.second_derivative(s), curve.second_derivative(s)),
-    ):
-        error = np.linalg.norm(own - given, axis=2)
-        if not error.max() <= DERIVATIVE_ERROR * max(np.abs(own).max(), extent):
-            worst = float(s.flat[int(np.nan_to_num(error, nan=np.inf).argmax())])
-            raise CurveError(reason=f"has another derivative than {name}= says", parameter=worst)

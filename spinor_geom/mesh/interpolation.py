@@ -11,6 +11,11 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.linalg import cho_factor, cho_solve, solve_banded
 from scipy.linalg.lapack import dpotri
 
+Vertices = Float[np.ndarray, "m 3"]
+Breaks = Float[np.ndarray, " m_plus_1"]  # parameters from 0 to 1
+ManyBreaks = Float[np.ndarray, "*b m_plus_1"]  # of several curves
+Pieces = Float[np.ndarray, "d1 m 3"]  # coefficients between the breaks, highest power first
+
 # Degrees tried on loops without corners; higher ones gain nothing that float64 can hold.
 DEGREES = (3, 5, 7)
 # Fewer points do not show how smooth a curve is.
@@ -38,14 +43,8 @@ MOST_UNEVEN = 40.0
 ANALYTIC_DEGREE = 11
 
 
-def smooth_curves(
-    points: Float[np.ndarray, "b m 3"],
-) -> list[tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d1 m 3"]]]:
-    """Breaks and polynomials of the curves without corners that predict points left out best: see `BoundaryCurve`.
-
-    Args:
-        points: of several loops, which do not know of each other; neighbours are apart.
-    """
+def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[tuple[Breaks, Pieces]]:
+    """Breaks and polynomials of curves without corners that predict points left out best: see `BoundaryCurve`."""
     breaks, cubics = periodic_cubics(points)
     found = list(zip(breaks, cubics, strict=True))
     if points.shape[1] < MIN_POINTS_FOR_HIGH_DEGREE:
@@ -58,26 +57,33 @@ def smooth_curves(
         if curve is not None:
             found[i] = curve
         elif degree > DEGREES[0]:
-            found[i] = arcs[i], smooth_spline(points[i], arcs[i], degree)
+            spline = make_interp_spline(arcs[i], np.vstack([points[i], points[i, :1]]), k=degree, bc_type="periodic")
+            powers = [spline(arcs[i, :-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
+            # the constant terms are the vertices themselves, to the last bit
+            found[i] = arcs[i], np.stack([*powers, points[i]])
     return found
 
 
 def piecewise_cubic(
     points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"]
-) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "4 m k"]]:
+) -> tuple[Breaks, Float[np.ndarray, "4 m k"]]:
     """The closed interpolating cubic spline through points of any dimension, by chord length, with kinks at corners.
 
     As breaks from 0 to 1, and coefficients of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
     """
     if not corners.any():
         return periodic_cubics(points)
-    breaks = _by_chords(points)
-    return breaks, _sides(breaks, np.vstack([points, points[:1]]), np.flatnonzero(corners))
+    breaks, count, places = _by_chords(points), len(points), np.flatnonzero(corners)
+    coefficients = np.empty((4, *points.shape))
+    # separate splines between consecutive corners
+    for first, last in zip(places, np.append(places[1:], places[0] + count), strict=True):
+        vertices = np.arange(first, last + 1)
+        parameters = breaks[vertices % count] + vertices // count
+        coefficients[:, vertices[:-1] % count] = CubicSpline(parameters, points[vertices % count]).c
+    return breaks, coefficients
 
 
-def periodic_cubics(
-    points: Float[np.ndarray, "*b m k"],
-) -> tuple[Float[np.ndarray, "*b m_plus_1"], Float[np.ndarray, "*b 4 m k"]]:
+def periodic_cubics(points: Float[np.ndarray, "*b m k"]) -> tuple[ManyBreaks, Float[np.ndarray, "*b 4 m k"]]:
     """The same of several closed curves of as many points each, without corners."""
     breaks = _by_chords(points)
     width = np.diff(breaks)[..., None]
@@ -87,11 +93,11 @@ def periodic_cubics(
     return breaks, np.stack([excess / width, (secant - slope) / width - excess, slope, points], axis=-3)
 
 
-def _by_chords(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m_plus_1"]:
+def _by_chords(points: Float[np.ndarray, "*b m k"]) -> ManyBreaks:
     return _shares(np.linalg.norm(np.roll(points, -1, axis=-2) - points, axis=-1))
 
 
-def _shares(lengths: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*b m_plus_1"]:
+def _shares(lengths: Float[np.ndarray, "*b m"]) -> ManyBreaks:
     """Shares of the sum of lengths up to each."""
     shares = np.zeros((*lengths.shape[:-1], lengths.shape[-1] + 1))
     shares[..., 1:] = np.cumsum(lengths, axis=-1) / lengths.sum(axis=-1, keepdims=True)
@@ -123,18 +129,8 @@ def _periodic_slopes(
     return np.asarray(solved[..., :-1] - solved[..., -1:] * share[..., None, :])
 
 
-def smooth_spline(
-    points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"], degree: int
-) -> Float[np.ndarray, "d_plus_1 m 3"]:
-    """The polynomials of the periodic spline of a degree above 3."""
-    spline = make_interp_spline(breaks, np.vstack([points, points[:1]]), k=degree, bc_type="periodic")
-    powers = [spline(breaks[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
-    # the constant terms are the vertices themselves, to the last bit
-    return np.stack([*powers, points])
-
-
 def predicting_degree(
-    points: Float[np.ndarray, "*b m 3"], breaks: Float[np.ndarray, "*b m_plus_1"]
+    points: Float[np.ndarray, "*b m 3"], breaks: ManyBreaks
 ) -> tuple[Int[np.ndarray, "*b"], Float[np.ndarray, "*b"]]:
     """The degrees of the local polynomials that predict every second point of each curve best from its others.
 
@@ -149,7 +145,11 @@ def predicting_degree(
         near = np.arange(len(left_out))[:, None] + np.arange(degree + 1) - degree // 2
         places = kept[near % len(kept)]
         nodes = breaks[..., places] + near // len(kept) - breaks[..., left_out, None]
-        predicted = (_lagrange_at_0(nodes)[..., None] * points[..., places, :]).sum(axis=-2)
+        # the polynomials that are 1 at one node and 0 at the others, here
+        own = np.eye(degree + 1, dtype=bool)
+        differences = np.where(own, 1.0, nodes[..., None, :] - nodes[..., :, None])
+        weights = np.where(own, 1.0, nodes[..., None, :] / differences).prod(axis=-1)
+        predicted = (weights[..., None] * points[..., places, :]).sum(axis=-2)
         errors.append(np.sqrt(np.mean((predicted - points[..., left_out, :]) ** 2, axis=(-2, -1))))
     best, least = np.zeros(points.shape[:-2], dtype=np.int64), errors[0]
     for higher in range(1, len(DEGREES)):
@@ -158,21 +158,12 @@ def predicting_degree(
     return np.array(DEGREES)[best], least / GAIN_PER_DEGREE**best
 
 
-def _lagrange_at_0(nodes: Float[np.ndarray, "*n k"]) -> Float[np.ndarray, "*n k"]:
-    """Values at 0 of the polynomials that are 1 at one of k nodes and 0 at the others."""
-    own = np.eye(nodes.shape[-1], dtype=bool)
-    differences = np.where(own, 1.0, nodes[..., None, :] - nodes[..., :, None])
-    return np.asarray(np.where(own, 1.0, nodes[..., None, :] / differences).prod(axis=-1))
-
-
-def by_arcs(points: Float[np.ndarray, "m k"]) -> Float[np.ndarray, " m_plus_1"]:
+def by_arcs(points: Float[np.ndarray, "m k"]) -> Breaks:
     """The parameters of points as shares of the arc length of the periodic cubic spline through them."""
     return _arc_shares(*periodic_cubics(points))
 
 
-def _arc_shares(
-    breaks: Float[np.ndarray, "*b m_plus_1"], coefficients: Float[np.ndarray, "*b d_plus_1 m k"]
-) -> Float[np.ndarray, "*b m_plus_1"]:
+def _arc_shares(breaks: ManyBreaks, coefficients: Float[np.ndarray, "*b d_plus_1 m k"]) -> ManyBreaks:
     """Shares of the length of curves of polynomial pieces up to their ends."""
     nodes, weights = gauss_nodes(ARC_NODES)
     width, degree = np.diff(breaks), coefficients.shape[-3] - 1
@@ -192,25 +183,12 @@ def gauss_nodes(count: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, 
     return nodes, weights
 
 
-def _sides(
-    breaks: Float[np.ndarray, " m_plus_1"], closed: Float[np.ndarray, "m_plus_1 k"], corners: Int[np.ndarray, " c"]
-) -> Float[np.ndarray, "4 m k"]:
-    """Coefficients of the separate splines between consecutive corners."""
-    count = len(breaks) - 1
-    coefficients = np.empty((4, count, closed.shape[1]))
-    for first, last in zip(corners, np.append(corners[1:], corners[0] + count), strict=True):
-        vertices = np.arange(first, last + 1)
-        parameters = breaks[vertices % count] + vertices // count
-        coefficients[:, vertices[:-1] % count] = CubicSpline(parameters, closed[vertices % count]).c
-    return coefficients
-
-
 def places_in_piece() -> Float[np.ndarray, " d1"]:
     """Chebyshev's points of a piece of length 1, without its end: at a corner that is the next side's."""
     return np.asarray((1 - np.cos(np.pi * np.arange(ANALYTIC_DEGREE + 1) / (ANALYTIC_DEGREE + 0.5))) / 2)
 
 
-def through(values: Float[np.ndarray, "d1 m 3"], width: Float[np.ndarray, " m"]) -> Float[np.ndarray, "d1 m 3"]:
+def through(values: Pieces, width: Float[np.ndarray, " m"]) -> Pieces:
     """Polynomials with given values at those places of pieces of given widths."""
     x = places_in_piece()
     powers = np.linalg.solve(np.vander(x), values.reshape(len(x), -1)).reshape(values.shape)
@@ -219,7 +197,7 @@ def through(values: Float[np.ndarray, "d1 m 3"], width: Float[np.ndarray, " m"])
     return np.asarray(coefficients)
 
 
-def trigonometric_coefficients(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "d1 m 3"]:
+def trigonometric_coefficients(points: Vertices) -> Pieces:
     """Polynomials of the trigonometric polynomial through points at equal steps, a piece from each to the next."""
     m = len(points)
     spectrum = np.fft.rfft(points, axis=0)
@@ -230,9 +208,7 @@ def trigonometric_coefficients(points: Float[np.ndarray, "m 3"]) -> Float[np.nda
     return through(values, np.full(m, 1 / m))
 
 
-def analytic(
-    points: Float[np.ndarray, "m 3"], arcs: Float[np.ndarray, " m_plus_1"], error: float, even: float
-) -> tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d1 m 3"]] | None:
+def analytic(points: Vertices, arcs: Breaks, error: float, even: float) -> tuple[Breaks, Pieces] | None:
     """The analytic curve through points, as breaks and polynomials; None where splines predict points left out better.
 
     By equal steps of its parameter that is the trigonometric polynomial. By arc length (about `arcs`) it is the curve
@@ -278,9 +254,7 @@ def _kernel(t: Float[np.ndarray, "*pts"], places: Float[np.ndarray, " j"], m: in
     return np.asarray((1 - q * q) / (1 + q * q - 2 * q * (here.real * there.real + here.imag * there.imag)))
 
 
-def _poisson(
-    points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"]
-) -> tuple[Float[np.ndarray, "m 3"], float]:
+def _poisson(points: Vertices, breaks: Breaks) -> tuple[Vertices, float]:
     """Weights of the kernels at given parameters that sum up to points, and the RMS error of each point left out."""
     m, t = len(points), breaks[:-1]
     matrix = _kernel(t, t, m)
@@ -291,9 +265,7 @@ def _poisson(
     return weights, float(np.sqrt(np.mean((weights / np.diag(inverse)[:, None]) ** 2)))
 
 
-def _poisson_coefficients(
-    points: Float[np.ndarray, "m 3"], breaks: Float[np.ndarray, " m_plus_1"], weights: Float[np.ndarray, "m 3"]
-) -> Float[np.ndarray, "d1 m 3"]:
+def _poisson_coefficients(points: Vertices, breaks: Breaks, weights: Vertices) -> Pieces:
     """Polynomials of the sum of weighted kernels, a piece from each point to the next."""
     width = np.diff(breaks)
     t = breaks[:-1] + width * places_in_piece()[:, None]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import igl.predicates
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
@@ -18,7 +19,10 @@ from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
-# igl is imported inside the functions: reading meshes and finding loops does not need it
+Points = Float[np.ndarray, "k 3"]
+Triangles = Float[np.ndarray, "k 3 3"]
+Sides = Int[np.ndarray, "k 3"]  # 1, −1, or 0
+Pairs = Int[np.ndarray, "k 2"]
 
 MEETING_PER_DIAGONAL = 1e-12  # edges of a polygon that come nearer than this share of its diagonal meet
 MIN_NORMAL_COSINE = 1e-3  # normals of a graph: so far from 90° to its direction that their round-off does not matter
@@ -29,14 +33,12 @@ BOXES_TO_START_FROM = 64
 LEAST_ANGLE, LEAST_DISTANCE = 1e-4, 1e-6
 
 
-def self_intersections(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k 2"]:
+def self_intersections(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
     """Pairs of faces that cross, by exact predicates: smaller index first, sorted; none for an embedded mesh.
 
     Source: Shewchuk (1997), Adaptive precision floating-point arithmetic and fast robust geometric predicates; Guigue &
     Devillers (2003), Fast and robust triangle-triangle overlap test using orientation predicates.
     """
-    import igl.predicates
-
     corners, indices = igl_arrays(vertices, faces)
     # exact for faces without a common vertex; its tests of the others depend on the scale and the order of the corners
     _, apart, _ = igl.predicates.find_self_intersections(corners, indices)
@@ -51,10 +53,8 @@ def intersections_between(
     faces: Int[np.ndarray, "f 3"],
     other_vertices: Float[np.ndarray, "o 3"],
     other_faces: Int[np.ndarray, "g 3"],
-) -> Int[np.ndarray, "k 2"]:
+) -> Pairs:
     """Pairs of a face of one mesh and a face of another that cross, as in `self_intersections`."""
-    import igl.predicates
-
     if not len(faces) or not len(other_faces):
         return np.zeros((0, 2), dtype=np.int64)
     if len(faces) > len(other_faces):  # igl grows a tree over the first mesh, which costs more than asking it
@@ -88,7 +88,7 @@ def is_graph(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], 
     return not len(loop_crossings(boundary - np.outer(boundary @ area, area / size**2)))
 
 
-def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
+def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Pairs:
     """Pairs i < j, sorted, of edges of a closed polygon (M, 3) that meet where a simple polygon's would not.
 
     Edge i runs from point i to point i + 1 (mod M). Edges that are no neighbours meet where their distance is zero to
@@ -104,7 +104,7 @@ def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "k 2"]:
     return _sorted(np.concatenate([pairs, np.sort(neighbours, axis=1)]))
 
 
-def crossings_between(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "k 2"]:
+def crossings_between(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray, "n 3"]) -> Pairs:
     """Pairs, sorted, of an edge of one closed polygon and an edge of another that meet, as in `loop_crossings`."""
     starts = np.concatenate([points, others])
     ends = np.concatenate([np.roll(points, -1, axis=0), np.roll(others, -1, axis=0)])
@@ -114,7 +114,7 @@ def crossings_between(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray
 
 def _meeting_edges(
     starts: Float[np.ndarray, "m 3"], ends: Float[np.ndarray, "m 3"], wanted: Callable[..., Bool[np.ndarray, " k"]]
-) -> tuple[Int[np.ndarray, "k 2"], float]:
+) -> tuple[Pairs, float]:
     """Those of the wanted pairs i < j of edges whose distance is zero to round-off, and what that is in mesh units."""
     tolerance = MEETING_PER_DIAGONAL * float(np.linalg.norm(np.ptp(starts, axis=0)))
     tolerance += 4 * float(np.finfo(np.float64).eps * np.abs(starts).max())
@@ -132,26 +132,18 @@ def require_simple(loop: BoundaryLoop) -> None:
         raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
 
 
-def _sorted(pairs: Int[np.ndarray, "k 2"]) -> Int[np.ndarray, "k 2"]:
+def _sorted(pairs: Pairs) -> Pairs:
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
-def _cross(u: Float[np.ndarray, "k 3"], v: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+def _cross(u: Points, v: Points) -> Points:
     """The products u × v, without what np.cross does for other shapes: most of the time of a short loop's test."""
     (a, b, c), (d, e, f) = u.T, v.T
     return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)
 
 
-# --- faces ------------------------------------------------------------------------------------------------------------
-
-
-def _neighbours_not_separated(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
-) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces with common vertices, but for those of which one has the rest of the other on one side of it.
-
-    Copies of faces are left out too. Few are left for exact predicates.
-    """
+def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
+    """Pairs of different faces with common vertices of which neither surely has the other on one side of it."""
     corners = (np.repeat(np.arange(len(faces)), 3), faces.reshape(-1))
     incidence = coo_array((np.ones(faces.size, dtype=np.int64), corners), shape=(len(faces), len(vertices))).tocsr()
     common = (incidence @ incidence.T).tocoo()
@@ -161,11 +153,8 @@ def _neighbours_not_separated(
     return np.asarray(pairs[~_are_separated(f, g)])
 
 
-def _are_separated(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:
-    """For pairs of triangles whether all corners of one that the other has not lie on one side of the other's plane.
-
-    Surely, that is: of some pairs only exact predicates tell.
-    """
+def _are_separated(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
+    """Whether, surely, the corners of one triangle that the other has not lie on one side of the other's plane."""
     f, g = (np.ascontiguousarray(np.moveaxis(t, 0, 2)) for t in (f, g))  # sums over a short last axis are slow
     common = (f[:, None] == g).all(axis=2)
     limit = SEPARATION * np.ptp(np.concatenate([f, g]), axis=0).max(axis=0) ** 3
@@ -178,7 +167,7 @@ def _are_separated(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"])
     return separated
 
 
-def _insides_meet(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:
+def _insides_meet(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
     """For pairs of triangles whether a point inside one belongs to the other."""
     f_sides, g_sides = _sides_of_plane(f, g), _sides_of_plane(g, f)
     f_crosses, g_crosses = ((s.min(axis=1) < 0) & (s.max(axis=1) > 0) for s in (f_sides, g_sides))
@@ -194,31 +183,19 @@ def _insides_meet(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) 
     return meet
 
 
-def _side(
-    a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"], c: Float[np.ndarray, "k 3"], d: Float[np.ndarray, "k 3"]
-) -> Int[np.ndarray, " k"]:
+def _side(a: Points, b: Points, c: Points, d: Points) -> Int[np.ndarray, " k"]:
     """The exact sign of det(b − a, c − a, d − a): 1 where d lies on the side from which abc is counter-clockwise."""
-    import igl.predicates
-
     return -np.asarray(igl.predicates.orient3d(*(np.ascontiguousarray(points) for points in (a, b, c, d))))
 
 
-def _sides_of_plane(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Int[np.ndarray, "k 3"]:
+def _sides_of_plane(f: Triangles, g: Triangles) -> Sides:
     """On which side of the plane of g each corner of f lies: 1, −1, or 0 on it."""
     a, b, c = (np.repeat(g[:, k], 3, axis=0) for k in range(3))
     return _side(a, b, c, f.reshape(-1, 3)).reshape(-1, 3)
 
 
-def _overlap_on_line(
-    f: Float[np.ndarray, "k 3 3"],
-    g: Float[np.ndarray, "k 3 3"],
-    f_sides: Int[np.ndarray, "k 3"],
-    g_sides: Int[np.ndarray, "k 3"],
-) -> Bool[np.ndarray, " k"]:
-    """Whether two triangles that reach each other's planes overlap on the line in which the planes meet.
-
-    Each cuts an interval out of that line; the intervals' ends are compared by orientations of two sides.
-    """
+def _overlap_on_line(f: Triangles, g: Triangles, f_sides: Sides, g_sides: Sides) -> Bool[np.ndarray, " k"]:
+    """Whether the intervals that two triangles cut out of the line in which their planes meet overlap."""
     f_apex, f_low, f_high, f_sign = _sides_through_plane(f, f_sides)
     g_apex, g_high, g_low, g_sign = _sides_through_plane(g, g_sides)
     sign = f_sign * g_sign
@@ -227,9 +204,7 @@ def _overlap_on_line(
     return np.asarray(from_below & from_above)
 
 
-def _sides_through_plane(
-    f: Float[np.ndarray, "k 3 3"], sides: Int[np.ndarray, "k 3"]
-) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Int[np.ndarray, " k"]]:
+def _sides_through_plane(f: Triangles, sides: Sides) -> tuple[Points, Points, Points, Int[np.ndarray, " k"]]:
     """The corner of a triangle that is alone on its side of a plane, the two others, and that side.
 
     Corners on the plane count to the side on which there is none else. The others are ordered along the direction
@@ -244,7 +219,7 @@ def _sides_through_plane(
     return f[k, alone], np.where(up, before, after), np.where(up, after, before), sign
 
 
-def _overlap_in_plane(f: Float[np.ndarray, "k 3 3"], g: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:
+def _overlap_in_plane(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
     """Whether the insides of two triangles in one plane meet: no side of either has the other triangle beyond it."""
     normals = _cross(f[:, 1] - f[:, 0], f[:, 2] - f[:, 0])
     # seen along an axis: coordinates stay as they are, so the signs stay exact
@@ -270,9 +245,6 @@ def _turn(
     """The exact sign of det(b − a, c − a) in the plane: that of a tetrahedron whose fourth corner is over a."""
     a, b, c = (np.column_stack([points, np.zeros(len(points))]) for points in (a, b, c))
     return _side(a, b, c, a + np.array([0.0, 0.0, 1.0]))
-
-
-# --- polygons ---------------------------------------------------------------------------------------------------------
 
 
 def is_star(points: Float[np.ndarray, "m 3"]) -> bool:
@@ -326,9 +298,7 @@ def edges_with_near_boxes(
     return first[first < second], second[first < second]
 
 
-def _segment_distances(
-    a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"], c: Float[np.ndarray, "k 3"], d: Float[np.ndarray, "k 3"]
-) -> Float[np.ndarray, " k"]:
+def _segment_distances(a: Points, b: Points, c: Points, d: Points) -> Float[np.ndarray, " k"]:
     """Distances between segments ab and cd: the least of the ends' and of that between two inner points."""
     u, v, w = b - a, d - c, c - a
     normal = _cross(u, v)
@@ -338,18 +308,12 @@ def _segment_distances(
         s = np.clip((_cross(w, v) * normal).sum(axis=1) / squared, 0, 1)
         t = np.clip((_cross(w, u) * normal).sum(axis=1) / squared, 0, 1)
     inner = np.linalg.norm(a + s[:, None] * u - c - t[:, None] * v, axis=1)
-    ends = _point_distances(*(np.concatenate(four) for four in ((a, b, c, d), (c, c, a, a), (d, d, b, b))))
-    return np.asarray(np.fmin(inner, ends.reshape(4, -1).min(axis=0)))
-
-
-def _point_distances(
-    p: Float[np.ndarray, "k 3"], a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"]
-) -> Float[np.ndarray, " k"]:
-    """Distances of points from segments ab."""
-    along = b - a
+    end, start, stop = (np.concatenate(four) for four in ((a, b, c, d), (c, c, a, a), (d, d, b, b)))
+    along = stop - start
     squared = (along**2).sum(axis=1)
-    share = np.clip(((p - a) * along).sum(axis=1) / np.where(squared > 0, squared, 1), 0, 1)
-    return np.asarray(np.linalg.norm(p - a - share[:, None] * along, axis=1))
+    share = np.clip(((end - start) * along).sum(axis=1) / np.where(squared > 0, squared, 1), 0, 1)
+    ends = np.linalg.norm(end - start - share[:, None] * along, axis=1)
+    return np.asarray(np.fmin(inner, ends.reshape(4, -1).min(axis=0)))
 
 
 def _folds(points: Float[np.ndarray, "m 3"], tolerance: float) -> Int[np.ndarray, " k"]:

@@ -31,21 +31,16 @@ def knot_determinant(points: Float[np.ndarray, "m 3"]) -> float | None:
     """
     if np.nansum(turning_angles(points)) <= 4 * np.pi or is_star(points):
         return None
-    over, under, signs = _crossings(_seen(points))
+    # seen along the third axis, at unit size
+    across, _ = np.linalg.qr(np.column_stack([VIEW, [1.0, 0.3, 0.0], [0.0, 1.0, 0.2]]))
+    turned = (points - points.mean(axis=0)) @ across[:, [1, 2, 0]]
+    over, under, signs = _crossings(turned / np.abs(turned).max())
     if not 3 <= len(over) <= MOST_CROSSINGS:
         return None
     values = np.array([_alexander(over, under, signs, t) for t in PLACES])
     with np.errstate(divide="ignore"):
         shown = (np.abs(np.log(values)) > SHOWS).any()
     return float(values[0]) if shown else None
-
-
-def _seen(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
-    """The polygon turned so that it is seen along its third axis, at unit size."""
-    across, _ = np.linalg.qr(np.column_stack([VIEW, [1.0, 0.3, 0.0], [0.0, 1.0, 0.2]]))
-    centred = points - points.mean(axis=0)
-    turned = centred @ across[:, [1, 2, 0]]
-    return np.asarray(turned / np.abs(turned).max())
 
 
 def _crossings(

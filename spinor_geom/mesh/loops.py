@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,9 +27,8 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
     Faces that do not fit together matter where they touch a loop, and are told there (`BoundaryLoop.remarks`,
     `BoundaryLoop.obstacle`). Where the faces beside a loop run against each other, it goes with most of them.
 
-    Returns:
-        The loops; none for a closed mesh. Edges that lie on one another are told by `BoundaryLoop.slit_fraction` and
-        `BoundaryLoop.seam_edges`.
+    Edges that lie on one another are told by `BoundaryLoop.slit_fraction` and `BoundaryLoop.seam_edges`. A closed mesh
+    has no loops.
 
     Raises:
         DuplicateVertexError: more than half of all boundary edges lie on edges of other loops, and some of every loop:
@@ -48,29 +47,31 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
             count=int(on_other.sum()),
         )
     defects = FaceDefects(mesh.faces, sheets)
-    loops = [_boundary_loop(rings, points, on_own, on_other, ring, defects) for ring in range(rings.count)]
+    loops = []
+    for part in (slice(*ends) for ends in pairwise(rings.starts)):
+        vertices, own = rings.vertices[part], points[part]
+        lengths = np.linalg.norm(np.roll(own, -1, axis=0) - own, axis=1)
+        perimeter = float(lengths.sum())
+        loop = BoundaryLoop(
+            points=own,
+            vertex_ids=vertices,
+            corners=detect_corners(own),
+            slit_fraction=float(lengths[on_own[part]].sum()) / perimeter if perimeter else 0.0,
+            seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[on_other[part]],
+            obstacle=defects.obstacle(rings.half_edges[part]),
+            remarks=tuple(defects.remarks(vertices, rings.half_edges[part])),
+        )
+        loops.append(loop)
     return sorted(loops, key=lambda loop: (-loop.perimeter, int(loop.vertex_ids[0])))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rings:
-    """Closed rings of vertices, one after the other: ring k is vertices[starts[k]:starts[k + 1]].
-
-    The edge from each entry to the next runs along a half-edge, as a rule against it.
-    """
+    """Closed rings of vertices, ring k from starts[k] to starts[k + 1], and the half-edges along their edges."""
 
     vertices: Int[np.ndarray, " n"]
     half_edges: Int[np.ndarray, " n"]
     starts: Int[np.ndarray, " r"]
-
-    @property
-    def count(self) -> int:
-        return len(self.starts) - 1
-
-    @property
-    def labels(self) -> Int[np.ndarray, " n"]:
-        """The ring of every entry."""
-        return np.repeat(np.arange(self.count), np.diff(self.starts))
 
     @property
     def successor(self) -> Int[np.ndarray, " n"]:
@@ -151,7 +152,8 @@ def _find_overlaps(
     # an edge of length 0 says nothing about two sides
     shared = np.flatnonzero((on_edge > 1) & (start != end))
     _, edge = np.unique(pair[shared], return_inverse=True)
-    edge_of_ring = edge * rings.count + rings.labels[shared]
+    count = len(rings.starts) - 1
+    edge_of_ring = edge * count + np.repeat(np.arange(count), np.diff(rings.starts))[shared]
     on_ring = _group_sizes(edge_of_ring)
     on_ring_same_way = _group_sizes(edge_of_ring * 2 + forward[shared])
     reversed_ = np.zeros(len(points), dtype=bool)
@@ -165,26 +167,3 @@ def _group_sizes(keys: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """How many entries have each entry's value."""
     _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
     return counts[inverse]
-
-
-def _boundary_loop(
-    rings: _Rings,
-    points: Float[np.ndarray, "n 3"],
-    on_own: Bool[np.ndarray, " n"],
-    on_other: Bool[np.ndarray, " n"],
-    ring: int,
-    defects: FaceDefects,
-) -> BoundaryLoop:
-    part = slice(rings.starts[ring], rings.starts[ring + 1])
-    vertices, own = rings.vertices[part], points[part]
-    lengths = np.linalg.norm(np.roll(own, -1, axis=0) - own, axis=1)
-    perimeter = float(lengths.sum())
-    return BoundaryLoop(
-        points=own,
-        vertex_ids=vertices,
-        corners=detect_corners(own),
-        slit_fraction=float(lengths[on_own[part]].sum()) / perimeter if perimeter else 0.0,
-        seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[on_other[part]],
-        obstacle=defects.obstacle(rings.half_edges[part]),
-        remarks=tuple(defects.remarks(vertices, rings.half_edges[part])),
-    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csc_array, diags_array
@@ -13,8 +14,6 @@ from scipy.sparse.linalg import SuperLU, splu
 from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
-
-# igl is imported inside the functions: reading meshes and finding loops does not need it
 
 # Circumcentric areas are negative at some obtuse corners: the least share of the third of the faces' areas that counts.
 _LEAST_SHARE = 0.3
@@ -33,8 +32,6 @@ def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarra
 
     Source: Pinkall & Polthier (1993), Computing discrete minimal surfaces and their conjugates.
     """
-    import igl
-
     return csc_array(-igl.cotmatrix(*igl_arrays(vertices, faces)))
 
 
@@ -60,8 +57,6 @@ def mollified_edge_lengths(
 
 def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
     """The cotangent Laplacian, as `cotangent_laplacian`, of faces whose edges opposite to the corners are so long."""
-    import igl
-
     return csc_array(-igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
 
 
@@ -81,17 +76,12 @@ def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*
 
 def graph_laplacian(faces: Int[np.ndarray, "f 3"]) -> csc_array:
     """The Laplacian of a mesh's edges, all of weight 1: factorable whatever shape the faces have."""
-    import igl
-
     adjacent = csc_array(igl.adjacency_matrix(np.ascontiguousarray(faces, dtype=np.int64)), dtype=np.float64)
     return csc_array(diags_array(adjacent.sum(axis=0)) - adjacent)
 
 
 def factor_symmetric(matrix: csc_array) -> SuperLU:
-    """Sparse LU of a symmetric matrix without row exchanges: U's diagonal has the signs of the eigenvalues.
-
-    A SingularMatrixError tells that the matrix is singular or not finite.
-    """
+    """Sparse LU of a symmetric matrix, the eigenvalues' signs on U's diagonal; else a SingularMatrixError."""
     if not np.isfinite(matrix.data).all():
         raise SingularMatrixError(size=matrix.shape[0])
     try:
@@ -110,15 +100,11 @@ def mass_matrix(
     Source: Meyer, Desbrun, Schröder & Barr (2003), Discrete differential-geometry operators for triangulated
     2-manifolds, for the mixed Voronoi cells.
     """
-    import igl
-
     return csc_array(igl.massmatrix(*igl_arrays(vertices, faces), getattr(igl, f"MASSMATRIX_TYPE_{kind.upper()}")))
 
 
 def face_areas(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
     """Area of every face, (F,), in squared mesh units."""
-    import igl
-
     return np.asarray(igl.doublearea(*igl_arrays(vertices, faces)), dtype=np.float64).reshape(-1) / 2
 
 
@@ -137,8 +123,6 @@ def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f
 
 def internal_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3"]:
     """Angle of every face at each of its corners, (F, 3), in radians."""
-    import igl
-
     return np.asarray(igl.internal_angles(*igl_arrays(vertices, faces)), dtype=np.float64)
 
 
@@ -149,8 +133,6 @@ def vertex_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 
 
 def winding_numbers(polygon: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
     """How often a closed plane polygon runs around each point, (K,)."""
-    import igl
-
     m = np.arange(len(polygon))
     edges = np.stack([m, np.roll(m, -1)], axis=1)
     return np.asarray(igl.winding_number(*igl_arrays(polygon, edges), np.ascontiguousarray(points))).reshape(-1)
@@ -162,18 +144,12 @@ class Bending:
 
     With these areas H is 1/R at the inner vertices of any mesh whose vertices lie on a sphere, up to the error of the
     normals: at x of the unit sphere (x − y)·x = |x − y|²/2, so along x the gradient of the area is twice the area.
-
-    Attributes:
-        laplacian: the cotangent Laplacian L.
-        areas: of the vertices, circumcentric, in squared mesh units; at least 0.3 of a third of their faces'.
-        normals: unit normals at the vertices, outer ones of a mesh whose faces look outwards.
-        curvature: H = n·Lx/(2A), positive where a mesh with outer normals is convex; without meaning on a boundary.
     """
 
-    laplacian: csc_array
-    areas: Float[np.ndarray, " n"]
-    normals: Float[np.ndarray, "n 3"]
-    curvature: Float[np.ndarray, " n"]
+    laplacian: csc_array  # the cotangent Laplacian L
+    areas: Float[np.ndarray, " n"]  # circumcentric, in squared mesh units; at least 0.3 of a third of the faces'
+    normals: Float[np.ndarray, "n 3"]  # unit ones, on the side that the faces look to
+    curvature: Float[np.ndarray, " n"]  # n·Lx/(2A), positive where a mesh with outer normals is convex
 
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Bending:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinor_geom.errors import MeshError, NonManifoldEdgeError
-from spinor_geom.mesh.topology import HalfEdges, next_in_face, referenced_vertices
+from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 
 # Faces on one edge beyond which none of them are joined: all pairs of them are compared.
 _MOST_FACES = 16
@@ -23,21 +23,13 @@ _OPPOSITE_FIRST = 4.0  # more than any two cosines differ by
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sheets:
-    """The half-edges of the faces that count, with what lies across each.
+    """The half-edges of the faces that count, with what lies across each."""
 
-    Attributes:
-        half_edges: of those faces.
-        face_ids: the faces' numbers in the mesh.
-        twin: for every half-edge the one across its edge, −1 where its sheet ends.
-        copies: (k, 2) numbers of faces with the same vertices: one that counts and one that was passed over.
-        degenerate: (d,) numbers of the faces that use a vertex twice, which were passed over.
-    """
-
-    half_edges: HalfEdges
-    face_ids: Int[np.ndarray, " g"]
-    twin: Int[np.ndarray, " h"]
-    copies: Int[np.ndarray, "k 2"]
-    degenerate: Int[np.ndarray, " d"]
+    half_edges: HalfEdges  # of those faces
+    face_ids: Int[np.ndarray, " g"]  # the faces' numbers in the mesh
+    twin: Int[np.ndarray, " h"]  # for every half-edge the one across its edge, −1 where its sheet ends
+    copies: Int[np.ndarray, "k 2"]  # faces with the same vertices: one that counts, one that was passed over
+    degenerate: Int[np.ndarray, " d"]  # faces that use a vertex twice, which were passed over
 
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Sheets:
@@ -69,7 +61,8 @@ class Sheets:
         reached, turning = half_edge.copy(), np.arange(len(half_edge))
         while len(turning):
             here = reached[turning]
-            here = np.where(target[here] == vertex[turning], next_in_face(here), _previous_in_face(here))
+            # on around the face, or back
+            here = here - here % 3 + (here + np.where(target[here] == vertex[turning], 1, 2)) % 3
             across = self.twin[here]
             reached[turning] = np.where(across < 0, here, across)
             turning = turning[across >= 0]
@@ -83,10 +76,7 @@ def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
 
 
 def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces with the same three different vertices, in whatever order: smaller number first, sorted.
-
-    Of several the first is with each other, or each with the next.
-    """
+    """Pairs of faces with the same three vertices, sorted; of several the first with each, or each with the next."""
     # two faces are the same exactly if they share an edge and the vertex opposite to it
     a, b = half_edges.pairs.T
     same = half_edges.opposite[a] == half_edges.opposite[b]
@@ -103,10 +93,6 @@ def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
     return np.asarray(np.unique(pairs, axis=0)) if len(pairs) else pairs
 
 
-def _previous_in_face(half_edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    return np.asarray(half_edges + np.where(half_edges % 3 == 0, 2, -1))
-
-
 def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " h"]:
     """What lies across each half-edge; of more than two faces on an edge the flattest pair is joined first.
 
@@ -121,7 +107,8 @@ def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.
     number = np.arange(len(edge)) - np.repeat(np.cumsum(size**2) - size**2, size**2)
     one, other = (half_edges.order[start[edge] + n] for n in (number // size[edge], number % size[edge]))
     pairs = np.stack([one, other, edge], axis=1)[one < other]
-    first, second = (_away_from_edge(half_edges, vertices, pairs[:, side]) for side in (0, 1))
+    corners = np.stack([half_edges.origin, half_edges.target, half_edges.opposite])
+    first, second = (away_from_edges(*vertices[corners[:, side]]) for side in pairs[:, :2].T)
     same_way = half_edges.origin[pairs[:, 0]] == half_edges.origin[pairs[:, 1]]
     fold = np.einsum("pi,pi->p", first, second) + _OPPOSITE_FIRST * same_way
     pairs = pairs[np.lexsort((fold, pairs[:, 2]))]
@@ -132,12 +119,11 @@ def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.
     return twin
 
 
-def _away_from_edge(
-    half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"], which: Int[np.ndarray, " n"]
+def away_from_edges(
+    start: Float[np.ndarray, "n 3"], end: Float[np.ndarray, "n 3"], apex: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Unit vectors in the faces of half-edges, across the edge and away from it; 0 for a face without area."""
-    start = vertices[half_edges.origin[which]]
-    along, aside = vertices[half_edges.target[which]] - start, vertices[half_edges.opposite[which]] - start
+    """Unit vectors in faces, across one of their edges and towards the corner beyond it; 0 for a face without area."""
+    along, aside = end - start, apex - start
     length2 = np.einsum("ni,ni->n", along, along)
     share = np.einsum("ni,ni->n", aside, along) / np.where(length2 > 0, length2, 1.0)
     away = aside - share[:, None] * along

@@ -17,18 +17,12 @@ class HalfEdges:
 
     Half-edge 3f + k runs from corner k of face f to corner k + 1 (mod 3), so the next half-edge of the same face and
     the face itself follow by arithmetic.
-
-    Attributes:
-        origin: (3F,) int64, the vertex a half-edge starts at.
-        target: (3F,) int64, the vertex it ends at.
-        order: (3F,) int64, the half-edges sorted so that those along one edge are neighbours, lowest index first.
-        starts: (E + 1,) int64: edge e has the half-edges order[starts[e]:starts[e + 1]].
     """
 
-    origin: Int[np.ndarray, " h"]
-    target: Int[np.ndarray, " h"]
-    order: Int[np.ndarray, " h"]
-    starts: Int[np.ndarray, " e"]
+    origin: Int[np.ndarray, " h"]  # the vertex each starts at
+    target: Int[np.ndarray, " h"]  # the vertex it ends at
+    order: Int[np.ndarray, " h"]  # their numbers, those along one edge side by side, lowest first
+    starts: Int[np.ndarray, " e"]  # edge e has the half-edges order[starts[e]:starts[e + 1]]
 
     @classmethod
     def of(cls, faces: Int[np.ndarray, "f 3"]) -> HalfEdges:
@@ -76,11 +70,6 @@ class HalfEdges:
         return np.roll(self.origin.reshape(-1, 3), -2, axis=1).reshape(-1)
 
 
-def next_in_face(half_edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """The half-edge that follows each given one around its face, (n,) int64."""
-    return half_edges + np.where(half_edges % 3 == 2, -2, 1)
-
-
 def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
     """The edges that exactly one face uses, each as (from, to) in the direction of that face, (b, 2) int64."""
     half_edges = HalfEdges.of(faces)
@@ -88,10 +77,7 @@ def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
 
 
 def is_watertight(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """Whether every edge has exactly two faces, which run through it in opposite directions.
-
-    No faces at all enclose nothing: False.
-    """
+    """Whether there are faces and every edge has exactly two, which run through it in opposite directions."""
     half_edges = HalfEdges.of(faces)
     if len(faces) == 0 or (half_edges.counts != 2).any():
         return False
@@ -125,10 +111,7 @@ def referenced_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> Bool
 
 
 def coincident_vertices(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
-    """For every point the lowest index among the points of exactly its position, (n,) int64.
-
-    Exactly means equal as numbers, so −0.0 is 0.0.
-    """
+    """For every point the lowest index among the points of equal coordinates, −0.0 being 0.0, (n,) int64."""
     order = np.lexsort(points.T)
     ordered = points[order]
     new = np.ones(len(points), dtype=bool)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -83,7 +83,7 @@ class TriangleMesh(Shown):
         return mesh, new_index
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class MeshExtension:
     """New vertices and faces to be appended to a mesh of V vertices, which itself stays as it is.
 
@@ -102,23 +102,16 @@ class MeshExtension:
     vertices: Float[np.ndarray, "k 3"]
     faces: Int[np.ndarray, "t 3"]
     face_loops: Int[np.ndarray, " t"]
-    vertex_attributes: Mapping[str, Float[np.ndarray, "k _"]]
+    vertex_attributes: Mapping[str, Float[np.ndarray, "k _"]] = field(default_factory=dict)
 
-    def __init__(
-        self,
-        *,
-        vertices: ArrayLike,
-        faces: ArrayLike,
-        face_loops: ArrayLike,
-        vertex_attributes: Mapping[str, ArrayLike] | None = None,
-    ) -> None:
-        points = freeze_points(vertices, name="vertices")
-        corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
+    def __post_init__(self) -> None:
+        points = freeze_points(self.vertices, name="vertices")
+        corners = frozen(self.faces, "integers", None, 3, name="faces (triangles)")
         self.__dict__.update(
             vertices=points,
             faces=corners,
-            face_loops=frozen(face_loops, "integers", len(corners), name="face_loops"),
-            vertex_attributes=freeze_attributes(vertex_attributes or {}, vertices=len(points)),
+            face_loops=frozen(self.face_loops, "integers", len(corners), name="face_loops"),
+            vertex_attributes=freeze_attributes(self.vertex_attributes, vertices=len(points)),
         )
 
 

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
+import igl
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Float
 
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
+from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import Piece, triangulate_pieces
 
-# Between far parts of a domain's boundary, in edges.
-_CLEARANCE = 1.5
-
 
 def remesh(patch: Patch, target: float) -> Patch:
-    """Triangulates a patch's domain for edges of a length in space, and keeps its shape and its boundary.
-
-    The new inner vertices lie on the faces of the old patch. Raises as `triangulate_pieces`.
-    """
+    """A patch meshed anew for edges of a length in space: its boundary kept, new inner vertices on its faces."""
     faces, m = np.asarray(patch.faces), patch.boundary_size
     flat = flat_coordinates(patch.points)
     areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])
@@ -30,7 +26,13 @@ def remesh(patch: Patch, target: float) -> Patch:
     rims = np.split(patch.points[:m], np.cumsum(patch.rims)[:-1])
     piece = Piece(rims=rims, samples=patch.points, factor=stretch, target=target, area=patch.area)
     (plan,) = triangulate_pieces([piece])
-    inner = _positions(patch, flat, plan.points[m:])
+    at = flat_coordinates(plan.points[m:])
+    if not len(at):
+        return Patch.over(plan, patch.vertices[:m])
+    _, face, nearest = igl.point_mesh_squared_distance(at, *igl_arrays(flat, faces))
+    corners = faces[np.asarray(face).reshape(-1)]
+    weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), *(flat[corners[:, k]] for k in range(3)))
+    inner = np.einsum("ki,kid->kd", np.asarray(weights), patch.vertices[corners])
     return Patch.over(plan, np.concatenate([patch.vertices[:m], inner]))
 
 
@@ -39,12 +41,8 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
 
     The domain has the loop's edge lengths too, as nearly as a simple polygon can; what the angles lack to close it, as
     those of a curved patch do, is spread over its length. Where it must be straightened, it is so by the patch's shape.
-    The new patch is the harmonic map of it.
-
-    Raises:
-        DomainError: no simple domain was found.
-        SingularMatrixError: the patch's triangles are degenerate.
-        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+    The new patch is the harmonic map of it. A DomainError tells that no simple domain was found, a SingularMatrixError
+    that the patch's triangles are degenerate, a TooManyPointsError that there would be too many vertices.
 
     Source: Sawhney & Crane (2018), Boundary First Flattening, ACM TOG 37, for domains of given angles.
     """
@@ -54,24 +52,8 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     turning = np.pi - angles
     turning += (2 * np.pi - turning.sum()) * share
     neumann, _ = dirichlet_to_neumann(patch.vertices, np.asarray(patch.faces), m)
-    boundary = flatten_boundary(edge, turning, neumann, clearance=_CLEARANCE).boundary
+    boundary = flatten_boundary(edge, turning, neumann).boundary
     piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
     (plan,) = triangulate_pieces([piece])
     vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
     return Patch.over(plan, vertices)
-
-
-def _positions(
-    patch: Patch, flat: Float[np.ndarray, "n 3"], points: Complex[np.ndarray, " k"]
-) -> Float[np.ndarray, "k 3"]:
-    """Where points of Ω lie in space, on the patch's faces."""
-    import igl
-
-    if len(points) == 0:
-        return np.empty((0, 3))
-    faces: Int[np.ndarray, "f 3"] = np.ascontiguousarray(patch.faces)
-    at = flat_coordinates(points)
-    _, face, nearest = igl.point_mesh_squared_distance(at, flat, faces)
-    corners = faces[np.asarray(face).reshape(-1)]
-    weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), *(flat[corners[:, k]] for k in range(3)))
-    return np.asarray(np.einsum("ki,kid->kd", np.asarray(weights), patch.vertices[corners]))

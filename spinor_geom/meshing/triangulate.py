@@ -39,23 +39,14 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """A part of Ω that is to be triangulated for the surface over it.
+    """A part of Ω that is to be triangulated for the surface over it, with seeds and how far each is from others."""
 
-    Attributes:
-        rims: Its boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
-        samples: Points of Ω.
-        factor: λ there, lengths in space per length in Ω.
-        target: Edge length in space.
-        area: Of the surface over it.
-        seeds: Points to start from, and how far each is from its neighbours; if there are any.
-    """
-
-    rims: Sequence[Complex[np.ndarray, " _"]]
-    samples: Complex[np.ndarray, " n"]
-    factor: Float[np.ndarray, " n"]
-    target: float
-    area: float
-    seeds: tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None = None
+    rims: Sequence[Complex[np.ndarray, " _"]]  # in Ω, counter-clockwise, then those of holes, clockwise
+    samples: Complex[np.ndarray, " n"]  # points of Ω
+    factor: Float[np.ndarray, " n"]  # λ there, lengths in space per length in Ω
+    target: float  # edge length in space
+    area: float  # of the surface over it
+    seeds: Seeds | None = None
 
 
 def require_few_points(area: float, target: float) -> None:
@@ -66,10 +57,7 @@ def require_few_points(area: float, target: float) -> None:
 
 
 def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
-    """The part of Ω inside a patch's boundaries, for edges of a length in space; raises as `require_few_points`.
-
-    The rims are the patch's boundary vertices in Ω, counter-clockwise, then those of holes, clockwise.
-    """
+    """The part of Ω inside a patch's boundaries, for edges of a length in space; raises as `require_few_points`."""
     require_few_points(area, target)
     mesh = surface.domain.triangulation
     factor = np.asarray(surface.conformal_factor(mesh.points))
@@ -89,27 +77,16 @@ def triangulate_pieces(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
     found: dict[int, PlaneTriangulation] = {}
     for is_seeded in (True, False):
         some = {place: piece for place, piece in enumerate(pieces) if (piece.seeds is not None) == is_seeded}
-        if some:
-            found |= zip(some, _triangulated(list(some.values())), strict=True)
+        if not some:
+            continue
+        own, most = list(some.values()), []
+        for piece in own:
+            require_few_points(piece.area, piece.target)
+            triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
+            most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
+        rims, seeds = [piece.rims for piece in own], [piece.seeds for piece in own if piece.seeds is not None]
+        found |= zip(some, triangulate_regions(rims, size_field(own), seeds=seeds, max_points=most), strict=True)
     return [found[place] for place in range(len(pieces))]
-
-
-def _triangulated(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
-    """All of them from seeds, or none."""
-    most = []
-    for piece in pieces:
-        require_few_points(piece.area, piece.target)
-        triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
-        most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
-    given = [piece.seeds for piece in pieces if piece.seeds is not None]
-    seeds = None
-    if given:
-        seeds = Seeds(
-            points=np.concatenate([points for points, _ in given]),
-            spacing=np.concatenate([spacing for _, spacing in given]),
-            region=np.repeat(np.arange(len(given)), [len(points) for points, _ in given]),
-        )
-    return triangulate_regions([piece.rims for piece in pieces], size_field(pieces), seeds=seeds, max_points=most)
 
 
 def size_field(pieces: Sequence[Piece]) -> RegionSizes:
@@ -120,8 +97,8 @@ def size_field(pieces: Sequence[Piece]) -> RegionSizes:
     the inverse squared distance. A function of points (k,) of Ω and the numbers (k,) of their pieces.
     """
     rims = [rim for piece in pieces for rim in piece.rims]
-    owner = np.repeat(np.arange(len(pieces)), [sum(map(len, piece.rims)) for piece in pieces])
-    bounds = size_bounds(np.concatenate(rims), growth=GROWTH, decay=DECAY, rims=tuple(map(len, rims)), region=owner)
+    owners = [number for number, piece in enumerate(pieces) for _ in piece.rims]
+    bounds = size_bounds(rims, owners, growth=GROWTH, decay=DECAY)
     target = np.array([piece.target for piece in pieces])
     tree = NearestPoints(
         np.concatenate([piece.samples for piece in pieces]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import igl
 import numpy as np
 import torch
 from jaxtyping import Complex, Int
@@ -26,29 +27,23 @@ def find_anchors(z: Complex[Tensor, "*pts"], domain: PlaneDomain) -> Int[Tensor,
     return index
 
 
-def _anchors(z: Complex[np.ndarray, " n"], domain: PlaneDomain) -> Int[np.ndarray, " n"]:
-    import igl
-
-    if not np.isfinite(z).all():
-        raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
-    mesh = domain.triangulation
-    _, face, _ = igl.point_mesh_squared_distance(
-        flat_coordinates(z), *igl_arrays(flat_coordinates(mesh.points), mesh.faces)
-    )
-    corners = mesh.faces[np.asarray(face).reshape(-1)]
-    distance = np.abs(mesh.points[corners] - z[:, None])
-    on_boundary = corners < mesh.boundary_size
-    closest = np.where(on_boundary, distance + 2 * distance.max(initial=0.0), distance).argmin(axis=1)
-    return np.take_along_axis(corners, closest[:, None], axis=1)[:, 0]
-
-
 class _Lookup(torch.autograd.Function):
     """A function of the values only: the transforms of torch.func reach plain tensors through it."""
 
     @staticmethod
     def forward(z: Tensor, domain: PlaneDomain) -> Tensor:
-        flat = z.detach().cpu().resolve_conj().reshape(-1).numpy()
-        return torch.from_numpy(_anchors(flat, domain)).reshape(z.shape).to(z.device)
+        points = z.detach().cpu().resolve_conj().reshape(-1).numpy()
+        if not np.isfinite(points).all():
+            raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(points)))} is not")
+        mesh = domain.triangulation
+        triangles = igl_arrays(flat_coordinates(mesh.points), mesh.faces)
+        _, face, _ = igl.point_mesh_squared_distance(flat_coordinates(points), *triangles)
+        corners = mesh.faces[np.asarray(face).reshape(-1)]
+        distance = np.abs(mesh.points[corners] - points[:, None])
+        on_boundary = corners < mesh.boundary_size
+        closest = np.where(on_boundary, distance + 2 * distance.max(initial=0.0), distance).argmin(axis=1)
+        index = np.take_along_axis(corners, closest[:, None], axis=1)
+        return torch.from_numpy(index).reshape(z.shape).to(z.device)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:

@@ -64,10 +64,7 @@ def mean_curvature_of_integrals(
     *,
     order: int,
 ) -> Float[Tensor, " n"]:
-    """H at the ends of segments of the surface that a rule draws, in 1/length, by automatic differentiation.
-
-    The segments' starts are constants and drop out of the derivatives.
-    """
+    """H, in 1/length, at the ends of segments that a rule draws, by automatic differentiation; starts are constants."""
 
     def mean(a: Complex[Tensor, " n"], b: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
         return fundamental_forms(lambda x, y: integrate(a, torch.complex(x, y)), b.real, b.imag).mean

@@ -17,85 +17,74 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from spinor_geom.errors import DtypeError
+from spinor_geom.holomorphic.blocks import require_complex
+
+Values = Complex[Tensor, "*pts"]
 
 
-def phi(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+def phi(p: Values, q: Values) -> Complex[Tensor, "*pts 3"]:
     """The null curve's derivative φ = (p² − q², −i(p² + q²), 2pq), with φ·φ = 0 for any p, q."""
-    _require_complex(p=p, q=q)
+    require_complex(p=p, q=q)
     return null_vector(p * p, q * q, p * q)
 
 
-def null_vector(
-    pp: Complex[Tensor, "*pts"], qq: Complex[Tensor, "*pts"], pq: Complex[Tensor, "*pts"]
-) -> Complex[Tensor, "*pts 3"]:
+def null_vector(pp: Values, qq: Values, pq: Values) -> Complex[Tensor, "*pts 3"]:
     """(pp − qq, −i(pp + qq), 2pq): φ from p², q² and pq, its integral from theirs."""
     return torch.stack([pp - qq, -1j * (pp + qq), 2 * pq], dim=-1)
 
 
-def conformal_factor(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
+def conformal_factor(p: Values, q: Values) -> Float[Tensor, "*pts"]:
     """Conformal factor λ = |p|² + |q|²: length in space per length in Ω.
 
     The first fundamental form is λ²(dx² + dy²); λ = 0 exactly at branch points.
 
     Source: Sun & Chern (2026), r_x·r_x = r_y·r_y = ½|φ|².
     """
-    _require_complex(p=p, q=q)
+    require_complex(p=p, q=q)
     return _square(p) + _square(q)
 
 
-def normal(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+def normal(p: Values, q: Values) -> Float[Tensor, "*pts 3"]:
     """Unit normal n = (r_x × r_y)/λ² = (−2 Re(p q̄), −2 Im(p q̄), |p|² − |q|²)/λ."""
-    _require_complex(p=p, q=q)
+    require_complex(p=p, q=q)
     pq = p * q.conj()
     n = torch.stack([-2 * pq.real, -2 * pq.imag, _square(p) - _square(q)], dim=-1)
     return n / conformal_factor(p, q)[..., None]
 
 
-def gauss_map(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
+def gauss_map(p: Values, q: Values) -> Values:
     """Gauss map g = φ₃/(φ₁ − iφ₂) = −p/q: the normal, projected from the north pole e₃.
 
     It is (n₁ + i n₂)/(1 − n₃): meromorphic, with its poles where q = 0, that is n = +e₃ (there the value is infinite).
     """
-    _require_complex(p=p, q=q)
+    require_complex(p=p, q=q)
     return -p / q
 
 
-def weierstrass_data(
-    p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]
-) -> tuple[Complex[Tensor, "*pts"], Complex[Tensor, "*pts"]]:
-    """Weierstrass-Enneper data f = φ₁ − iφ₂ = −2q² and g = −p/q.
-
-    They give φ back as (f(1 − g²)/2, i f(1 + g²)/2, f g).
-    """
-    _require_complex(p=p, q=q)
+def weierstrass_data(p: Values, q: Values) -> tuple[Values, Values]:
+    """Weierstrass-Enneper data f = φ₁ − iφ₂ = −2q² and g = −p/q; φ is (f(1 − g²)/2, i f(1 + g²)/2, f g)."""
+    require_complex(p=p, q=q)
     return -2 * q * q, gauss_map(p, q)
 
 
-def hopf_differential(
-    p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"], dp: Complex[Tensor, "*pts"], dq: Complex[Tensor, "*pts"]
-) -> Complex[Tensor, "*pts"]:
+def hopf_differential(p: Values, q: Values, dp: Values, dq: Values) -> Values:
     """Q = φ′·n = 2(p q′ − p′ q), the coefficient of II = Re(Q dz²)."""
-    _require_complex(p=p, q=q, dp=dp, dq=dq)
+    require_complex(p=p, q=q, dp=dp, dq=dq)
     return 2 * (p * dq - dp * q)
 
 
-def gauss_curvature(
-    p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"], dp: Complex[Tensor, "*pts"], dq: Complex[Tensor, "*pts"]
-) -> Float[Tensor, "*pts"]:
+def gauss_curvature(p: Values, q: Values, dp: Values, dq: Values) -> Float[Tensor, "*pts"]:
     """Gauss curvature K = −4|p′q − pq′|²/(|p|² + |q|²)⁴ ≤ 0, in 1/length²."""
     return -_square(hopf_differential(p, q, dp, dq)) / conformal_factor(p, q) ** 4
 
 
-def first_fundamental_form(p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 2 2"]:
+def first_fundamental_form(p: Values, q: Values) -> Float[Tensor, "*pts 2 2"]:
     """First fundamental form λ²·identity in the coordinates x, y of Ω."""
     square = conformal_factor(p, q).square()
     return square[..., None, None] * torch.eye(2, dtype=square.dtype, device=square.device)
 
 
-def second_fundamental_form(
-    p: Complex[Tensor, "*pts"], q: Complex[Tensor, "*pts"], dp: Complex[Tensor, "*pts"], dq: Complex[Tensor, "*pts"]
-) -> Float[Tensor, "*pts 2 2"]:
+def second_fundamental_form(p: Values, q: Values, dp: Values, dq: Values) -> Float[Tensor, "*pts 2 2"]:
     """Second fundamental form ((r_xx·n, r_xy·n), (r_xy·n, r_yy·n)) = ((Re Q, −Im Q), (−Im Q, −Re Q)).
 
     Q is the Hopf differential; the trace is 0 because the surface is minimal by construction.
@@ -106,12 +95,6 @@ def second_fundamental_form(
     )
 
 
-def _square(u: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
+def _square(u: Values) -> Float[Tensor, "*pts"]:
     # not abs()²: the root's derivative is undefined at 0
     return u.real.square() + u.imag.square()
-
-
-def _require_complex(**tensors: Tensor) -> None:
-    for name, tensor in tensors.items():
-        if not tensor.is_complex():
-            raise DtypeError(f"{name} must be complex, got {tensor.dtype}; convert it by .to(torch.complex128)")

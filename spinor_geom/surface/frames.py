@@ -21,7 +21,8 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from spinor_geom.errors import DtypeError, OptionError
+from spinor_geom.errors import OptionError
+from spinor_geom.holomorphic.blocks import require_complex
 
 # how far R·Rᵀ may be from the identity: matrices typed with 9 digits pass
 _ORTHOGONAL = 1e-8
@@ -40,8 +41,7 @@ def phi_from_frames(
     Of the tangent dr and of dz only the directions are used, of the normal the part orthogonal to the tangent; none may
     be 0. The scale is λ, length in space per length in Ω.
     """
-    if not direction_in_omega.is_complex():
-        raise DtypeError(f"direction_in_omega must be complex, got {direction_in_omega.dtype}")
+    require_complex(direction_in_omega=direction_in_omega)
     unit = torch.nn.functional.normalize(tangent, dim=-1)
     across = normal - (normal * unit).sum(-1, keepdim=True) * unit
     conormal = torch.linalg.cross(torch.nn.functional.normalize(across, dim=-1), unit)
@@ -58,8 +58,7 @@ def spinors_from_phi(
     that no sample divides by a small number. The sign at the first sample is that of the principal root. φ is null and
     not 0; where the frames of neighbours differ by a turn of 180° the sign between them is a guess.
     """
-    if not phi.is_complex():
-        raise DtypeError(f"phi must be complex, got {phi.dtype}")
+    require_complex(phi=phi)
     p_squared = (phi[..., 0] + 1j * phi[..., 1]) / 2
     q_squared = -(phi[..., 0] - 1j * phi[..., 1]) / 2
     use_p = p_squared.abs() >= q_squared.abs()

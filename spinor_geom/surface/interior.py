@@ -14,9 +14,13 @@ from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import Boundary, panel_breaks
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 
+Places = Complex[np.ndarray, " k"]
+Breaks = Float[np.ndarray, " b"]
+NullCurve = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]]  # φ
+
 # Gauss-Legendre nodes on a panel, and its longest length by the distance from the nearest point: the formula's kernel
 # then leaves 1e-10 of the values.
-_ORDER, _LONGEST = 16, 2.5
+ORDER, _LONGEST = 16, 2.5
 # Halvings of a panel: a point as near to ∂Ω as rounding allows must not ask for endless panels.
 _HALVINGS = 40
 
@@ -31,13 +35,7 @@ class RimPrimitive:
     at_breaks: Complex[np.ndarray, "b 3"]  # to the panels' ends; the last is ∮ φ dz
 
     @classmethod
-    def along(
-        cls,
-        boundary: Boundary,
-        phi: Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]],
-        order: int,
-        breaks: Float[np.ndarray, " b"] | None = None,
-    ) -> RimPrimitive:
+    def along(cls, boundary: Boundary, phi: NullCurve, order: int, breaks: Breaks | None = None) -> RimPrimitive:
         """Of φ as a function, by panels with so many nodes between some breaks, or those of `panel_breaks`."""
         panels = Panels.on(boundary, panel_breaks(boundary) if breaks is None else breaks, order)
         velocity = phi(panels.z) * panels.dz[:, None]
@@ -53,7 +51,7 @@ class RimPrimitive:
         """½∮ r·Im(φ dz) with r = 0 at the start."""
         return 0.5 * float(np.einsum("n,nk,nk->", self.panels.weights, self.primitive.real, self.velocity.imag))
 
-    def inside(self, z: Complex[np.ndarray, " k"]) -> Complex[np.ndarray, "k 3"]:
+    def inside(self, z: Places) -> Complex[np.ndarray, "k 3"]:
         """∫ φ dz from the start to points inside a boundary without holes."""
         # Cauchy's formula over that for 1: near ∂Ω their errors are nearly the same
         strengths = np.column_stack([self.primitive, np.ones(len(self.primitive))])
@@ -62,7 +60,7 @@ class RimPrimitive:
         return np.asarray(sums[:, :3] / sums[:, 3:])
 
 
-def breaks_for(boundary: Boundary, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " b"]:
+def breaks_for(boundary: Boundary, z: Places) -> Breaks:
     """Ends of panels on a boundary that are short enough for Cauchy's formula at points inside it."""
     tree = cKDTree(plane_coordinates(z))
     breaks = panel_breaks(boundary)
@@ -77,15 +75,3 @@ def breaks_for(boundary: Boundary, z: Complex[np.ndarray, " k"]) -> Float[np.nda
             break
         breaks = np.sort(np.append(breaks, middle[long]))
     return breaks
-
-
-def displacements(
-    boundary: Boundary,
-    phi: Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]],
-    z: Complex[np.ndarray, " k"],
-) -> Float[np.ndarray, "k 3"]:
-    """Re ∫ φ dz from the start of a boundary without holes to points inside it, to 1e-10 of the largest.
-
-    By Cauchy's formula on panels that the distances of the points from ∂Ω choose, for all points at once.
-    """
-    return RimPrimitive.along(boundary, phi, _ORDER, breaks_for(boundary, z)).inside(z).real

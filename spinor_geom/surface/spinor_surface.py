@@ -24,7 +24,7 @@ from spinor_geom.holomorphic.zeros import Zero, find_zeros
 from spinor_geom.shown import Shown
 from spinor_geom.surface import branch, curvature, formulas, frames, storage
 from spinor_geom.surface.anchors import find_anchors
-from spinor_geom.surface.interior import RimPrimitive, displacements
+from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
 
 # quadrature nodes on each piece of a path in Ω
 PATH_ORDER = 16
@@ -139,7 +139,8 @@ class SpinorSurface(Shown, torch.nn.Module):
         if self.has_closed_positions or self.domain.holes or len(z) == 0:
             return np.asarray(self.position(z))
         is_inner = self.domain.root >= self.domain.triangulation.boundary_size
-        moved = displacements(self.domain.boundary, self._null_curve, np.append(z, self.root) if is_inner else z)
+        boundary, ends = self.domain.boundary, np.append(z, self.root) if is_inner else z
+        moved = RimPrimitive.along(boundary, self._null_curve, ORDER, breaks_for(boundary, ends)).inside(ends).real
         constant = self.constant.detach().cpu().numpy() - moved[-1] if is_inner else self.position(z[0]) - moved[0]
         return np.asarray(moved[: len(z)] + constant)
 
@@ -382,7 +383,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         steps = self._integrate(vertices[before[visited]], vertices[visited])
         total = steps.new_zeros(len(vertices), 3).index_copy(0, visited, steps)
         # each pass doubles the number of edges summed; the root is its own parent and adds nothing
-        for _ in range(len(tree.levels).bit_length()):
+        while (before != tree.root).any():
             total, before = total + total[before], before[before]
         return self.constant + total
 

@@ -14,13 +14,13 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.domain.quadrature import RuleName, rule
+from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.model import HolomorphicModel
 from spinor_geom.holomorphic.zeros import find_zeros
 from spinor_geom.surface.branch import BranchPoint, with_invariants
 
-# evaluations of f and g at once
-_BLOCK = 1 << 16
+# quadrature nodes on each ray, and evaluations of f and g at once
+_ORDER, _BLOCK = 32, 1 << 16
 
 
 def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
@@ -31,40 +31,22 @@ def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> C
 class WeierstrassSurface(torch.nn.Module):
     """A minimal surface over a disk from f and g, the two outputs of a holomorphic model.
 
-    Attributes:
-        model: z ↦ (f, g).
-        domain: Ω, which 0 sees whole: positions are integrated along rays from there, where r = c.
-        constant: c, shape (3,).
-        quadrature: name of the rule on each ray.
-        order: its nodes ("gauss") or intervals ("trapezoid", "simpson").
+    0 sees all of the domain: positions are integrated along rays from there, where r is the constant.
 
     Source: Sun & Chern (2026), comparison with the Weierstrass-Enneper parametrisation.
     """
 
     constant: Tensor
 
-    def __init__(
-        self,
-        model: torch.nn.Module,
-        domain: PlaneDomain,
-        constant: Float[Tensor, "3"],
-        *,
-        quadrature: RuleName = "gauss",
-        order: int = 32,
-    ) -> None:
-        """Raises OptionError for an unknown rule or an order that it does not have."""
+    def __init__(self, model: torch.nn.Module, domain: PlaneDomain, constant: Float[Tensor, "3"]) -> None:
         super().__init__()
-        rule(quadrature, order)
         self.model = model
         self.domain = domain
         self.constant = torch.nn.Parameter(constant.detach().clone())
-        self.quadrature: RuleName = quadrature
-        self.order = order
 
     def position(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Positions r(z), shape (*pts, 3)."""
-        chosen = rule(self.quadrature, self.order)
-        nodes, weights = (torch.tensor(a).to(self.constant.device) for a in chosen)
+        nodes, weights = (torch.tensor(a).to(self.constant.device) for a in rule("gauss", _ORDER))
         flat = torch.tensor(z, dtype=torch.complex128, device=self.constant.device).reshape(-1)
         parts = []
         for some in torch.split(flat, max(1, _BLOCK // len(nodes))):

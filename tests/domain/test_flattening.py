@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from spinor_geom import gallery
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
-from spinor_geom.discrete.strip import discrete_annulus, triangulated_annulus
+from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten, flatten_boundary, lay_out
 from spinor_geom.domain.polygons import is_simple
 from spinor_geom.domain.sizes import graded_size
@@ -203,7 +203,7 @@ def ellipse(a, b, centre, count):
 @pytest.mark.parametrize("hole", [(0.3, 0.3, 0.6 + 0.1j), (0.9, 0.05, 0.0), (0.2, 0.25, -1.5)])
 def test_plane_annulus_is_laid_out_as_it_is(hole):
     outer, inner = ellipse(2.0, 1.0, 0.0, 60), ellipse(*hole, 40)[::-1]
-    plane = triangulated_annulus(outer, inner)
+    plane = triangulate_polygon(outer, holes=[inner])
     turned = plane.points * np.exp(0.7j)
     vertices = np.column_stack([turned.real, turned.imag, np.full(len(turned), 2.0)])
     flat = flatten(vertices, plane.faces, 100, holes=(40,))
@@ -221,7 +221,7 @@ def test_two_holes_are_laid_out_where_they_are(curvature):
     outer = ellipse(2.0, 1.0, 0.0, 40)
     holes = [ellipse(0.3, 0.3, 0.8 + 0.1j, 40)[::-1], ellipse(0.25, 0.4, -0.9 - 0.2j, 40)[::-1]]
     rims = [outer, *holes]
-    plane = triangulate_polygon(outer, graded_size(np.concatenate(rims), rims=(40, 40, 40)), holes=holes)
+    plane = triangulate_polygon(outer, graded_size(*rims), holes=holes)
     # a cylinder unrolls as it is
     x, z = plane.points.real, plane.points
     bent = (x, 0 * x) if not curvature else (np.sin(curvature * x) / curvature, np.cos(curvature * x) / curvature)

@@ -17,8 +17,7 @@ def hole(centre, radius, count=16):
 
 
 def meshed(outer, *holes):
-    rims = tuple(map(len, (outer, *holes)))
-    return triangulate_polygon(outer, graded_size(np.concatenate([outer, *holes]), rims=rims), holes=holes)
+    return triangulate_polygon(outer, graded_size(outer, *holes), holes=holes)
 
 
 def shoelace(polygon):

@@ -156,7 +156,7 @@ def test_fine_size_on_a_coarse_boundary_and_coarse_size_on_a_fine_one():
 
 def test_number_of_points_is_limited():
     boundary = polygon(SQUARE, 40)
-    result = triangulate_polygon(boundary, lambda z: np.full(len(z), 1e-3), max_points=300)
+    (result,) = triangulate_regions([[boundary]], lambda z, _: np.full(len(z), 1e-3), max_points=300)
     check_is_a_triangulation(result, boundary)
     assert len(result.points) <= 320
 

@@ -13,11 +13,12 @@ from scipy.spatial import ConvexHull
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SingularMatrixError
-from spinor_geom.fill.collar import FacesAround, bend_across, collar_of
+from spinor_geom.fill.collar import bend_across, collar_of
 from spinor_geom.fill.continuation import Moved, continue_patch
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
@@ -266,7 +267,7 @@ def test_a_continuation_out_of_time_is_kept_where_it_is_nearer_and_told() -> Non
     mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > 0.3)
     loop = boundary_loops(mesh)[0]
     film = fill_hole(mesh, return_report=True)[1].loops[0].patch
-    collar = collar_of(FacesAround(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, film)
     with time_limit(0.0):
         moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
     assert (moved.converged, moved.steps) == (False, 0)
@@ -313,7 +314,7 @@ def test_the_bend_is_the_angle_between_the_faces_at_the_rim() -> None:
     mesh = cylinder(16, 3)
     loop = boundary_loops(mesh)[0]
     lid = cone(loop)
-    collar = collar_of(FacesAround(TriangleMesh(*mesh)), loop.vertex_ids, lid)
+    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, lid)
     for tip, angle in ((0.0, 90.0), (np.cos(np.pi / 16), 45.0)):
         vertices = lid.vertices.copy()
         vertices[-1, 2] += tip * np.sign(loop.centroid[2])

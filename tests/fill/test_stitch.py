@@ -15,7 +15,6 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
-from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import as_mesh, cone, fan, folded_quad, on_circle, tube, undirected_edges
 from tests.strategies import holed_disks, ragged_meshes
 from tests.validity import validate
@@ -31,10 +30,6 @@ def flat_position(points: np.ndarray) -> np.ndarray:
     return np.column_stack([points.real, points.imag, np.zeros(len(points))])
 
 
-def flat_middles(patch: Patch, chords: np.ndarray) -> np.ndarray:
-    return flat_position(patch.points[chords].mean(axis=1))
-
-
 def hexagon() -> BoundaryLoop:
     return BoundaryLoop.from_points(flat_position(on_circle(6)))
 
@@ -46,7 +41,7 @@ def filled_with_fans(mesh: TriangleMesh, apex: int) -> tuple[TriangleMesh, bool]
     parts = []
     for place, loop in enumerate(loops):
         if taken.face_on(loop) is None:
-            patch, _ = fit_to_rim(loop.vertex_ids, fan(loop, apex % len(loop)), taken, flat_middles)
+            patch, _ = fit_to_rim(loop.vertex_ids, fan(loop, apex % len(loop)), taken)
             taken.take(loop.vertex_ids[patch_chords(patch)])
             parts.append(LoopPatch(place=place, rim=loop.vertex_ids, patch=patch, attributes={}))
     return joined(mesh, stitch(mesh, parts)), len(parts) == len(loops)
@@ -65,7 +60,7 @@ def test_a_cone_has_no_chords() -> None:
 def test_splitting_chords_keeps_area_orientation_and_rim(chosen: set[int]) -> None:
     patch = fan(hexagon())
     chords = patch_chords(patch)[sorted(chosen)]
-    split = split_chords(patch, chords, flat_middles)
+    split = split_chords(patch, chords)
     corners = split.points[split.faces]
     areas = ((corners[:, 1] - corners[:, 0]).conj() * (corners[:, 2] - corners[:, 0])).imag / 2
     assert (areas > 0).all()
@@ -80,8 +75,8 @@ def test_a_chord_on_a_taken_edge_is_split_and_a_free_one_stays() -> None:
     mesh = as_mesh(folded_quad())
     (loop,) = find_boundary_loops(mesh)
     free_apex = int(np.flatnonzero(loop.vertex_ids == 0)[0])
-    kept, none = fit_to_rim(loop.vertex_ids, fan(loop, free_apex), RimEdges(mesh, [loop]), flat_middles)
-    split, one = fit_to_rim(loop.vertex_ids, fan(loop, free_apex + 1), RimEdges(mesh, [loop]), flat_middles)
+    kept, none = fit_to_rim(loop.vertex_ids, fan(loop, free_apex), RimEdges(mesh, [loop]))
+    split, one = fit_to_rim(loop.vertex_ids, fan(loop, free_apex + 1), RimEdges(mesh, [loop]))
     assert (none, one) == (0, 1)
     assert len(kept.vertices) == 4
     assert len(split.vertices) == 5
@@ -108,10 +103,10 @@ def test_a_chord_that_an_earlier_patch_took_is_split_in_the_next() -> None:
         points=ring.vertices[[0, 4, 2, 5]], vertex_ids=np.array([0, 4, 2, 5]), corners=np.zeros(4, bool)
     )
     taken = RimEdges(ring, [first, second])
-    patch, split = fit_to_rim(first.vertex_ids, fan(first), taken, flat_middles)
+    patch, split = fit_to_rim(first.vertex_ids, fan(first), taken)
     assert split == 0
     taken.take(first.vertex_ids[patch_chords(patch)])
-    assert fit_to_rim(second.vertex_ids, fan(second), taken, flat_middles)[1] == 1
+    assert fit_to_rim(second.vertex_ids, fan(second), taken)[1] == 1
 
 
 def test_the_outline_of_a_lone_face_is_recognised() -> None:
