@@ -75,23 +75,15 @@ LOOP_METHODS: Mapping[str, LoopMethod] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Filled:
-    """What a filler left: the whole mesh.
-
-    Attributes:
-        told: what the call returned, in words; empty where it returns nothing.
-        succeeded: whether the tool says that it filled; None where it says nothing, which users take for a yes.
-        area: of the surface that the patches are meshes of, where there is one.
-        in_order: whether the mesh's vertices are known to come first as before, wherever they are now.
-        figures: what only ours tells besides.
-    """
+    """What a filler left: the whole mesh."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
-    told: str = ""
-    succeeded: bool | None = None
-    area: float | None = None
-    in_order: bool = False
-    figures: Mapping[str, Any] = field(default_factory=dict)
+    told: str = ""  # what the call returned, in words
+    succeeded: bool | None = None  # by the tool itself; where it says nothing users take that for a yes
+    area: float | None = None  # of the surface that the patches are meshes of, where there is one
+    in_order: bool = False  # whether the mesh's vertices are known to come first as before, wherever they are now
+    figures: Mapping[str, Any] = field(default_factory=dict)  # what only ours tells besides
 
 
 # the call that fills, which alone is timed, and what makes of its answer the mesh that it left
@@ -115,13 +107,9 @@ def _left(vertices: Any, faces: Any, **said: Any) -> Filled:
 
 def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
     # of a mesh all of whose loops are asked for, borders of sheets are left open as for any user
-    which: dict[str, Any] = {} if len(hole.places) == len(hole.loops) else {"loop": hole.places}
-    if hole.facing:
-        which = {"bridge": hole.places}
-
-    def fill() -> Any:
-        mesh = hole.vertices, hole.faces
-        return fill_hole(mesh, **which, islands="join", continuity=continuity, return_report=True)
+    some = {} if len(hole.places) == len(hole.loops) else {"loop": hole.places}
+    options: dict[str, Any] = {"bridge": hole.places} if hole.facing else some
+    options |= {"islands": "join", "continuity": continuity, "return_report": True}
 
     def finish(answer: Any) -> Filled:
         mesh, report = answer
@@ -146,7 +134,7 @@ def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
             },
         )
 
-    return fill, finish
+    return lambda: fill_hole((hole.vertices, hole.faces), **options), finish
 
 
 def _meshlab(hole: Hole, *, refine: bool, smooth: bool = False) -> Prepared:
@@ -184,13 +172,13 @@ def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool 
 
     asked = edges()
 
-    def plain() -> None:
-        for edge in asked:
-            parameters = mrmeshpy.FillHoleParams()
-            parameters.metric = getattr(mrmeshpy, metric)(mesh)
-            mrmeshpy.fillHole(mesh, edge, parameters)
-
-    def nicely() -> None:
+    def fill() -> None:
+        if metric:
+            for edge in asked:
+                parameters = mrmeshpy.FillHoleParams()
+                parameters.metric = getattr(mrmeshpy, metric)(mesh)
+                mrmeshpy.fillHole(mesh, edge, parameters)
+            return
         settings = mrmeshpy.StitchHolesNicelySettings() if hole.facing else mrmeshpy.FillHoleNicelySettings()
         if fine:
             settings.subdivideSettings.maxEdgeLen = hole.mean_edge
@@ -207,7 +195,7 @@ def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool 
         vertices, faces = mrmeshnumpy.getNumpyVerts(mesh), mrmeshnumpy.getNumpyFaces(mesh.topology)
         return _left(vertices, faces, told=f"{left} holes left" if left else "", in_order=True)
 
-    return plain if metric else nicely, finish
+    return fill, finish
 
 
 def _cgal(hole: Hole, *, function: str, outputs: int = 2, options: tuple[float, ...] = ()) -> Prepared:

@@ -55,24 +55,15 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Solve:
-    """Something to be solved.
-
-    Attributes:
-        subject: makes it.
-        limits: what is promised.
-        options: of `solve_plateau`.
-        disks: minimal surfaces that it is known to bound, smallest area first.
-        also: what is looked at besides: the "null error" of its slide, or whether what the solution says of itself is
-            the "truth".
-    """
+    """Something to be solved, what is promised of it, and what is looked at besides."""
 
     suite: str
     name: str
     subject: Callable[[], Subject]
     limits: tuple[Limit, ...]
-    options: dict[str, Any] = field(default_factory=dict)
-    disks: tuple[KnownDisk, ...] = ()
-    also: Literal["", "null error", "truth"] = ""
+    options: dict[str, Any] = field(default_factory=dict)  # of `solve_plateau`
+    disks: tuple[KnownDisk, ...] = ()  # that it is known to bound, smallest area first
+    also: Literal["", "null error", "truth"] = ""  # of its slide; of what the solution says of itself
 
 
 @cache
@@ -106,10 +97,7 @@ def solve_figures(case: Solve, answer: PlateauSolution | NoConnectedSurface) -> 
 
 
 def rms_distance(solution: PlateauSolution, samples_per_edge: int = 8) -> float:
-    """Root mean square distance, by arc length, of the surface's boundary from the nearest points of Γ.
-
-    Evaluated from the surface's public methods at equal parameters of ∂Ω; the solver's own figure is not used.
-    """
+    """RMS distance, by arc length, of the boundary from the nearest points of Γ, by the surface's public methods."""
     boundary, count = solution.domain.boundary, samples_per_edge * len(solution.loop)
     t = (np.arange(count) + 0.5) / count
     z = boundary.point(t)
@@ -134,10 +122,7 @@ def untrue(solution: PlateauSolution, rms_per_edge: float) -> str:
 
 
 def null_error(solution: PlateauSolution) -> float:
-    """Largest |φ·φ| on the circle by the largest |φ|², φ that of the harmonic map with the solution's boundary values.
-
-    It comes from the slide along Γ alone; p and q of the solution make a null φ whatever they are.
-    """
+    """Largest |φ·φ| on the circle by the largest |φ|², φ that of the harmonic map with its boundary values."""
     x: Float[np.ndarray, "n 3"] = solution.curve.point(solution.matching[:, 1] % 1)
     n = len(x)
     k = np.arange(n // 2)[:, None]

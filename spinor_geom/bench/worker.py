@@ -19,7 +19,7 @@ from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measure import cut_out_figures, disk_figures, hole_figures, save_views
-from spinor_geom.bench.solves import SUITES, solve_figures, solves
+from spinor_geom.bench.solves import solve_figures, solves
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.isolate import serve
 from spinor_geom.mesh.boundary_loop import turning_angles
@@ -35,9 +35,11 @@ def run(task: Task) -> Record:
     gc.freeze()  # what is imported and cached by now need not be looked through before the next task
     forget_peak_memory()
     package = task["package"]
+    alone = {"disks": _span, "batch": _batch}
+    work = _fill if task["method"] in FILLERS else alone.get(task["suite"], _solve)
     try:
         importlib.import_module(package)
-        return {"status": "done", **_work(task)}
+        return {"status": "done", **work(task)}
     except ImportError as error:  # there is none, or what is broken is the installation, and not the tool
         return {"status": "missing", "reason": f"{package} cannot be imported here: {_sentence(error)}"}
     except SpinorGeomError as error:
@@ -46,14 +48,10 @@ def run(task: Task) -> Record:
         return {"status": "failed", "reason": f"{type(error).__name__}: {_sentence(error)}"}
 
 
-def _work(task: Task) -> Record:
-    if task["suite"] == "batch":
-        from spinor_geom.bench.batches import batch_figures
+def _batch(task: Task) -> Record:
+    from spinor_geom.bench.batches import batch_figures
 
-        return batch_figures(task["case"], task["share"])
-    if task["suite"] in SUITES:
-        return _solve(task)
-    return _span(task) if task["method"] in LOOP_METHODS else _fill(task)
+    return batch_figures(task["case"], task["share"])
 
 
 def _solve(task: Task) -> Record:
@@ -99,10 +97,7 @@ def _fill(task: Task) -> Record:
 
 
 def _timed(prepare: Callable[[], tuple[Callable[[], Any], Any]], repeat: int) -> tuple[Record, Any, Any]:
-    """The median seconds of the calls after one that is not counted, unless that takes so long that it is alone.
-
-    Besides, the last call's answer and what was prepared with it.
-    """
+    """The median seconds of the calls after one that is not counted, if any; the last answer, and what goes on."""
     seconds: list[float] = []
     while len(seconds) < repeat + 1 and (len(seconds) < 1 or sum(seconds) < _ENOUGH_SECONDS):
         work, beside = prepare()

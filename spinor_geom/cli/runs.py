@@ -57,7 +57,6 @@ def _said(now: BatchProgress) -> str:
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
     """Measures, writes the run's files, and says which promises of accuracy are not kept."""
-    require("matplotlib", extra="bench")
     from spinor_geom.bench.claims import claims
     from spinor_geom.bench.page import PAGE, write
     from spinor_geom.bench.runner import Settings, measure
