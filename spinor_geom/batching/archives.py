@@ -1,7 +1,4 @@
-"""Tar and zip archives: listed without being unpacked, refused as a whole where something in them is dishonest.
-
-The main program is the process that lists them: lists that would fill the memory end there.
-"""
+"""Tar and zip archives: listed by a process without being unpacked, refused as a whole where something is dishonest."""
 
 from __future__ import annotations
 
@@ -61,17 +58,11 @@ _PACKED = {b"\x1f\x8b": "gz", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """A file in an archive.
-
-    Attributes:
-        name: in the archive.
-        size: in bytes, unpacked.
-        place: in a tar archive the offset of its first byte in the unpacked archive; in a zip its number.
-    """
+    """A file in an archive."""
 
     name: str
-    size: int
-    place: int
+    size: int  # in bytes, unpacked
+    place: int  # in a tar archive the offset of its first byte in the unpacked archive; in a zip its number
 
 
 def is_archive(path: str | os.PathLike[str]) -> bool:
@@ -216,12 +207,10 @@ def _refused(path: Path, what: str, advice: str) -> ArchiveError:
 
 
 def list_members(job: dict[str, Any], tell: Tell) -> None:
-    """Lists an archive.
+    """Lists an archive: a line of JSON for each wanted member, its key and the fields of its `Member`.
 
-    Args:
-        job: "archive", its path; "suffix" of the names that are wanted; "parts" of their keys, before those of their
-            own names; "listing", the file that takes a line of JSON for each: its key, and the fields of its `Member`.
-        tell: is called with "listed" after each member, and with "problem" where the archive cannot be used.
+    The job has "archive", its path; "suffix" of the names that are wanted; "parts" of their keys, before those of their
+    own names; "listing", the file. What is told is "listed" after each member, or the "problem".
     """
     seen: Counter[str] = Counter()
     try:

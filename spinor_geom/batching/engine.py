@@ -231,11 +231,11 @@ class _Run:
                 if block is None:
                     break
                 job = {
-                    "sources": [source.to_dict() for source in block],
-                    "options": self._options.to_dict(),
+                    "sources": [asdict(source) for source in block],
+                    "options": asdict(self._options),
                     "store": asdict(self._store),
                 }
-                running[client.submit(run_block, job, asdict(self._limits), pure=False)] = block
+                running[client.submit(run_block, job, self._limits, pure=False)] = block
             if not running:
                 return
             for future in wait(list(running), return_when="FIRST_COMPLETED").done:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from html import escape
 from itertools import islice
 from pathlib import Path
@@ -231,7 +232,7 @@ def write_summary(
 
     paths = {"table": root / TABLE, "table_csv": root / TABLE_CSV, "page": root / PAGE}
     write_tables(records(), paths["table"], paths["table_csv"])
-    figures = {**options.to_dict(), "seconds": f"{progress['seconds']:.1f}", "version": program_version()}
+    figures = {**asdict(options), "seconds": f"{progress['seconds']:.1f}", "version": program_version()}
     write_page(parts, store, figures, paths["page"])
     return paths
 

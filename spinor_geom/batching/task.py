@@ -57,22 +57,15 @@ class Results:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenedFile:
-    """An OBJ file that was read, with what is to be solved.
-
-    Attributes:
-        stream: its bytes, to be copied.
-        mesh: of its faces, or a mesh without faces for its curves.
-        loops: holes, then curves.
-        problem: why its holes could not be looked for, if so.
-    """
+    """An OBJ file that was read, with what is to be solved."""
 
     key: str
-    stream: BinaryIO
+    stream: BinaryIO  # its bytes, to be copied
     text: ObjText
-    mesh: MeshFile
+    mesh: MeshFile  # of its faces, or a mesh without faces for its curves
     surroundings: Surroundings
-    loops: tuple[NamedLoop, ...]
-    problem: str
+    loops: tuple[NamedLoop, ...]  # holes, then curves
+    problem: str  # why its holes could not be looked for, if so
     seconds: float
     options: BatchOptions
 
@@ -83,11 +76,7 @@ class OpenedFile:
 
 
 def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
-    """Reads a file and finds its loops.
-
-    Raises:
-        SpinorGeomError: the file is no OBJ file, or is malformed.
-    """
+    """Reads a file and finds its loops; SpinorGeomError where it is no OBJ file, or malformed."""
     start = perf_counter()
     text = read_obj_stream(stream, None)
     largest = float(np.abs(text.contents.vertices[np.isfinite(text.contents.vertices)]).max(initial=0.0))

@@ -49,10 +49,9 @@ def perturbed_series(depth: int) -> SpinorSurface:
 
 
 def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
-    """The boundary of a surface over the unit disk as a closed curve with its derivatives.
+    """The boundary of a surface over the unit disk as a closed curve with its derivatives, r(e^{2πiw}) at t.
 
-    Its parameter t runs unevenly: the point is r(e^{2πiw}), w = t + β sin(2πt)/2π + b. So the curve does not tell a
-    solver which of its points belong to which of the circle.
+    By w = t + β sin(2πt)/2π + b it does not tell a solver which of its points belong to which of the circle.
     """
     t = np.arange(_BOUNDARY_POINTS) / _BOUNDARY_POINTS
     place = t + _UNEVEN * np.sin(2 * np.pi * t) / (2 * np.pi) + _SHIFT

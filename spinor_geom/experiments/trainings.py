@@ -62,11 +62,7 @@ def _at_epochs(curve: KnownCurve, options: RMSprop, epochs: Sequence[int]) -> li
 
 
 def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[float], depth: int) -> Outcome:
-    """Measures distance from Γ against wall-clock time: every method on every curve.
-
-    The tolerances are largest distances, in diagonals, that the network by Levenberg-Marquardt (of so many hidden
-    layers) and the Cauchy network are asked for; each is a run of its own.
-    """
+    """Measures distance from Γ, in diagonals, against wall-clock time: every method on every curve."""
     rows: list[dict[str, Any]] = []
     pictures, ratios = {}, []
     # what the first solve of a process imports and compiles is nobody's time

@@ -40,11 +40,7 @@ def log_log(
     slopes: Mapping[str, int] | None = None,
     linear_x: bool = False,
 ) -> Figure:
-    """Lines, (x, y) by label, on logarithmic axes.
-
-    With slopes, by label of a line, a straight line for comparison goes through that line's first point, and the points
-    of the first line are marked on the axis.
-    """
+    """Lines, (x, y) by label, on logarithmic axes; with slopes, by label, lines of those through their first points."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for label, (at, value) in lines.items():
