@@ -55,6 +55,11 @@ class Limits:
     memory: int  # of the process that solves, in bytes
     retries: int  # how often a file is tried again after its process died
 
+    @property
+    def whole_seconds(self) -> float:
+        """For a file, however many loops it has."""
+        return HARDEST_LOOPS * self.seconds
+
 
 def fault_reason(fault: FaultError) -> str:
     """What ended a process, and what to do."""

@@ -7,7 +7,7 @@ from collections import Counter, deque
 from typing import Any
 
 from spinor_geom.batching.inputs import Source
-from spinor_geom.batching.options import HARDEST_LOOPS, Limits, fault_reason
+from spinor_geom.batching.options import Limits, fault_reason
 from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store
 from spinor_geom.errors import BatchError
@@ -68,9 +68,8 @@ def _attempt(job: dict[str, Any], limits: Limits, done: list[dict[str, Any]]) ->
         if "finished" in event:
             done.append(event["finished"])
 
-    whole = HARDEST_LOOPS * limits.seconds
     try:
-        solver().run(job, heard, seconds=limits.seconds, whole_seconds=whole, memory=limits.memory)
+        solver().run(job, heard, seconds=limits.seconds, whole_seconds=limits.whole_seconds, memory=limits.memory)
     except FaultError as fault:
         if fault.kind == "start":
             raise BatchError(f"the process that solves cannot start: {fault}; see what is installed") from fault

@@ -92,10 +92,9 @@ Prepared: TypeAlias = tuple[Callable[[], Any], Callable[[Any], Filled]]
 
 @dataclass(frozen=True)
 class Filler:
-    """A way to fill holes: its module, its package, options that are not the defaults, and what hands a mesh over."""
+    """A way to fill holes: its package, options that are not the defaults, and what hands a mesh over."""
 
     package: str
-    distribution: str
     options: str
     prepare: Callable[[Hole], Prepared]
 
@@ -303,60 +302,46 @@ def _trimesh(hole: Hole, *, stitch: bool) -> Prepared:
 
 
 _FAIR = "triangulate_refine_and_fair_hole"
-_TOOLS: Mapping[tuple[str, str], Mapping[str, tuple[str, Callable[[Hole], Prepared]]]] = {
-    ("spinor_geom", "spinor-geom"): {
-        OURS: (
-            "fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, "
-            "meshing, stitching",
-            partial(_spinor, continuity="C0"),
-        ),
-        SMOOTH: ('the same with continuity="C1"', partial(_spinor, continuity="C1")),
-    },
-    ("pymeshlab", "pymeshlab"): {
-        "meshlab-close": ("maxholesize above the rim's edges", partial(_meshlab, refine=False)),
-        "meshlab-close-refined": ("and refinehole=True with the rim's mean edge", partial(_meshlab, refine=True)),
-        "meshlab-close-smoothed": (
-            "and apply_coord_laplacian_smoothing of the new faces with its defaults",
-            partial(_meshlab, refine=True, smooth=True),
-        ),
-    },
-    ("meshlib", "meshlib"): {
-        "meshlib-universal": ("fillHole, universal metric", partial(_meshlib, metric="getUniversalMetric")),
-        "meshlib-min-area": ("fillHole, minimum-area metric", partial(_meshlib, metric="getMinAreaMetric")),
-        "meshlib-nicely": ("fillHoleNicely with its defaults, stitchHolesNicely between facing rims", _meshlib),
-        "meshlib-nicely-fine": (
-            "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",
-            partial(_meshlib, fine=True),
-        ),
-        "meshlib-nicely-natural": (
-            "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too",
-            partial(_meshlib, natural=True),
-        ),
-    },
-    ("CGAL", "cgal"): {
-        "cgal": ("triangulate_hole", partial(_cgal, function="triangulate_hole", outputs=1)),
-        "cgal-refine": ("triangulate_and_refine_hole", partial(_cgal, function="triangulate_and_refine_hole")),
-        "cgal-fair": (f"{_FAIR}, which fairs with continuity 1", partial(_cgal, function=_FAIR)),
-        "cgal-fair-2": ("with fairing continuity 2", partial(_cgal, function=_FAIR, options=(_CGAL_DENSITY, 2))),
-    },
-    ("pyvista", "vtk"): {
-        "vtk": ("vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too", _vtk)
-    },
-    ("open3d", "open3d-cpu"): {"open3d": ("t.geometry fill_holes, any size", _open3d)},
-    ("pymeshfix", "pymeshfix"): {
-        "pymeshfix": ("fill_small_boundaries up to the rim's edges, refine=False", partial(_meshfix, refine=False)),
-        "pymeshfix-refined": ("the same, refine=True", partial(_meshfix, refine=True)),
-    },
-    ("trimesh", "trimesh"): {
-        "trimesh": ("fill_holes", partial(_trimesh, stitch=False)),
-        "trimesh-stitch": (
-            "repair.stitch, which closes every boundary, the outer ones too",
-            partial(_trimesh, stitch=True),
-        ),
-    },
-}
+_REFINE = "triangulate_and_refine_hole"
+_FINE = "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000"
+_NATURAL = "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too"
+_WHOLE = "fill_hole, islands joined, facing rims bridged; timed with finding loops, solving, meshing, stitching"
+_SMOOTHED = "and apply_coord_laplacian_smoothing of the new faces with its defaults"
 
 FILLERS: Mapping[str, Filler] = {
-    name: Filler(*tool, *way) for tool, ways in _TOOLS.items() for name, way in ways.items()
+    OURS: Filler("spinor_geom", _WHOLE, partial(_spinor, continuity="C0")),
+    SMOOTH: Filler("spinor_geom", 'the same with continuity="C1"', partial(_spinor, continuity="C1")),
+    "meshlab-close": Filler("pymeshlab", "maxholesize above the rim's edges", partial(_meshlab, refine=False)),
+    "meshlab-close-refined": Filler(
+        "pymeshlab", "and refinehole=True with the rim's mean edge", partial(_meshlab, refine=True)
+    ),
+    "meshlab-close-smoothed": Filler("pymeshlab", _SMOOTHED, partial(_meshlab, refine=True, smooth=True)),
+    "meshlib-universal": Filler(
+        "meshlib", "fillHole, universal metric", partial(_meshlib, metric="getUniversalMetric")
+    ),
+    "meshlib-min-area": Filler(
+        "meshlib", "fillHole, minimum-area metric", partial(_meshlib, metric="getMinAreaMetric")
+    ),
+    "meshlib-nicely": Filler(
+        "meshlib", "fillHoleNicely with its defaults, stitchHolesNicely between facing rims", _meshlib
+    ),
+    "meshlib-nicely-fine": Filler("meshlib", _FINE, partial(_meshlib, fine=True)),
+    "meshlib-nicely-natural": Filler("meshlib", _NATURAL, partial(_meshlib, natural=True)),
+    "cgal": Filler("CGAL", "triangulate_hole", partial(_cgal, function="triangulate_hole", outputs=1)),
+    "cgal-refine": Filler("CGAL", _REFINE, partial(_cgal, function=_REFINE)),
+    "cgal-fair": Filler("CGAL", f"{_FAIR}, which fairs with continuity 1", partial(_cgal, function=_FAIR)),
+    "cgal-fair-2": Filler(
+        "CGAL", "with fairing continuity 2", partial(_cgal, function=_FAIR, options=(_CGAL_DENSITY, 2))
+    ),
+    "vtk": Filler("pyvista", "vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too", _vtk),
+    "open3d": Filler("open3d", "t.geometry fill_holes, any size", _open3d),
+    "pymeshfix": Filler(
+        "pymeshfix", "fill_small_boundaries up to the rim's edges, refine=False", partial(_meshfix, refine=False)
+    ),
+    "pymeshfix-refined": Filler("pymeshfix", "the same, refine=True", partial(_meshfix, refine=True)),
+    "trimesh": Filler("trimesh", "fill_holes", partial(_trimesh, stitch=False)),
+    "trimesh-stitch": Filler(
+        "trimesh", "repair.stitch, which closes every boundary, the outer ones too", partial(_trimesh, stitch=True)
+    ),
 }
 """Ours first."""

@@ -197,6 +197,6 @@ def trouble_table(records: Sequence[Record]) -> Table:
 
 def option_table() -> Table:
     """What every method and filler is asked for."""
-    rows = [(name, "spinor-geom", method.options) for name, method in LOOP_METHODS.items()]
-    rows += [(name, filler.distribution, filler.options) for name, filler in FILLERS.items()]
+    rows = [(name, "spinor_geom", method.options) for name, method in LOOP_METHODS.items()]
+    rows += [(name, filler.package, filler.options) for name, filler in FILLERS.items()]
     return Table(title="Methods and tools", columns=("name", "package", "options"), rows=rows)
