@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import os
 import signal
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from itertools import chain, islice
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -187,31 +187,26 @@ def batch(
     return BatchResult(output=Path(store.output), progress=progress, log=store.log, **paths)
 
 
+@dataclass(frozen=True)
 class _Run:
     """A batch on its way."""
 
-    def __init__(
-        self,
-        store: Store,
-        options: BatchOptions,
-        limits: Limits,
-        total: int,
-        on_progress: Callable[[BatchProgress], None] | None,
-    ) -> None:
-        self._store, self._options, self._limits = store, options, limits
-        self._on_progress = on_progress
-        self._counts = dict.fromkeys(("files", "files_failed", "files_before", "loops", "loops_failed"), 0)
-        self._counts["files_total"] = total
-        self._start = perf_counter()
+    store: Store
+    options: BatchOptions
+    limits: Limits
+    total: int
+    on_progress: Callable[[BatchProgress], None] | None
+    counts: Counter[str] = field(default_factory=Counter)
+    start: float = field(default_factory=perf_counter)
 
     def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
         """The sources that are still to be done; those that are complete are counted."""
         for source in sources:
-            one = self._store.completed(source)
+            one = self.store.completed(source)
             if one is None:
                 yield source
             else:
-                self._counts["files_before"] += 1
+                self.counts["files_before"] += 1
                 self._finish(one)
 
     def solve(self, client: Client, sources: Iterator[Source]) -> None:
@@ -230,12 +225,9 @@ class _Run:
                 block = again.popleft() if again else next(blocks, None)
                 if block is None:
                     break
-                job = {
-                    "sources": [asdict(source) for source in block],
-                    "options": asdict(self._options),
-                    "store": asdict(self._store),
-                }
-                running[client.submit(run_block, job, self._limits, pure=False)] = block
+                settings = {"options": asdict(self.options), "store": asdict(self.store)}
+                job = {"sources": [asdict(source) for source in block], **settings}
+                running[client.submit(run_block, job, self.limits, pure=False)] = block
             if not running:
                 return
             for future in wait(list(running), return_when="FIRST_COMPLETED").done:
@@ -262,32 +254,30 @@ class _Run:
         tries = []
         for source in block:
             # what the workers had finished before they died need not be done again
-            one = self._store.completed(source)
+            one = self.store.completed(source)
             if one is not None:
                 self._finish(one)
             elif len(block) == 1:
-                record = failure(
-                    source.key, "every worker that tried it was killed; look at their logs", status="fault"
-                )
-                self._finish(self._store.commit(source, record, {}))
+                reason = "every worker that tried it was killed; look at their logs"
+                self._finish(self.store.commit(source, failure(source.key, reason, status="fault"), {}))
             else:
                 tries.append([source])
         return tries
 
     def _finish(self, one: dict[str, Any]) -> None:
-        self._counts["files"] += 1
-        self._counts["files_failed"] += one["status"] != "done"
-        for name in ("loops", "loops_failed"):
-            self._counts[name] += one[name]
-        if one["status"] != "done":
-            with self._store.log.open("a", encoding="utf-8") as file:
+        failed = one["status"] != "done"
+        self.counts.update(files=1, files_failed=failed, loops=one["loops"], loops_failed=one["loops_failed"])
+        if failed:
+            with self.store.log.open("a", encoding="utf-8") as file:
                 file.write(log_line(one))
-        if self._on_progress is not None:
-            self._on_progress(self.progress())
+        if self.on_progress is not None:
+            self.on_progress(self.progress())
 
     def progress(self) -> BatchProgress:
         """How far it is."""
-        return BatchProgress(**self._counts, seconds=perf_counter() - self._start)
+        names = ("files", "files_failed", "files_before", "loops", "loops_failed")
+        counts = {name: self.counts[name] for name in names}
+        return BatchProgress(**counts, files_total=self.total, seconds=perf_counter() - self.start)
 
 
 def _blocks(sources: Iterator[Source], threads: Callable[[], int]) -> Iterator[list[Source]]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -238,8 +238,9 @@ def _along(
 
 
 def _slope(function: SmoothMap, u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
-    slope: Tensor = torch.func.jvp(function, (u,), (torch.ones_like(u),))[1]
-    return slope
+    tangent = torch.ones_like(u)
+    _, slope = torch.autograd.functional.jvp(function, u, tangent, create_graph=True)  # type: ignore[no-untyped-call]
+    return cast(Tensor, slope)
 
 
 def _starts(share: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
