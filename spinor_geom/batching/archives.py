@@ -99,7 +99,6 @@ class ArchiveReader:
     """Opens members of one archive after the other, and keeps the last archive open: members follow one another."""
 
     def __init__(self) -> None:
-        """Opens nothing yet."""
         self._key: tuple[str, int, int] | None = None
         self._open: zipfile.ZipFile | tarfile.TarFile | None = None
 

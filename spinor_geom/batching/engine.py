@@ -189,8 +189,6 @@ def batch(
 
 @dataclass(frozen=True)
 class _Run:
-    """A batch on its way."""
-
     store: Store
     options: BatchOptions
     limits: Limits

@@ -125,7 +125,6 @@ class Inputs:
                     yield _problem([*parts, PROBLEM], path, problem, "check the access rights")
 
     def _of_file(self, path: str, parts: Sequence[str]) -> Iterator[Source]:
-        """An OBJ file, or those in an archive."""
         try:
             status = os.stat(path)
         except (OSError, ValueError) as error:
@@ -142,7 +141,6 @@ class Inputs:
             yield _problem(parts, path, "is no OBJ file, manifest or archive", "convert it first")
 
     def _of_archive(self, path: str, parts: Sequence[str], modified: int) -> Iterator[Source]:
-        """The OBJ files in an archive, if all of it can be trusted."""
         with tempfile.TemporaryDirectory() as folder:
             listing = Path(folder, "listing")
             job = {"archive": path, "suffix": SUFFIX, "parts": parts, "listing": str(listing)}

@@ -65,7 +65,6 @@ class PageParts:
     """What the page shows, gathered record by record: it does not grow with their number."""
 
     def __init__(self) -> None:
-        """Starts with nothing."""
         self.files: Counter[str] = Counter()
         self.loops: Counter[str] = Counter()
         self.reasons: Counter[str] = Counter()
@@ -156,10 +155,7 @@ def _picture(store: Store, loop: dict[str, Any]) -> str:
     return ""
 
 
-def _shape(
-    path: Path,
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"], Int[np.ndarray, " k"]]:
-    """Points, faces and the rim of a mesh that was written, or of a curve."""
+def _shape(path: Path) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"], Int[np.ndarray, " k"]]:
     if path.suffix == ".npz":
         with np.load(path, allow_pickle=False) as arrays:
             points = arrays["points"] if "points" in arrays else arrays["vertices"]

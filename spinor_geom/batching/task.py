@@ -142,10 +142,7 @@ def wanted(opened: OpenedFile) -> list[NamedLoop]:
 def fill_options(options: BatchOptions) -> FillOptions:
     """What each loop is filled with."""
     return FillOptions(
-        target_edge_length=options.edge_length,
-        model="auto",
-        tolerance=options.tolerance,
-        continuity=options.continuity,
+        target_edge_length=options.edge_length, model="auto", tolerance=options.tolerance, continuity=options.continuity
     )
 
 
@@ -234,7 +231,6 @@ def _outline(points: Float[np.ndarray, "k 3"]) -> list[list[float]]:
 
 
 def _listed(opened: OpenedFile, place: int, files: dict[str, Writer]) -> dict[str, Any]:
-    """The entry of a loop that is only listed; the loop itself is written."""
     loop = opened.loops[place]
     entry = _entry(opened, place, "done" if loop.error is None else "failed", str(loop.error or ""))
     if loop.loop is not None and loop.error is None:
@@ -247,7 +243,6 @@ def _listed(opened: OpenedFile, place: int, files: dict[str, Writer]) -> dict[st
 def _solved_entry(
     opened: OpenedFile, place: int, outcome: LoopOutcome, piece: LoopPatch | None, files: dict[str, Writer]
 ) -> dict[str, Any]:
-    """The entry of a loop that was solved, or was to be."""
     good = outcome.converged and not outcome.intersections
     status = "failed" if not outcome.filled else "done" if good else "imperfect"
     entry = _entry(opened, place, status, outcome.reason or "; ".join(outcome.notes))

@@ -199,7 +199,6 @@ def _continued(done: list[Record]) -> Iterator[Figure]:
 
 
 def _ragged(ours: list[Record]) -> Iterator[Figure]:
-    """Ours on rims with noise, and on those cut along triangles."""
     rims = [r for r in ours if r["case"] in CUT]
     clean = [not (r.get("crossings") or r.get("mesh_crossings")) for r in rims]
     yield from share("ragged", "cut", "no patch crosses anything", clean)
@@ -218,7 +217,6 @@ def _ragged(ours: list[Record]) -> Iterator[Figure]:
 
 
 def _meshes(ours: list[Record]) -> Iterator[Figure]:
-    """Ours on every hole of every mesh file."""
     if ours:
         loops, near = (sum(r[name] for r in ours) for name in ("requested", "within_1e-2"))
         text = "at least 90% of the loops within 1e-2 of an edge"

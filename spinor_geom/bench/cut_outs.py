@@ -73,9 +73,6 @@ def cut(name: str, kind: Kind, mesh: _Mesh, removed: Bool[np.ndarray, " f"], exa
     return CutOut(name=name, kind=kind, hole=hole, vertices=vertices, faces=faces[removed], places=used, exact=exact)
 
 
-# --- known surfaces ---------------------------------------------------------------------------------------------------
-
-
 def _sphere(ball: str) -> _Mesh:
     if ball == "uv-sphere":
         made = trimesh.creation.uv_sphere(count=[32, 32])
@@ -115,7 +112,6 @@ def _axis_distance(points: _Points) -> _Values:
 
 
 def _turn(points: _Points) -> _Values:
-    """Angles about the third axis."""
     return np.asarray(np.arctan2(points[:, 1], points[:, 0]))
 
 
@@ -159,9 +155,6 @@ WINDOWS: Mapping[str, tuple[Kind, str, Choice]] = {
     "torus-band": ("tube", "torus", lambda points: abs(_turn(points)) < 0.2),
 }
 """Windows, slots and bands of planes, cylinders, tori and a sphere."""
-
-
-# --- scans ------------------------------------------------------------------------------------------------------------
 
 
 def scan_names(folder: Path | None) -> tuple[str, ...]:
@@ -221,9 +214,6 @@ def named_cut_out(name: str, folder: Path | None = None) -> CutOut:
     if folder is None or name not in scan_names(folder):
         raise OptionError(f"there is no cut-out {name!r} here; scans are read from the folder of mesh files")
     return scan_disk(name, folder)
-
-
-# --- ragged rims ------------------------------------------------------------------------------------------------------
 
 
 SHORTEST, LONGEST = 13, 120

@@ -100,9 +100,6 @@ def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n
     return Hole(name=name, vertices=np.concatenate([rim, outer]), faces=faces, rim=i, expected=expected)
 
 
-# --- odd rims ---------------------------------------------------------------------------------------------------------
-
-
 @cache
 def odd_holes() -> Mapping[str, Hole]:
     """Rims that are no ordinary holes, and those of other projects' tests, rebuilt from what they say."""
@@ -168,7 +165,6 @@ def _odd() -> Iterator[Hole]:
 
 
 def _upright(name: str, points: Float[np.ndarray, "n 3"], expected: str) -> Hole:
-    """A collar that goes down and outwards."""
     return collar(name, points, points * [1.15, 1.15, 1.0] - [0, 0, 0.25], expected=expected)
 
 
@@ -200,7 +196,6 @@ def _square(low: int, high: int) -> list[tuple[int, int]]:
 
 
 def _pierced(name: str, cells: list[tuple[int, int]], expected: str, side: int = _GRID) -> Hole:
-    """A plane grid without some of its cells."""
     vertices, faces = _plane(side)
     gone = np.zeros((side, side, 2), dtype=bool)
     gone[tuple(np.array(cells).T[::-1])] = True
@@ -232,9 +227,6 @@ def all_rims(name: str, vertices: ArrayLike, faces: ArrayLike, expected: str = "
     points, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
     rim = np.unique(boundary_edges(triangles))
     return Hole(name=name, vertices=points, faces=triangles, rim=rim, expected=expected)
-
-
-# --- mesh files -------------------------------------------------------------------------------------------------------
 
 
 def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:

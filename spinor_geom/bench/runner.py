@@ -111,7 +111,6 @@ def chosen_tasks(settings: Settings, folder: Path) -> list[Task]:
 
 
 def _disks(settings: Settings, _: Path) -> Iterator[Task]:
-    """Known loops spanned by ours and by discrete surfaces."""
     more = [name for name in settings.cases if name.removeprefix("random-").partition("@")[0].isdigit()]
     cases = QUICK_CASES if settings.few else tuple(dict.fromkeys((*KNOWN, *SAMPLED, *more)))
     for name, method in LOOP_METHODS.items():
@@ -122,7 +121,6 @@ def _disks(settings: Settings, _: Path) -> Iterator[Task]:
 
 
 def _fills(settings: Settings, _: Path) -> Iterator[Task]:
-    """Known rims in a collar, filled by ours and by peers."""
     for case in QUICK_CASES[:1] if settings.few else KNOWN:
         count = 3 if case == REFERENCE_CASE else 2 if known_kind(case) == "smooth" else 1
         for n in settings.hole_points[:count]:
@@ -146,13 +144,11 @@ def _cut_outs(settings: Settings, folder: Path) -> Iterator[Task]:
 
 
 def _meshes(settings: Settings, _: Path) -> Iterator[Task]:
-    """Every hole of every mesh file, by every filler."""
     if settings.data is not None and not settings.few:
         yield from _each("meshes", [str(path) for path in mesh_files(settings.data, settings.cases)], FILLERS)
 
 
 def _ragged(settings: Settings, _: Path) -> Iterator[Task]:
-    """Rims with noise and rims cut along triangles, by ours and by the reference."""
     cases = (*list(NOISY)[:1], *CUT[:5]) if settings.few else (*NOISY, *CUT)
     yield from _each("ragged", cases, (OURS, REFERENCE), 1)
 
@@ -179,9 +175,6 @@ SUITES: Mapping[str, Callable[[Settings, Path], Iterator[Task]]] = {
     "batch": _batch,
 }
 """All suites by name, in the order of the tables."""
-
-
-# --- a run and its folder ---------------------------------------------------------------------------------------------
 
 
 def key(task: Task) -> str:

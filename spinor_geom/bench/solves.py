@@ -131,9 +131,6 @@ def null_error(solution: PlateauSolution) -> float:
     return float(np.abs((phi * phi).sum(1)).max() / (np.abs(phi) ** 2).sum(1).max())
 
 
-# --- what is to be solved ---------------------------------------------------------------------------------------------
-
-
 _CONVERGED = Limit("converged", "converged", True)
 _ANNULUS = Limit("annulus", "an annulus is found", True)
 
@@ -151,7 +148,6 @@ def _seconds(limit: float) -> Limit:
 
 
 def _curves() -> Iterator[Solve]:
-    """Smooth curves, noisy ones, strips, polygons, and rims with straight sides."""
     stable = (*_met(1e-8), _area(1e-6), Limit("verdict", "verdict", "stable, index 0"))
     near = Limit("rms_per_diameter", "RMS distance from Γ, in diameters,", 1e-5), _CONVERGED
     seam, ramp, ellipse = gallery.tennis_seam, gallery.helical_ramp, partial(gallery.ellipse, height=0.3)
@@ -186,7 +182,6 @@ def _noisy(curve: KnownCurve, n: int, noise: float, seed: int) -> BoundaryLoop:
 
 
 def _rims() -> Iterator[Solve]:
-    """Two rims: catenoids, rings, and rims that crowd, tilt and shake."""
 
     def known(name: str, subject: Callable[[], Subject], area: float, *limits: Limit) -> Solve:
         return Solve("rims", name, subject, limits, disks=(KnownDisk(area=area),))
@@ -244,7 +239,6 @@ def _sampled(
 
 
 def _speed() -> Iterator[Solve]:
-    """From few points to thousands."""
     ellipse = gallery.ellipse(2.0, 0.3)
     for curve in (gallery.twisted_circle(), ellipse, gallery.tennis_seam(0.8)):
         for n, seconds in SMOOTH_SECONDS.items():

@@ -76,7 +76,6 @@ def _morph(arguments: argparse.Namespace) -> None:
 
 
 def _shape(path: Path) -> Shape:
-    """A mesh file with faces, or a saved surface as triangles."""
     from spinor_geom.render.shapes import shape_of
 
     if path.suffix.lower() != SURFACE_SUFFIX:

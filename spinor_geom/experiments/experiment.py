@@ -86,9 +86,6 @@ def experiment(name: str) -> Experiment:
     return found
 
 
-# --- runs -------------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Done:
     """An experiment that was run, as the folder of its name tells it; its pictures by their names."""

@@ -182,9 +182,6 @@ def which_disk(area: float, disks: Sequence[KnownDisk]) -> str:
     return "none"
 
 
-# --- which branch points last -----------------------------------------------------------------------------------------
-
-
 def lasting(*, orders: Sequence[int], random: int) -> Outcome:
     """Finds the branch points of pairs with zeros of prescribed orders and of so many random ones, in both forms."""
     rows = [prescribed_row(form, order) for form in FORMS for order in orders]

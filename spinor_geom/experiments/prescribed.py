@@ -170,8 +170,6 @@ EXPERIMENTS = {
             "random": RMSprop(epochs=2000),
             "perturbed": RMSprop(epochs=4000),
         },
-        quick={
-            **{"depth": 3, "random.epochs": 10, "random.order": 25, "perturbed.epochs": 10, "perturbed.order": 25},
-        },
+        quick={**{"depth": 3, "random.epochs": 10, "random.order": 25, "perturbed.epochs": 10, "perturbed.order": 25}},
     )
 }

@@ -83,7 +83,6 @@ def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[floa
 def _on_curve(
     curve: KnownCurve, rmsprop: RMSprop, tolerances: Sequence[float], depth: int
 ) -> dict[str, tuple[list[float], list[float]]]:
-    """Seconds and distances of every method."""
     gamma = BoundaryCurve.from_formula(curve)
     diagonal = float(np.linalg.norm(np.ptp(gamma.coefficients[-1], axis=0)))
     edges = diagonal / float(np.linalg.norm(np.diff(gamma.coefficients[-1], axis=0), axis=1).mean())

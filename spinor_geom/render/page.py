@@ -118,7 +118,6 @@ class Views:
     """The views of one page: `figure` where each is to stand, `script` once at the page's end."""
 
     def __init__(self) -> None:
-        """No views yet."""
         self._views: list[dict[str, object]] = []
         # each array once, however many layers have it
         self._places: dict[str, int] = {}

@@ -17,11 +17,7 @@ _CHROMA, _RISE, _FALL = 0.125, 0.25, 0.5
 _RINGS = 0.08  # of lightness, between one power of two of the modulus and the next
 # Source: Ottosson, "A perceptual color space for image processing" (2020).
 _TO_LMS = np.array(
-    [
-        [1.0, 0.3963377774, 0.2158037573],
-        [1.0, -0.1055613458, -0.0638541728],
-        [1.0, -0.0894841775, -1.2914855480],
-    ]
+    [[1.0, 0.3963377774, 0.2158037573], [1.0, -0.1055613458, -0.0638541728], [1.0, -0.0894841775, -1.2914855480]]
 )
 _TO_RGB = np.array(
     [

@@ -178,7 +178,6 @@ def _add_lines(plotter: Any, layer: Lines, radius: float) -> Callable[[Any], Non
 
 
 def _look(plotter: Any, camera: Camera, points: Any) -> None:
-    """Looks at points, in soft light from several sides."""
     import pyvista
 
     right, reach = np.cross(camera.up, camera.direction), np.linalg.norm(points - camera.focus, axis=1).max()

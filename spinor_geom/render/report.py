@@ -107,7 +107,6 @@ def _summary(result: FillResult) -> str:
 
 
 def _left_open(outcomes: Sequence[LoopOutcome]) -> list[str]:
-    """What the reader must not overlook."""
     said = [f"{line[0].upper()}{line[1:]}" for outcome in outcomes for line in outcome.shortcomings]
     if not said:
         return []

@@ -135,8 +135,6 @@ def train_by_levenberg_marquardt(
 
 
 class _Training:
-    """One curve, its network, and the steps so far."""
-
     def __init__(
         self,
         curve: BoundaryCurve,
@@ -244,9 +242,6 @@ class _Training:
         self.history.append(step)
         if self.on_step is not None:
             self.on_step(step)
-
-
-# --- damped steps -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -156,8 +156,6 @@ def train_by_rmsprop(
 
 
 class _Training:
-    """The networks, their optimisers, the random numbers, and the epochs so far."""
-
     def __init__(self, curve: BoundaryCurve, options: RMSprop, device: torch.device) -> None:
         self.options, self.device = options, device
         self.path = None if options.checkpoint is None else Path(options.checkpoint)
@@ -182,8 +180,6 @@ class _Training:
             for name, module in self.modules.items()
         }
         self.history: list[TrainingStep] = []
-
-    # --- Algorithm 1 --------------------------------------------------------------------------------------------------
 
     def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
         """Epochs until the last one, no more time, or a divergence."""
@@ -255,8 +251,6 @@ class _Training:
             ways.append(Misfit.from_distances(distance, slide, weights, self.curve, length=length))
         largest = {name: max(getattr(way, name) for way in ways) for name in ("rms", "max", "max_per_local_edge")}
         return Misfit(**largest, length=length)
-
-    # --- state --------------------------------------------------------------------------------------------------------
 
     def save(self, path: Path) -> None:
         """Writes parameters, optimisers, random numbers, some points of the curve, options and history."""
@@ -335,7 +329,6 @@ def boundary_loss(of: Moving, onto: Moving, *, tangent_weight: float) -> Float[T
 
 
 def _read_state(path: Path) -> dict[str, Any]:
-    """What `_Training.save` wrote."""
     try:
         # only what torch itself writes is looked into
         state = torch.load(path, map_location="cpu", weights_only=True) if zipfile.is_zipfile(path) else None
