@@ -139,12 +139,11 @@ def _zip_members(path: Path) -> Iterator[Member]:
             raise _refused(path, f"{len(listed)} members", f"split it: {MOST_ZIP_MEMBERS} are the most")
         for place, entry in enumerate(listed):
             kind = stat.S_IFMT(entry.external_attr >> 16)
-            _require_plain_name(path, entry.filename)
+            _require_honest(path, entry.filename, entry.file_size, entry.compress_size)
             if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
                 raise _refused(path, f"'{entry.filename}', a link or device", "pack the files themselves")
             if entry.flag_bits & 1:
                 raise _refused(path, f"'{entry.filename}', which is encrypted", "pack it without a password")
-            _require_ratio(path, entry.filename, entry.file_size, entry.compress_size)
             if not entry.is_dir():
                 yield Member(name=entry.filename, size=entry.file_size, place=place)
 
@@ -153,10 +152,9 @@ def _tar_members(path: Path) -> Iterator[Member]:
     packed = path.stat().st_size
     with _opened_tar(os.fspath(path)) as archive:
         while (entry := archive.next()) is not None:
-            _require_plain_name(path, entry.name)
+            _require_honest(path, entry.name, entry.offset_data + entry.size, packed)
             if not (entry.isreg() or entry.isdir()) or entry.issparse():
                 raise _refused(path, f"'{entry.name}', a link, device or sparse file", "pack the files themselves")
-            _require_ratio(path, entry.name, entry.offset_data + entry.size, packed)
             if entry.isreg():
                 yield Member(name=entry.name, size=entry.size, place=entry.offset_data)
             cast(Any, archive).members.clear()  # which tarfile never does by itself
@@ -188,12 +186,9 @@ def _opened_tar(path: str) -> tarfile.TarFile:
     return cast(tarfile.TarFile, cast(Any, tarfile).open(path, f"r:{kind}", tarinfo=_Header))
 
 
-def _require_ratio(path: Path, name: str, size: int, packed: int) -> None:
+def _require_honest(path: Path, name: str, size: int, packed: int) -> None:
     if size > FREE_SIZE and size > MOST_RATIO * packed:
         raise _refused(path, f"a bomb: {name} unpacks to over {MOST_RATIO} times its size", "do not use it")
-
-
-def _require_plain_name(path: Path, name: str) -> None:
     parts = name.replace("\\", "/").split("/")
     if len(os.fsencode(name)) > LONGEST_NAME:
         raise _refused(path, f"'{name[:60]}…', a name of more than {LONGEST_NAME} bytes", "do not use it")

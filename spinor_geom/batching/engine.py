@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import signal
@@ -15,7 +16,7 @@ from tempfile import TemporaryFile
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
-from spinor_geom.batching.inputs import SMALL, Inputs, Listing, Source
+from spinor_geom.batching.inputs import SMALL, Inputs, Source, listed
 from spinor_geom.batching.options import BatchOptions, Format, Limits, What
 from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store, log_line, opened_store
@@ -35,6 +36,7 @@ WAITING = 2
 SHORT_LOGS = dict.fromkeys(("distributed.admin.log-length", "distributed.admin.low-level-log-length"), 100)
 # Blocks for each worker that are looked ahead, so that the last ones can be shared out evenly.
 AHEAD = 4
+COUNTS = ("files", "files_failed", "files_total", "files_before", "loops", "loops_failed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,9 +174,11 @@ def batch(
         raise OptionError(f"workers must be at least 1, not {workers}")
     named = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output, limits=limits)
     with opened_store(output, options, resume=resume) as store, TemporaryFile("w+", encoding="ascii") as file:
-        sources = Listing(named, file)
-        run = _Run(store, options, limits, len(sources), on_progress)
-        left = run.incomplete(sources)
+        run = _Run(store, options, limits, on_progress)
+        for source in named:
+            file.write(json.dumps(asdict(source)) + "\n")
+            run.counts["files_total"] += 1
+        left = run.incomplete(listed(file))
         first = next(left, None)
         if first is not None:
             with _cluster(workers, scheduler, limits) as client:
@@ -183,7 +187,7 @@ def batch(
         from spinor_geom.batching.summary import write_summary
 
         progress = run.progress()
-        paths = write_summary(store, sources, options, asdict(progress))
+        paths = write_summary(store, listed(file), options, asdict(progress))
     return BatchResult(output=Path(store.output), progress=progress, log=store.log, **paths)
 
 
@@ -192,9 +196,8 @@ class _Run:
     store: Store
     options: BatchOptions
     limits: Limits
-    total: int
     on_progress: Callable[[BatchProgress], None] | None
-    counts: Counter[str] = field(default_factory=Counter)
+    counts: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(COUNTS, 0)))
     start: float = field(default_factory=perf_counter)
 
     def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
@@ -273,9 +276,7 @@ class _Run:
 
     def progress(self) -> BatchProgress:
         """How far it is."""
-        names = ("files", "files_failed", "files_before", "loops", "loops_failed")
-        counts = {name: self.counts[name] for name in names}
-        return BatchProgress(**counts, files_total=self.total, seconds=perf_counter() - self.start)
+        return BatchProgress(**self.counts, seconds=perf_counter() - self.start)
 
 
 def _blocks(sources: Iterator[Source], threads: Callable[[], int]) -> Iterator[list[Source]]:

@@ -10,7 +10,7 @@ import re
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -174,22 +174,11 @@ class Inputs:
             yield _problem([label, PROBLEM], str(path), problem, "give a column 'path'")
 
 
-class Listing:
-    """The sources of a batch, listed once: a line each in a file; one iteration at a time."""
-
-    def __init__(self, sources: Iterable[Source], file: IO[str]) -> None:
-        self._file, self._count = file, 0
-        for source in sources:
-            self._file.write(json.dumps(asdict(source)) + "\n")
-            self._count += 1
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __iter__(self) -> Iterator[Source]:
-        self._file.seek(0)
-        while line := self._file.readline():
-            yield Source.from_dict(json.loads(line))
+def listed(file: IO[str]) -> Iterator[Source]:
+    """Sources from a file with a line of JSON for each; one iteration at a time."""
+    file.seek(0)
+    while line := file.readline():
+        yield Source.from_dict(json.loads(line))
 
 
 def _fixed_part(pattern: str) -> str:

@@ -19,7 +19,7 @@ from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.batching.loops import NamedLoop, curve_loops, hole_names, refuse_what_bounds_no_disk
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.records import worst
+from spinor_geom.batching.records import failure, worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import safe_name
@@ -157,16 +157,13 @@ def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
         entries, extension = _solved(opened, answers, files)
         if opened.options.what == "fill" and opened.holes:
             filled = _filled(opened, extension, files)
-    record = {
-        "source": opened.key,
-        "status": worst([*(entry["status"] for entry in entries), *(["failed"] if opened.problem else [])]),
-        "reason": opened.problem,
+    status = worst([*(entry["status"] for entry in entries), *(["failed"] if opened.problem else [])])
+    record = failure(opened.key, opened.problem, status=status) | {
         "vertices": len(opened.text.contents.vertices),
         "faces": len(opened.text.contents.polygons),
         "curves": len(opened.text.contents.polylines),
         "filled": filled,
         "loops": entries,
-        "version": program_version(),
         "seconds": {"read": opened.seconds, "results": perf_counter() - start},
     }
     return Results(record=record, files=files)

@@ -59,10 +59,8 @@ class Experiment:
 
     def description(self, *, quick: bool) -> dict[str, Any]:
         """The same, JSON-ready: by it a run knows what an earlier one finished."""
-        told = {}
-        for name, value in self.settings(quick=quick).items():
-            told[name] = finite(asdict(value) if isinstance(value, RMSprop | LevenbergMarquardt) else value)
-        return told
+        named = self.settings(quick=quick).items()
+        return {name: finite(asdict(v) if isinstance(v, RMSprop | LevenbergMarquardt) else v) for name, v in named}
 
     def shortened(self) -> dict[str, tuple[Any, Any]]:
         """Each setting that the quick run changes: its full and its quick value."""
