@@ -1,7 +1,5 @@
 """Tar and zip archives: listed by a process without being unpacked, refused as a whole where something is dishonest."""
 
-from __future__ import annotations
-
 import errno
 import json
 import lzma

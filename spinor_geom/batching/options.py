@@ -1,7 +1,5 @@
 """What every file of a batch is treated with, and what it may cost; cheap to import, JSON on its way to others."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args

@@ -1,7 +1,5 @@
 """The output folder of a batch: where results go, who may write them, and what is complete; nothing else survives."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """What a batch leaves of all files together: tables, a log in the order of the inputs, and a page without scripts."""
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator

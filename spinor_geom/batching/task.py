@@ -1,7 +1,5 @@
 """One OBJ file: its loops, what is to be solved of it, and its results from the answers. Writes nothing by itself."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

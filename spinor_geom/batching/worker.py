@@ -1,7 +1,5 @@
 """What runs in a Dask worker: it keeps a process that solves, watches it, and ends it where a file asks too much."""
 
-from __future__ import annotations
-
 import threading
 from collections import Counter, deque
 from typing import Any

@@ -1,7 +1,5 @@
 """Batches of many loops and files: loops a second, memory of driver and workers, and equal bytes."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Loops whose minimal surface is known, and what their points tell of it: the error no solver can be blamed for."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

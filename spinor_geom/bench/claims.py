@@ -1,7 +1,5 @@
 """What the project promises of a run, beside what the run measured."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

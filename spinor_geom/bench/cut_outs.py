@@ -1,7 +1,5 @@
 """Pieces cut out of known surfaces and of scans, which a filler should put back; ragged rims, as people have them."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """All methods by name, each by its own package and options that serve it: loops are spanned, holes are filled."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial

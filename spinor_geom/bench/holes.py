@@ -1,7 +1,5 @@
 """Meshes with holes for the hole fillers: a collar around a known rim, odd rims, mesh files."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What figures were measured with: cores, system, versions, commit, date and load; and whether the code has changed."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import platform

@@ -1,7 +1,5 @@
 """What is measured of a disk or a filled hole; every figure has one definition, see docs/benchmark.md."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

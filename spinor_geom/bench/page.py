@@ -1,7 +1,5 @@
 """What a run leaves: CSV, markdown, and one page with everything in it."""
 
-from __future__ import annotations
-
 import csv
 import html
 import io

@@ -1,7 +1,5 @@
 """What ours alone is to solve, and what is promised of it: loops of every kind, pairs of rims, the paper's curves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial

@@ -1,7 +1,5 @@
 """The tables of a run, as text: a page and markdown files show the same ones."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """The process that runs tasks: `python -m spinor_geom.bench.worker`, spoken to by the runner."""
 
-from __future__ import annotations
-
 import gc
 import importlib
 import statistics

@@ -1,7 +1,5 @@
 """What the command line says: tables and progress on a terminal, complaints in one sentence, exit statuses."""
 
-from __future__ import annotations
-
 import enum
 import os
 import sys

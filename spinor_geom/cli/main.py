@@ -1,7 +1,5 @@
 """The command line's entry: parses arguments and runs one command. Imports nothing heavy, so that --help is quick."""
 
-from __future__ import annotations
-
 import argparse
 import gc
 import importlib

@@ -1,7 +1,5 @@
 """`spinor-geom batch`, `bench` and `reproduce`: runs over many files or cases, which go on where they were stopped."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

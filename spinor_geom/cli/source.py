@@ -1,7 +1,5 @@
 """Reads the mesh that a command works on, and checks what it is to write."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

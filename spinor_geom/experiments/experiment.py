@@ -1,7 +1,5 @@
 """What an experiment is, and runs of some: data, pictures, and one report."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Spinors and the Weierstrass-Enneper form: the paper's training of both beside our solvers; branch points."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Sequence

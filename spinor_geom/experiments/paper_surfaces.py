@@ -1,7 +1,5 @@
 """The paper's four surfaces: a twisted circle, a tennis seam, random networks, and perturbed power series."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Two prescribed surfaces, recovered from their boundaries: p, q, f, g compared up to Möbius maps of the disk."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

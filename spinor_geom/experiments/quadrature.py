@@ -1,7 +1,5 @@
 """Quadrature along rays from the middle of the disk: its error on the catenoid, and |H| of what it draws."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The paper's training: without and with its tangent term, and beside our solvers by wall-clock time."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """A surface in exact formulas as the ruler that meshes are measured with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

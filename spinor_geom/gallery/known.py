@@ -1,7 +1,5 @@
 """What a known answer is: a surface or a closed curve with exact figures and their source."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

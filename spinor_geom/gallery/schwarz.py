@@ -4,8 +4,6 @@ In a parameter s with Gauss map g = s^k they have
 φ ds = e^{iα}(s^{2k} − 1, −i(s^{2k} + 1), 2s^k)·Π(1 − s/s_j)^{−1/2} ds.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Minimal surfaces in exact formulas, as `SpinorSurface`s with exact areas."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

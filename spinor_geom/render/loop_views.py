@@ -1,7 +1,5 @@
 """One loop's patch as it is shown: in space, in Ω, on the sphere of normals, and its functions on a grid."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

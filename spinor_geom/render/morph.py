@@ -1,7 +1,5 @@
 """A surface turned through its associate family: an animation, or a page with a slider."""
 
-from __future__ import annotations
-
 import html
 import os
 from collections.abc import Sequence

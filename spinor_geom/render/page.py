@@ -1,7 +1,5 @@
 """The one way to write a page for a browser: one file with all it needs, in light and in dark, surfaces to turn."""
 
-from __future__ import annotations
-
 import base64
 import html
 import json

@@ -1,7 +1,5 @@
 """Plots of figures, and colours of complex numbers."""
 
-from __future__ import annotations
-
 import html
 import io
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Draws scenes as PNGs, without a display: in a process of its own, which is the main program of this module."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil

@@ -1,7 +1,5 @@
 """The report of a fill as one page: the mesh to turn, Ω and the Gauss map beside it, p and q in colours, figures."""
 
-from __future__ import annotations
-
 import html
 import io
 import os

@@ -1,7 +1,5 @@
 """Pictures of fills and of rims: what is in them, and from where it is seen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

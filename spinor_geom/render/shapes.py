@@ -1,7 +1,5 @@
 """Any surface or mesh as vertices, triangles and values, and what other libraries and browsers take of it."""
 
-from __future__ import annotations
-
 import html
 import os
 from collections.abc import Mapping

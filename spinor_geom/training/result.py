@@ -1,7 +1,5 @@
 """What training returns: a surface, how near its boundary came, and every step on the way."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

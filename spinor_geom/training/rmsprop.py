@@ -1,7 +1,5 @@
 """The paper's training: Algorithm 1, alternating RMSprop on the surface and on the homeomorphism of its boundary."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math
