@@ -50,8 +50,7 @@ DAMAGE = (
     zlib.error,
 )
 
-# How packed tar archives begin.
-_PACKED = {b"\x1f\x8b": "gz", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}
+_PACKED = {b"\x1f\x8b": "gz", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}  # how packed tar archives begin
 
 
 @dataclass(frozen=True, kw_only=True)

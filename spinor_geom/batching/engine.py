@@ -28,10 +28,8 @@ from spinor_geom.optional import require
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-# Most files whose loops are solved side by side.
-TOGETHER = 64
-# Blocks that wait at each worker.
-WAITING = 2
+TOGETHER = 64  # most files whose loops are solved side by side
+WAITING = 2  # blocks that wait at each worker
 # What the scheduler remembers of its own work, which nobody reads here.
 SHORT_LOGS = dict.fromkeys(("distributed.admin.log-length", "distributed.admin.low-level-log-length"), 100)
 # Blocks for each worker that are looked ahead, so that the last ones can be shared out evenly.

@@ -20,8 +20,7 @@ from spinor_geom.version import program_version
 
 RUN, LOCK, LOG = "run.json", ".lock", "failures.log"
 RESULTS, STAGING, ROOM = "files", ".staging", "room"
-# A disk that takes no more, or only small files.
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk that takes no more, or only small files
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,8 +41,7 @@ FIGURES = ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability"
 CROSSINGS = ("self_intersections", "mesh_intersections", "patch_intersections")
 LONGEST_LABEL = 60
 COPIED_AT_ONCE = 1 << 20
-# Fourth powers of lengths have to be numbers.
-LARGEST_COORDINATE = 1e70
+LARGEST_COORDINATE = 1e70  # fourth powers of lengths have to be numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,10 +25,8 @@ SMOOTHEST = (
     *("meshlib-nicely", "meshlib-nicely-fine", "meshlib-nicely-natural", "cgal-fair", "cgal-fair-2"),
     *("meshlab-close-smoothed", "pymeshfix-refined"),
 )
-# radius of holes for tools that cannot tell ours from the others by it
-_EVERY_SIZE = 1e6
-# CGAL's own default, which its bindings ask for before the continuity
-_CGAL_DENSITY = 2**0.5
+_EVERY_SIZE = 1e6  # radius of holes for tools that cannot tell ours from the others by it
+_CGAL_DENSITY = 2**0.5  # CGAL's own default, which its bindings ask for before the continuity
 
 
 Answer: TypeAlias = PlateauSolution | DiscreteMinimalSurface

@@ -24,8 +24,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 # width of a collar per edge of the rim: the height of an equilateral triangle
 _COLLAR = math.sqrt(0.75)
-# of the squares of odd rims, on a side
-_GRID = 12
+_GRID = 12  # of the squares of odd rims, on a side
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -23,8 +23,7 @@ from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 
-# of the exact |H|: second derivatives cost some milliseconds a point
-_CURVATURE_POINTS = 100
+_CURVATURE_POINTS = 100  # of the exact |H|: second derivatives cost some milliseconds a point
 # at least so many points of the mesh and of the surface
 _DISTANCE_SAMPLES = 5_000
 _SURFACE_TRIANGLES = 2_000

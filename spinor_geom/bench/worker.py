@@ -23,8 +23,7 @@ from spinor_geom.isolate import serve
 from spinor_geom.mesh.boundary_loop import turning_angles
 from spinor_geom.plateau.solve import solve_plateau
 
-# repeats end when they have taken this long together
-_ENOUGH_SECONDS = 5.0
+_ENOUGH_SECONDS = 5.0  # repeats end when they have taken this long together
 
 
 def run(task: Task) -> Record:

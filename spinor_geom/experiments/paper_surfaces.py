@@ -24,8 +24,7 @@ _SEED = 5
 _UNEVEN, _SHIFT = 0.4, 0.1
 # points of the circle that Taylor coefficients are taken from, and a boundary's, of which a hundred matter
 _TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512
-# points of ∂Ω whose distance from Γ is measured
-_MEASURED = 1024
+_MEASURED = 1024  # points of ∂Ω whose distance from Γ is measured
 
 
 def random_networks(depth: int) -> SpinorSurface:

@@ -24,8 +24,7 @@ Points: TypeAlias = Complex[np.ndarray, " n"]
 PAPER, OURS, SERIES = "RMSprop", "Levenberg-Marquardt", "Douglas-Newton"
 # points on each of the circles that spinors are compared on, and the circles
 _POINTS, _RADII = 64, (1.0, 0.6, 0.25)
-# turns that the fit of a Möbius map starts from
-_STARTS = 12
+_STARTS = 12  # turns that the fit of a Möbius map starts from
 
 
 def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, perturbed: RMSprop) -> Outcome:

@@ -22,8 +22,7 @@ VIRIDIS = (
 )
 # share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
 _TAIL = 0.03
-# name of the loop choice for what is shown for every loop
-ALWAYS = ""
+ALWAYS = ""  # name of the loop choice for what is shown for every loop
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -26,8 +26,7 @@ from spinor_geom.surface.weierstrass import weierstrass_phi
 _PANEL_ORDER = 4
 # rounds in which the constant of r and the nearest points of Γ are found from each other
 _CONSTANT_STEPS = 5
-# points that the bounding box of a curve is taken from
-_POINTS = 1024
+_POINTS = 1024  # points that the bounding box of a curve is taken from
 
 
 def as_boundary_curve(curve: BoundaryCurve | ClosedCurve) -> BoundaryCurve:

@@ -44,8 +44,7 @@ _MOST_NODES = 512
 _DEEP, _GAIN_ALONE = 3, 8.0
 # shares of the tolerance at which distillation (r is quadratic in p and q, so errors double) and polishing stop
 _DISTILLED, _POLISHED = 0.1, 0.2
-# change of the damping after a good and a bad step
-_LESS, _MORE = 0.2, 4.0
+_LESS, _MORE = 0.2, 4.0  # change of the damping after a good and a bad step
 # least damping as a share of the mean diagonal entry of J Jᴴ: below it rounding decides
 _LEAST_DAMPING = 1e-16
 # so many steps have to lessen the distance by a tenth together, else it stands still

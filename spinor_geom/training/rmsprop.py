@@ -35,10 +35,8 @@ from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.result import Status, Trained, TrainingStep, taken_by
 
-# of files with the state of a training
-_FORMAT = "spinor_geom.training 2"
-# a loss so many times that of the first epoch is no training any more
-_GROWTH = 1e3
+_FORMAT = "spinor_geom.training 2"  # of files with the state of a training
+_GROWTH = 1e3  # a loss so many times that of the first epoch is no training any more
 # points of ∂Ω and of Γ between which the boundary error is measured
 _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192
 # its rates suit curves of the paper's size: a solver's Γ gets the diagonal of the unit circle's bounding box
