@@ -82,7 +82,12 @@ class Store:
             for name, write in files.items():
                 write(folder / name)
             (folder / RECORD).write_text(json_text({**record, "input": stamp(source)}), encoding="utf-8")
-            self.require_owner()
+            try:
+                owner = json.loads(Path(self.output, RUN).read_bytes())["token"]
+            except (OSError, ValueError, KeyError) as error:
+                raise BatchError(f"{self.output}: {RUN} cannot be read ({error}); the run ends here") from error
+            if owner != self.token:
+                raise BatchError(f"{self.output}: another run has taken the folder over; this one ends here")
 
     def _require_room(self, error: OSError) -> None:
         """Checks after an error that it is not one of the whole folder, which raises BatchError."""
@@ -93,15 +98,6 @@ class Store:
             except OSError as found:
                 error = found
         raise BatchError(f"{self.output}: cannot be written to ({error.strerror}); make room and resume") from error
-
-    def require_owner(self) -> None:
-        """Raises BatchError where the folder is no longer this run's."""
-        try:
-            owner = json.loads(Path(self.output, RUN).read_bytes())["token"]
-        except (OSError, ValueError, KeyError) as error:
-            raise BatchError(f"{self.output}: {RUN} cannot be read ({error}); the run ends here") from error
-        if owner != self.token:
-            raise BatchError(f"{self.output}: another run has taken the folder over; this one ends here")
 
 
 def stamp(source: Source) -> list[int | str]:

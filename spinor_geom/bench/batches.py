@@ -1,6 +1,5 @@
 """Batches of many loops and files: loops a second, memory of driver and workers, and equal bytes."""
 
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -155,9 +154,3 @@ BATCHES: dict[str, Callable[[Path, float], dict[str, Any]]] = {
 """What is measured, given a folder to work in and the share of the files that are taken."""
 if torch.cuda.is_available():
     BATCHES["solved only, on CUDA"] = lambda _, share: _solved(round(SOLVED_ON_CUDA * share), _together("cuda"))
-
-
-def batch_figures(name: str, share: float) -> dict[str, Any]:
-    """The figures of one of them."""
-    with tempfile.TemporaryDirectory() as folder:
-        return BATCHES[name](Path(folder), share)

@@ -235,9 +235,3 @@ def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:
             if len(mesh.faces) and len(boundary_edges(mesh.faces)):
                 found.append(path)
     return found
-
-
-def file_hole(path: Path) -> Hole:
-    """A mesh file whose every boundary loop is to be closed."""
-    mesh = read_mesh(path).mesh
-    return all_rims(path.name, mesh.vertices, mesh.faces)

@@ -3,6 +3,7 @@
 import gc
 import importlib
 import statistics
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from spinor_geom.adapters import read_mesh
 from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.claims import LEAST_POINTS
 from spinor_geom.bench.cut_outs import named_cut_out, ragged_hole
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
-from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
+from spinor_geom.bench.holes import all_rims, hole_over, odd_holes
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measure import cut_out_figures, disk_figures, hole_figures, save_views
 from spinor_geom.bench.solves import solve_figures, solves
@@ -46,9 +48,10 @@ def run(task: Task) -> Record:
 
 
 def _batch(task: Task) -> Record:
-    from spinor_geom.bench.batches import batch_figures
+    from spinor_geom.bench.batches import BATCHES
 
-    return batch_figures(task["case"], task["share"])
+    with tempfile.TemporaryDirectory() as folder:
+        return BATCHES[task["case"]](Path(folder), task["share"])
 
 
 def _solve(task: Task) -> Record:
@@ -77,7 +80,8 @@ def _fill(task: Task) -> Record:
         case = known_case(name)
         hole = hole_over(name, case.loop(task["n"]), case.area)
     elif task["suite"] == "meshes":
-        hole = file_hole(Path(name))
+        mesh = read_mesh(name).mesh
+        hole = all_rims(Path(name).name, mesh.vertices, mesh.faces)
     else:
         hole = odd_holes()[name] if task["suite"] == "odd" else ragged_hole(name)
     timed, answer, finish = _timed(lambda: FILLERS[task["method"]].prepare(hole), task["repeat"])

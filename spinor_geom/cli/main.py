@@ -65,7 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_add_fill, _add_loops, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_view, _add_render):
+    for add in (_add_fill, _add_loops, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_view_and_render):
         add(commands)
     return parser
 
@@ -256,12 +256,9 @@ def _add_shown(add: Callable[..., Any]) -> None:
     add("--curvature", **_FLAG, help="colours tell the curvature: Gauss curvature of a surface, |H| of a mesh")
 
 
-def _add_view(commands: _Commands) -> None:
+def _add_view_and_render(commands: _Commands) -> None:
     epilog = "exit status: 0 the window was closed, 2 the file cannot be read or there is no display"
     _add_shown(commands.add_parser("view", help="open a window with a mesh or a surface", epilog=epilog).add_argument)
-
-
-def _add_render(commands: _Commands) -> None:
     add = commands.add_parser(
         "render",
         help="draw a mesh or a surface as a PNG, without a display",

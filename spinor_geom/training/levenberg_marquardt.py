@@ -33,7 +33,7 @@ from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training.boundary import BoundaryNodes, Placed, as_boundary_curve, diagonal_of, move_to, placed
-from spinor_geom.training.result import Trained, TrainingStep, taken_by
+from spinor_geom.training.result import Trained, TrainingStep
 
 # damping at the start, as a share of the mean diagonal entry of J Jᴴ: near to what is sought, and from random numbers
 _NEAR, _FAR = 1e-6, 1e-1
@@ -96,7 +96,7 @@ class LevenbergMarquardt:
             matching=None if start is None else start.matching,
             options=self,
             device=device,
-            on_step=taken_by(steps),
+            on_step=lambda step: steps.take(step.method, step.loss),
         )
         return trained.as_disk(curve)
 

@@ -33,7 +33,7 @@ from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve, diagonal_of, move_to
-from spinor_geom.training.result import Status, Trained, TrainingStep, taken_by
+from spinor_geom.training.result import Status, Trained, TrainingStep
 
 _FORMAT = "spinor_geom.training 2"  # of files with the state of a training
 _GROWTH = 1e3  # a loss so many times that of the first epoch is no training any more
@@ -111,7 +111,8 @@ class RMSprop:
         """A minimal disk over a curve at unit size, from random parameters; see `plateau.options.Trainer`."""
         assert start is None
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
-        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=taken_by(steps))
+        take = steps.take
+        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=lambda s: take(s.method, s.loss))
         return trained.as_disk(curve, scale=1 / _DIAGONAL)
 
 
