@@ -4,8 +4,6 @@
 case, method and size. Without a run the page is made anew from the CSV: rows of ours whose code has changed are marked.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import tempfile
