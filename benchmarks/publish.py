@@ -4,8 +4,6 @@
 case, method and size. Without a run the page is made anew from the CSV: rows of ours whose code has changed are marked.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import tempfile
@@ -29,7 +27,7 @@ from spinor_geom.render.portrait import plain_portrait
 HERE = Path(__file__).parent
 README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
 BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end -->"
-COLOURS, SIDE, EYE, POINTS = 128, 220, (0.0, -2.0, 1.3), (64, 256)
+COLOURS, SIDE, EYE, POINTS = 128, 220, (0.0, -2.0, 1.3), 64
 SAME = ("suite", "case", "method", "n")  # of two records makes them one measurement
 ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims for which docs/benchmark.md says which filler to take
 LEFT_OUT = ("told", "expected", *LOCAL)  # too long for a table, or of this machine
@@ -173,7 +171,7 @@ def disk_table(disks: Sequence[Record]) -> Table:
     rows = []
     for (case, n, method), mine in of.items():
         other = of.get((case, n, "libigl-uniform"))
-        if method != "spinor" or n not in POINTS or other is None or "@" in case or known_kind(case) != "smooth":
+        if method != "spinor" or n != POINTS or other is None or "@" in case or known_kind(case) != "smooth":
             continue
         samplings = [of.get((f"{case}{sampling}", n, "spinor"), {}) for sampling in ("", "@even", "@uneven")]
         surface = (
@@ -182,14 +180,14 @@ def disk_table(disks: Sequence[Record]) -> Table:
         )
         names = ("triangles", "mesh_area_error", "distance_max", "curvature_rms", "seconds")
         meshes = (" / ".join(number(r.get(name)) for r in (mine, other)) for name in names)
-        rows.append((f"{case}{f' {OLDER}' if is_older(mine) else ''}", str(n), *surface, *meshes))
+        rows.append((f"{case}{f' {OLDER}' if is_older(mine) else ''}", *surface, *meshes))
     meshed = ("triangles", "mesh area error", "distance max", "curvature rms", "seconds")
     return Table(
-        title="Disks over smooth curves",
-        columns=("case", "points", "area error", "limit error", "surface distance max", *meshed),
+        title=f"Disks over smooth curves of {POINTS} points",
+        columns=("case", "area error", "limit error", "surface distance max", *meshed),
         rows=tuple(rows),
         note="Of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
-        "Of meshes, at the formula's steps: ours / libigl-uniform's. Where nothing stands it is not measured yet.",
+        "Of meshes, at the formula's steps: ours / libigl-uniform's.",
     )
 
 

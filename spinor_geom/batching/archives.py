@@ -1,9 +1,4 @@
-"""Tar and zip archives: listed without being unpacked, refused as a whole where something in them is dishonest.
-
-The main program is the process that lists them: lists that would fill the memory end there.
-"""
-
-from __future__ import annotations
+"""Tar and zip archives: listed by a process without being unpacked, refused as a whole where something is dishonest."""
 
 import errno
 import json
@@ -55,23 +50,16 @@ DAMAGE = (
     zlib.error,
 )
 
-# How packed tar archives begin.
-_PACKED = {b"\x1f\x8b": "gz", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}
+_PACKED = {b"\x1f\x8b": "gz", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}  # how packed tar archives begin
 
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """A file in an archive.
-
-    Attributes:
-        name: in the archive.
-        size: in bytes, unpacked.
-        place: in a tar archive the offset of its first byte in the unpacked archive; in a zip its number.
-    """
+    """A file in an archive."""
 
     name: str
-    size: int
-    place: int
+    size: int  # in bytes, unpacked
+    place: int  # in a tar archive the offset of its first byte in the unpacked archive; in a zip its number
 
 
 def is_archive(path: str | os.PathLike[str]) -> bool:
@@ -108,7 +96,6 @@ class ArchiveReader:
     """Opens members of one archive after the other, and keeps the last archive open: members follow one another."""
 
     def __init__(self) -> None:
-        """Opens nothing yet."""
         self._key: tuple[str, int, int] | None = None
         self._open: zipfile.ZipFile | tarfile.TarFile | None = None
 
@@ -149,12 +136,11 @@ def _zip_members(path: Path) -> Iterator[Member]:
             raise _refused(path, f"{len(listed)} members", f"split it: {MOST_ZIP_MEMBERS} are the most")
         for place, entry in enumerate(listed):
             kind = stat.S_IFMT(entry.external_attr >> 16)
-            _require_plain_name(path, entry.filename)
+            _require_honest(path, entry.filename, entry.file_size, entry.compress_size)
             if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
                 raise _refused(path, f"'{entry.filename}', a link or device", "pack the files themselves")
             if entry.flag_bits & 1:
                 raise _refused(path, f"'{entry.filename}', which is encrypted", "pack it without a password")
-            _require_ratio(path, entry.filename, entry.file_size, entry.compress_size)
             if not entry.is_dir():
                 yield Member(name=entry.filename, size=entry.file_size, place=place)
 
@@ -163,10 +149,9 @@ def _tar_members(path: Path) -> Iterator[Member]:
     packed = path.stat().st_size
     with _opened_tar(os.fspath(path)) as archive:
         while (entry := archive.next()) is not None:
-            _require_plain_name(path, entry.name)
+            _require_honest(path, entry.name, entry.offset_data + entry.size, packed)
             if not (entry.isreg() or entry.isdir()) or entry.issparse():
                 raise _refused(path, f"'{entry.name}', a link, device or sparse file", "pack the files themselves")
-            _require_ratio(path, entry.name, entry.offset_data + entry.size, packed)
             if entry.isreg():
                 yield Member(name=entry.name, size=entry.size, place=entry.offset_data)
             cast(Any, archive).members.clear()  # which tarfile never does by itself
@@ -198,12 +183,9 @@ def _opened_tar(path: str) -> tarfile.TarFile:
     return cast(tarfile.TarFile, cast(Any, tarfile).open(path, f"r:{kind}", tarinfo=_Header))
 
 
-def _require_ratio(path: Path, name: str, size: int, packed: int) -> None:
+def _require_honest(path: Path, name: str, size: int, packed: int) -> None:
     if size > FREE_SIZE and size > MOST_RATIO * packed:
         raise _refused(path, f"a bomb: {name} unpacks to over {MOST_RATIO} times its size", "do not use it")
-
-
-def _require_plain_name(path: Path, name: str) -> None:
     parts = name.replace("\\", "/").split("/")
     if len(os.fsencode(name)) > LONGEST_NAME:
         raise _refused(path, f"'{name[:60]}…', a name of more than {LONGEST_NAME} bytes", "do not use it")
@@ -216,12 +198,10 @@ def _refused(path: Path, what: str, advice: str) -> ArchiveError:
 
 
 def list_members(job: dict[str, Any], tell: Tell) -> None:
-    """Lists an archive.
+    """Lists an archive: a line of JSON for each wanted member, its key and the fields of its `Member`.
 
-    Args:
-        job: "archive", its path; "suffix" of the names that are wanted; "parts" of their keys, before those of their
-            own names; "listing", the file that takes a line of JSON for each: its key, and the fields of its `Member`.
-        tell: is called with "listed" after each member, and with "problem" where the archive cannot be used.
+    The job has "archive", its path; "suffix" of the names that are wanted; "parts" of their keys, before those of their
+    own names; "listing", the file. What is told is "listed" after each member, or the "problem".
     """
     seen: Counter[str] = Counter()
     try:

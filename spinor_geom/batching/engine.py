@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import signal
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from itertools import chain, islice
 from pathlib import Path
 from tempfile import TemporaryFile
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
-from spinor_geom.batching.inputs import SMALL, Inputs, Listing, Source
+from spinor_geom.batching.inputs import SMALL, Inputs, Source, listed
 from spinor_geom.batching.options import BatchOptions, Format, Limits, What
 from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store, log_line, opened_store
@@ -27,14 +28,13 @@ from spinor_geom.optional import require
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-# Most files whose loops are solved side by side.
-TOGETHER = 64
-# Blocks that wait at each worker.
-WAITING = 2
+TOGETHER = 64  # most files whose loops are solved side by side
+WAITING = 2  # blocks that wait at each worker
 # What the scheduler remembers of its own work, which nobody reads here.
 SHORT_LOGS = dict.fromkeys(("distributed.admin.log-length", "distributed.admin.low-level-log-length"), 100)
 # Blocks for each worker that are looked ahead, so that the last ones can be shared out evenly.
 AHEAD = 4
+COUNTS = ("files", "files_failed", "files_total", "files_before", "loops", "loops_failed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,9 +172,11 @@ def batch(
         raise OptionError(f"workers must be at least 1, not {workers}")
     named = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output, limits=limits)
     with opened_store(output, options, resume=resume) as store, TemporaryFile("w+", encoding="ascii") as file:
-        sources = Listing(named, file)
-        run = _Run(store, options, limits, len(sources), on_progress)
-        left = run.incomplete(sources)
+        run = _Run(store, options, limits, on_progress)
+        for source in named:
+            file.write(json.dumps(asdict(source)) + "\n")
+            run.counts["files_total"] += 1
+        left = run.incomplete(listed(file))
         first = next(left, None)
         if first is not None:
             with _cluster(workers, scheduler, limits) as client:
@@ -183,35 +185,27 @@ def batch(
         from spinor_geom.batching.summary import write_summary
 
         progress = run.progress()
-        paths = write_summary(store, sources, options, asdict(progress))
+        paths = write_summary(store, listed(file), options, asdict(progress))
     return BatchResult(output=Path(store.output), progress=progress, log=store.log, **paths)
 
 
+@dataclass(frozen=True)
 class _Run:
-    """A batch on its way."""
-
-    def __init__(
-        self,
-        store: Store,
-        options: BatchOptions,
-        limits: Limits,
-        total: int,
-        on_progress: Callable[[BatchProgress], None] | None,
-    ) -> None:
-        self._store, self._options, self._limits = store, options, limits
-        self._on_progress = on_progress
-        self._counts = dict.fromkeys(("files", "files_failed", "files_before", "loops", "loops_failed"), 0)
-        self._counts["files_total"] = total
-        self._start = perf_counter()
+    store: Store
+    options: BatchOptions
+    limits: Limits
+    on_progress: Callable[[BatchProgress], None] | None
+    counts: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(COUNTS, 0)))
+    start: float = field(default_factory=perf_counter)
 
     def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
         """The sources that are still to be done; those that are complete are counted."""
         for source in sources:
-            one = self._store.completed(source)
+            one = self.store.completed(source)
             if one is None:
                 yield source
             else:
-                self._counts["files_before"] += 1
+                self.counts["files_before"] += 1
                 self._finish(one)
 
     def solve(self, client: Client, sources: Iterator[Source]) -> None:
@@ -230,12 +224,9 @@ class _Run:
                 block = again.popleft() if again else next(blocks, None)
                 if block is None:
                     break
-                job = {
-                    "sources": [source.to_dict() for source in block],
-                    "options": self._options.to_dict(),
-                    "store": asdict(self._store),
-                }
-                running[client.submit(run_block, job, asdict(self._limits), pure=False)] = block
+                settings = {"options": asdict(self.options), "store": asdict(self.store)}
+                job = {"sources": [asdict(source) for source in block], **settings}
+                running[client.submit(run_block, job, self.limits, pure=False)] = block
             if not running:
                 return
             for future in wait(list(running), return_when="FIRST_COMPLETED").done:
@@ -262,32 +253,28 @@ class _Run:
         tries = []
         for source in block:
             # what the workers had finished before they died need not be done again
-            one = self._store.completed(source)
+            one = self.store.completed(source)
             if one is not None:
                 self._finish(one)
             elif len(block) == 1:
-                record = failure(
-                    source.key, "every worker that tried it was killed; look at their logs", status="fault"
-                )
-                self._finish(self._store.commit(source, record, {}))
+                reason = "every worker that tried it was killed; look at their logs"
+                self._finish(self.store.commit(source, failure(source.key, reason, status="fault"), {}))
             else:
                 tries.append([source])
         return tries
 
     def _finish(self, one: dict[str, Any]) -> None:
-        self._counts["files"] += 1
-        self._counts["files_failed"] += one["status"] != "done"
-        for name in ("loops", "loops_failed"):
-            self._counts[name] += one[name]
-        if one["status"] != "done":
-            with self._store.log.open("a", encoding="utf-8") as file:
+        failed = one["status"] != "done"
+        self.counts.update(files=1, files_failed=failed, loops=one["loops"], loops_failed=one["loops_failed"])
+        if failed:
+            with self.store.log.open("a", encoding="utf-8") as file:
                 file.write(log_line(one))
-        if self._on_progress is not None:
-            self._on_progress(self.progress())
+        if self.on_progress is not None:
+            self.on_progress(self.progress())
 
     def progress(self) -> BatchProgress:
         """How far it is."""
-        return BatchProgress(**self._counts, seconds=perf_counter() - self._start)
+        return BatchProgress(**self.counts, seconds=perf_counter() - self.start)
 
 
 def _blocks(sources: Iterator[Source], threads: Callable[[], int]) -> Iterator[list[Source]]:

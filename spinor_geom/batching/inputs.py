@@ -10,7 +10,7 @@ import re
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -34,31 +34,18 @@ SMALL = 1 << 20
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """One OBJ file of a batch, or an input that is none.
+    """One OBJ file of a batch, or an input that is none."""
 
-    Attributes:
-        key: its name, and that of its folder of results: a harmless relative path, different for different inputs.
-        path: the file, or the archive that it is in.
-        member: where it is in the archive.
-        size: in bytes.
-        modified: in nanoseconds.
-        problem: why it cannot be read, if that is known already.
-    """
-
-    key: str
-    path: str
-    member: Member | None = None
-    size: int = 0
-    modified: int = 0
-    problem: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The source in JSON's types."""
-        return asdict(self)
+    key: str  # that of its folder of results, too: a harmless relative path, different for different inputs
+    path: str  # the file, or the archive that it is in
+    member: Member | None = None  # where it is in the archive
+    size: int = 0  # in bytes
+    modified: int = 0  # in nanoseconds
+    problem: str = ""  # why it cannot be read, if that is known already
 
     @classmethod
     def from_dict(cls, entry: dict[str, Any]) -> Source:
-        """What `to_dict` gave."""
+        """What `asdict` gave."""
         member = entry["member"]
         return cls(**{**entry, "member": None if member is None else Member(**member)})
 
@@ -66,18 +53,14 @@ class Source:
 class Inputs:
     """The inputs of a batch, in an order that is always the same.
 
-    Raises:
-        BatchError: an input does not exist, or a pattern fits nothing.
+    In memory are their names, and those in one folder, or that fit one pattern, at a time. The output folder is not
+    searched; the limits are for the list of an archive.
     """
 
     def __init__(
         self, inputs: Iterable[str | os.PathLike[str]], *, output: str | os.PathLike[str], limits: Limits
     ) -> None:
-        """Gives every input a name of its own; reads nothing yet.
-
-        Their names are held in memory, what is in them not, but for the names in one folder, or that fit one pattern,
-        at a time. The output folder is not searched; the limits are for the list of an archive.
-        """
+        """Gives every input a name of its own; BatchError where one does not exist, or a pattern fits nothing."""
         self._output, self._limits = os.path.realpath(output), limits
         self._roots: list[tuple[str, str]] = []
         taken: set[str] = set()
@@ -142,7 +125,6 @@ class Inputs:
                     yield _problem([*parts, PROBLEM], path, problem, "check the access rights")
 
     def _of_file(self, path: str, parts: Sequence[str]) -> Iterator[Source]:
-        """An OBJ file, or those in an archive."""
         try:
             status = os.stat(path)
         except (OSError, ValueError) as error:
@@ -159,7 +141,6 @@ class Inputs:
             yield _problem(parts, path, "is no OBJ file, manifest or archive", "convert it first")
 
     def _of_archive(self, path: str, parts: Sequence[str], modified: int) -> Iterator[Source]:
-        """The OBJ files in an archive, if all of it can be trusted."""
         with tempfile.TemporaryDirectory() as folder:
             listing = Path(folder, "listing")
             job = {"archive": path, "suffix": SUFFIX, "parts": parts, "listing": str(listing)}
@@ -193,22 +174,11 @@ class Inputs:
             yield _problem([label, PROBLEM], str(path), problem, "give a column 'path'")
 
 
-class Listing:
-    """The sources of a batch, listed once: a line each in a file; one iteration at a time."""
-
-    def __init__(self, sources: Iterable[Source], file: IO[str]) -> None:
-        self._file, self._count = file, 0
-        for source in sources:
-            self._file.write(json.dumps(source.to_dict()) + "\n")
-            self._count += 1
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __iter__(self) -> Iterator[Source]:
-        self._file.seek(0)
-        while line := self._file.readline():
-            yield Source.from_dict(json.loads(line))
+def listed(file: IO[str]) -> Iterator[Source]:
+    """Sources from a file with a line of JSON for each; one iteration at a time."""
+    file.seek(0)
+    while line := file.readline():
+        yield Source.from_dict(json.loads(line))
 
 
 def _fixed_part(pattern: str) -> str:

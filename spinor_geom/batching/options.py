@@ -1,10 +1,8 @@
 """What every file of a batch is treated with, and what it may cost; cheap to import, JSON on its way to others."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError
 from spinor_geom.fill.options import CONTINUITY, Continuity, require_positive
@@ -23,11 +21,7 @@ ADVICE = {"time": "; raise the limit", "memory": "; raise the limit, or split th
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions:
-    """What the results depend on: options of `batch`, which says what they mean.
-
-    Raises:
-        OptionError: a value is not allowed.
-    """
+    """What the results depend on: options of `batch`, which says what they mean; raises OptionError."""
 
     what: What = "fill"
     format: Format = "obj"
@@ -50,24 +44,14 @@ class BatchOptions:
         if not 0 <= self.closing < math.inf:
             raise OptionError(f"closing must be a number from 0 on, not {self.closing!r}")
 
-    def to_dict(self) -> dict[str, Any]:
-        """The options in JSON's types."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What one file may cost.
+    """What one file may cost."""
 
-    Attributes:
-        seconds: for reading it, and for each of its loops; 100 times as long as a whole.
-        memory: of the process that solves, in bytes.
-        retries: how often a file is tried again after its process died.
-    """
-
-    seconds: float
-    memory: int
-    retries: int
+    seconds: float  # for reading it, and for each of its loops; 100 times as long as a whole
+    memory: int  # of the process that solves, in bytes
+    retries: int  # how often a file is tried again after its process died
 
     @property
     def whole_seconds(self) -> float:

@@ -3,8 +3,6 @@
 All that may differ between two runs over the same input stands under the keys "seconds".
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -35,7 +35,7 @@ def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
     """Does a job: some sources, whose loops are solved side by side.
 
     Args:
-        job: "sources", "options" and "store", as `to_dict` gives them.
+        job: "sources", "options" and "store", as `asdict` gives them.
         tell: is called with "reading" before each source is read, with "solving" before and after what is done of all
             of them together, and with "finished" after a source's results are written; with "stop" where nothing can
             be written.

@@ -1,7 +1,5 @@
 """The output folder of a batch: where results go, who may write them, and what is complete; nothing else survives."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -9,7 +7,7 @@ import secrets
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,30 +20,19 @@ from spinor_geom.version import program_version
 
 RUN, LOCK, LOG = "run.json", ".lock", "failures.log"
 RESULTS, STAGING, ROOM = "files", ".staging", "room"
-# A disk that takes no more, or only small files.
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk that takes no more, or only small files
 
 
 @dataclass(frozen=True, kw_only=True)
 class Store:
-    """An output folder, and the run that has it.
+    """An output folder, and the run that has it."""
 
-    Attributes:
-        output: the folder, absolute.
-        token: of the run: a run that was cut off from its folder must not write to it any more.
-    """
-
-    output: str
-    token: str
+    output: str  # absolute
+    token: str  # of the run: one that was cut off from its folder must not write to it any more
 
     def folder(self, key: str) -> Path:
-        """Where the results of a source are.
-
-        Raises:
-            BatchError: links lead from there out of the output folder.
-        """
-        root = Path(self.output, RESULTS)
-        folder = root / key
+        """Where the results of a source are; BatchError where links lead from there out of the output folder."""
+        folder = Path(self.output, RESULTS, key)
         if not Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(self.output)):
             raise BatchError(f"{folder}: leads out of the output folder; remove the link")
         return folder
@@ -78,8 +65,7 @@ class Store:
     ) -> dict[str, Any]:
         """Writes the results of a source, all or none; gives the summary, or one that says why they cannot be written.
 
-        Raises:
-            BatchError: another run has the folder now, links lead out of it, or it takes no more files.
+        BatchError is raised where another run has the folder now, links lead out of it, or it takes no more files.
         """
         try:
             self._place(source, record, files)
@@ -96,14 +82,15 @@ class Store:
             for name, write in files.items():
                 write(folder / name)
             (folder / RECORD).write_text(json_text({**record, "input": stamp(source)}), encoding="utf-8")
-            self.require_owner()
+            try:
+                owner = json.loads(Path(self.output, RUN).read_bytes())["token"]
+            except (OSError, ValueError, KeyError) as error:
+                raise BatchError(f"{self.output}: {RUN} cannot be read ({error}); the run ends here") from error
+            if owner != self.token:
+                raise BatchError(f"{self.output}: another run has taken the folder over; this one ends here")
 
     def _require_room(self, error: OSError) -> None:
-        """Checks after an error that it is not one of the whole folder.
-
-        Raises:
-            BatchError: it is.
-        """
+        """Checks after an error that it is not one of the whole folder, which raises BatchError."""
         if error.errno not in FULL:
             try:
                 with atomic_path(Path(self.output, STAGING, ROOM)):
@@ -111,19 +98,6 @@ class Store:
             except OSError as found:
                 error = found
         raise BatchError(f"{self.output}: cannot be written to ({error.strerror}); make room and resume") from error
-
-    def require_owner(self) -> None:
-        """Checks that the folder is still this run's.
-
-        Raises:
-            BatchError: it is another's.
-        """
-        try:
-            owner = json.loads(Path(self.output, RUN).read_bytes())["token"]
-        except (OSError, ValueError, KeyError) as error:
-            raise BatchError(f"{self.output}: {RUN} cannot be read ({error}); the run ends here") from error
-        if owner != self.token:
-            raise BatchError(f"{self.output}: another run has taken the folder over; this one ends here")
 
 
 def stamp(source: Source) -> list[int | str]:
@@ -141,11 +115,7 @@ def log_line(one: dict[str, Any]) -> str:
 def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resume: bool) -> Iterator[Store]:
     """An output folder, made if it does not exist, which no other run can have at the same time.
 
-    A run that was begun there goes on, or the folder must be empty.
-
-    Raises:
-        BatchError: another run has the folder, or holds something already, or the run there has other options.
-        OSError: the folder cannot be made or written to.
+    A run that was begun there goes on, or the folder must be empty; BatchError where neither can be.
     """
     import filelock
 
@@ -157,7 +127,7 @@ def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resum
     except filelock.Timeout:
         raise BatchError(f"{output}: another batch is writing to this folder; wait for it or name another") from None
     try:
-        settings = {"options": options.to_dict(), "version": program_version()}
+        settings = {"options": asdict(options), "version": program_version()}
         _require_same(root, settings, resume=resume)
         store = Store(output=str(root), token=secrets.token_hex(16))
         write_json(root / RUN, {**settings, "token": store.token})

@@ -1,10 +1,9 @@
 """What a batch leaves of all files together: tables, a log in the order of the inputs, and a page without scripts."""
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from html import escape
 from itertools import islice
 from pathlib import Path
@@ -64,7 +63,6 @@ class PageParts:
     """What the page shows, gathered record by record: it does not grow with their number."""
 
     def __init__(self) -> None:
-        """Starts with nothing."""
         self.files: Counter[str] = Counter()
         self.loops: Counter[str] = Counter()
         self.reasons: Counter[str] = Counter()
@@ -155,10 +153,7 @@ def _picture(store: Store, loop: dict[str, Any]) -> str:
     return ""
 
 
-def _shape(
-    path: Path,
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"], Int[np.ndarray, " k"]]:
-    """Points, faces and the rim of a mesh that was written, or of a curve."""
+def _shape(path: Path) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"], Int[np.ndarray, " k"]]:
     if path.suffix == ".npz":
         with np.load(path, allow_pickle=False) as arrays:
             points = arrays["points"] if "points" in arrays else arrays["vertices"]
@@ -231,7 +226,7 @@ def write_summary(
 
     paths = {"table": root / TABLE, "table_csv": root / TABLE_CSV, "page": root / PAGE}
     write_tables(records(), paths["table"], paths["table_csv"])
-    figures = {**options.to_dict(), "seconds": f"{progress['seconds']:.1f}", "version": program_version()}
+    figures = {**asdict(options), "seconds": f"{progress['seconds']:.1f}", "version": program_version()}
     write_page(parts, store, figures, paths["page"])
     return paths
 

@@ -1,7 +1,5 @@
 """One OBJ file: its loops, what is to be solved of it, and its results from the answers. Writes nothing by itself."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -19,7 +17,7 @@ from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.batching.loops import NamedLoop, curve_loops, hole_names, refuse_what_bounds_no_disk
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.records import worst
+from spinor_geom.batching.records import failure, worst
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import safe_name
@@ -43,8 +41,7 @@ FIGURES = ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability"
 CROSSINGS = ("self_intersections", "mesh_intersections", "patch_intersections")
 LONGEST_LABEL = 60
 COPIED_AT_ONCE = 1 << 20
-# Fourth powers of lengths have to be numbers.
-LARGEST_COORDINATE = 1e70
+LARGEST_COORDINATE = 1e70  # fourth powers of lengths have to be numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,22 +54,15 @@ class Results:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenedFile:
-    """An OBJ file that was read, with what is to be solved.
-
-    Attributes:
-        stream: its bytes, to be copied.
-        mesh: of its faces, or a mesh without faces for its curves.
-        loops: holes, then curves.
-        problem: why its holes could not be looked for, if so.
-    """
+    """An OBJ file that was read, with what is to be solved."""
 
     key: str
-    stream: BinaryIO
+    stream: BinaryIO  # its bytes, to be copied
     text: ObjText
-    mesh: MeshFile
+    mesh: MeshFile  # of its faces, or a mesh without faces for its curves
     surroundings: Surroundings
-    loops: tuple[NamedLoop, ...]
-    problem: str
+    loops: tuple[NamedLoop, ...]  # holes, then curves
+    problem: str  # why its holes could not be looked for, if so
     seconds: float
     options: BatchOptions
 
@@ -83,11 +73,7 @@ class OpenedFile:
 
 
 def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
-    """Reads a file and finds its loops.
-
-    Raises:
-        SpinorGeomError: the file is no OBJ file, or is malformed.
-    """
+    """Reads a file and finds its loops; SpinorGeomError where it is no OBJ file, or malformed."""
     start = perf_counter()
     text = read_obj_stream(stream, None)
     largest = float(np.abs(text.contents.vertices[np.isfinite(text.contents.vertices)]).max(initial=0.0))
@@ -153,10 +139,7 @@ def wanted(opened: OpenedFile) -> list[NamedLoop]:
 def fill_options(options: BatchOptions) -> FillOptions:
     """What each loop is filled with."""
     return FillOptions(
-        target_edge_length=options.edge_length,
-        model="auto",
-        tolerance=options.tolerance,
-        continuity=options.continuity,
+        target_edge_length=options.edge_length, model="auto", tolerance=options.tolerance, continuity=options.continuity
     )
 
 
@@ -171,16 +154,13 @@ def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
         entries, extension = _solved(opened, answers, files)
         if opened.options.what == "fill" and opened.holes:
             filled = _filled(opened, extension, files)
-    record = {
-        "source": opened.key,
-        "status": worst([*(entry["status"] for entry in entries), *(["failed"] if opened.problem else [])]),
-        "reason": opened.problem,
+    status = worst([*(entry["status"] for entry in entries), *(["failed"] if opened.problem else [])])
+    record = failure(opened.key, opened.problem, status=status) | {
         "vertices": len(opened.text.contents.vertices),
         "faces": len(opened.text.contents.polygons),
         "curves": len(opened.text.contents.polylines),
         "filled": filled,
         "loops": entries,
-        "version": program_version(),
         "seconds": {"read": opened.seconds, "results": perf_counter() - start},
     }
     return Results(record=record, files=files)
@@ -245,7 +225,6 @@ def _outline(points: Float[np.ndarray, "k 3"]) -> list[list[float]]:
 
 
 def _listed(opened: OpenedFile, place: int, files: dict[str, Writer]) -> dict[str, Any]:
-    """The entry of a loop that is only listed; the loop itself is written."""
     loop = opened.loops[place]
     entry = _entry(opened, place, "done" if loop.error is None else "failed", str(loop.error or ""))
     if loop.loop is not None and loop.error is None:
@@ -258,7 +237,6 @@ def _listed(opened: OpenedFile, place: int, files: dict[str, Writer]) -> dict[st
 def _solved_entry(
     opened: OpenedFile, place: int, outcome: LoopOutcome, piece: LoopPatch | None, files: dict[str, Writer]
 ) -> dict[str, Any]:
-    """The entry of a loop that was solved, or was to be."""
     good = outcome.converged and not outcome.intersections
     status = "failed" if not outcome.filled else "done" if good else "imperfect"
     entry = _entry(opened, place, status, outcome.reason or "; ".join(outcome.notes))

@@ -1,7 +1,5 @@
 """What runs in a Dask worker: it keeps a process that solves, watches it, and ends it where a file asks too much."""
 
-from __future__ import annotations
-
 import threading
 from collections import Counter, deque
 from typing import Any
@@ -21,20 +19,19 @@ KEPT = {"MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(6
 _own = threading.local()
 
 
-def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
+def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
     """Does a job, as for `solver.work`; whatever its sources do to the process that solves, each gets a record.
 
     Returns:
         "finished": a summary for each source; "stop": why nothing can be written, or "".
     """
-    allowed = Limits(**limits)
     done: list[dict[str, Any]] = []
     deaths: Counter[str] = Counter()
     blocks = deque([list(job["sources"])])
     try:
         while blocks:
             block = blocks.popleft()
-            fault = _attempt({**job, "sources": block}, allowed, done)
+            fault = _attempt({**job, "sources": block}, limits, done)
             finished = {one["key"] for one in done}
             waiting = {entry["key"]: entry for entry in block if entry["key"] not in finished}
             # the file that was being read did it, or the only one
@@ -47,7 +44,7 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
             entry = waiting.pop(guilty)
             deaths[guilty] += 1
             # what a limit ended would only cost as much once more
-            if fault.kind != "death" or deaths[guilty] > allowed.retries:
+            if fault.kind != "death" or deaths[guilty] > limits.retries:
                 record = failure(guilty, fault_reason(fault), status="fault")
                 done.append(Store(**job["store"]).commit(Source.from_dict(entry), record, {}))
             else:
@@ -59,12 +56,8 @@ def run_block(job: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
     return {"finished": done, "stop": ""}
 
 
-def _attempt(job: dict[str, Any], allowed: Limits, done: list[dict[str, Any]]) -> FaultError | None:
-    """Has the process that solves do a job: what it finishes joins what is done, and what ended it is returned.
-
-    Raises:
-        BatchError: nothing can be written, or the process cannot start.
-    """
+def _attempt(job: dict[str, Any], limits: Limits, done: list[dict[str, Any]]) -> FaultError | None:
+    """Has the process that solves do a job: what it finishes joins what is done, and what ended it is returned."""
     stop = ""
 
     def heard(event: Event) -> None:
@@ -73,9 +66,8 @@ def _attempt(job: dict[str, Any], allowed: Limits, done: list[dict[str, Any]]) -
         if "finished" in event:
             done.append(event["finished"])
 
-    limits = {"seconds": allowed.seconds, "whole_seconds": allowed.whole_seconds, "memory": allowed.memory}
     try:
-        solver().run(job, heard, **limits)
+        solver().run(job, heard, seconds=limits.seconds, whole_seconds=limits.whole_seconds, memory=limits.memory)
     except FaultError as fault:
         if fault.kind == "start":
             raise BatchError(f"the process that solves cannot start: {fault}; see what is installed") from fault

@@ -1,9 +1,6 @@
 """Batches of many loops and files: loops a second, memory of driver and workers, and equal bytes."""
 
-from __future__ import annotations
-
-import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -141,12 +138,7 @@ def _together(device: str) -> Callable[[list[BoundaryLoop]], object]:
     return lambda loops: list(solve_plateau_batch(loops, device=device))
 
 
-ON_CUDA: Mapping[str, Callable[[Path, float], dict[str, Any]]] = (
-    {"solved only, on CUDA": lambda _, share: _solved(round(SOLVED_ON_CUDA * share), _together("cuda"))}
-    if torch.cuda.is_available()
-    else {}
-)
-BATCHES: Mapping[str, Callable[[Path, float], dict[str, Any]]] = {
+BATCHES: dict[str, Callable[[Path, float], dict[str, Any]]] = {
     "smooth loops": lambda work, share: _rate(work, smooth, round(FILES * share)),
     "smooth loops, one worker": lambda work, share: _rate(work, smooth, round(FILES / 4 * share), workers=1),
     "loops with 5% noise": lambda work, share: _rate(work, partial(smooth, noise=NOISE), round(FILES / 10 * share)),
@@ -155,15 +147,10 @@ BATCHES: Mapping[str, Callable[[Path, float], dict[str, Any]]] = {
     "solved only, one by one": lambda _, share: _solved(
         round(SOLVED * share), lambda loops: [solve_plateau(loop) for loop in loops]
     ),
-    **ON_CUDA,
     "cluster of 4 processes": lambda work, share: _cluster(work, round(FILES / 10 * share)),
     "few inputs": lambda work, share: _memory(work, round(FEW_INPUTS * share)),
     "ten times as many inputs": lambda work, share: _memory(work, round(10 * FEW_INPUTS * share)),
 }
 """What is measured, given a folder to work in and the share of the files that are taken."""
-
-
-def batch_figures(name: str, share: float) -> dict[str, Any]:
-    """The figures of one of them."""
-    with tempfile.TemporaryDirectory() as folder:
-        return BATCHES[name](Path(folder), share)
+if torch.cuda.is_available():
+    BATCHES["solved only, on CUDA"] = lambda _, share: _solved(round(SOLVED_ON_CUDA * share), _together("cuda"))

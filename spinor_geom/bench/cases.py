@@ -1,16 +1,14 @@
 """Loops whose minimal surface is known, and what their points tell of it: the error no solver can be blamed for."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 from scipy.spatial.distance import pdist
 
 from spinor_geom import gallery
@@ -19,7 +17,7 @@ from spinor_geom.gallery.chart import Chart
 from spinor_geom.gallery.curves import trigonometric
 from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface, surface_chart
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import ClosedCurve, CurveFunction
+from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.mesh.interpolation import by_arcs
 from spinor_geom.plateau.solve import solve_plateau
 
@@ -32,13 +30,7 @@ _ROUNDING = 1e-12  # nothing comes nearer that matters
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """A known minimal disk and its boundary.
-
-    Attributes:
-        kind: "smooth" loops have no corners; "plane" ones lie in a plane.
-        sampling: where the points of smooth loops lie: "formula" as the formula's parameter runs, "even" equally far
-            apart along the curve, "uneven" with edges of random lengths.
-    """
+    """A known minimal disk and its boundary; smooth ones are sampled as a formula runs, evenly, or at random steps."""
 
     name: str
     kind: Kind
@@ -61,11 +53,7 @@ class Case:
 
     @cached_property
     def chart(self) -> Chart:
-        """The exact surface.
-
-        Curves of which only the area is known have a converged solution in the place of a formula: Douglas's problem on
-        the curve's own formula, by power series to round-off.
-        """
+        """The exact surface; where only the area is known a solution of the curve's formula by power series instead."""
         if self.known.chart is not None:
             return self.known.chart
         surface = solve_plateau(self.known, model="series").surface
@@ -136,23 +124,16 @@ def known_case(name: str) -> Case:
         kind, make = "smooth", partial(gallery.random_polynomial, int(seed))
     else:
         raise OptionError(f"there is no case {name!r}; choose from: {', '.join(KNOWN)}, random-SEED")
-    if not at:
-        return Case(name=name, kind=kind, known=make())
-    for other in ("even", "uneven"):
-        if sampling == other and kind == "smooth":
-            return Case(name=name, kind=kind, known=make(), sampling=other)
-    raise OptionError(f"there is no case {name!r}; smooth cases have the samplings @even and @uneven")
+    if at and (sampling not in ("even", "uneven") or kind != "smooth"):
+        raise OptionError(f"there is no case {name!r}; smooth cases have the samplings @even and @uneven")
+    return Case(name=name, kind=kind, known=make(), sampling=cast(Sampling, sampling or "formula"))
 
 
 def points_limit(case: Case, n: int) -> float | None:
-    """Least relative error of the area of minimal surfaces over usual interpolants of a smooth case's points.
+    """Least relative error of the area of minimal surfaces over usual interpolants of a smooth case's points, if any.
 
     The interpolants know nothing but the points: the trigonometric polynomial where the points are equal steps of a
-    parameter, and the periodic splines of degree 5 and 7 by arc length. Each is solved as a curve in formulas, by power
-    series to rounding; which of them comes nearest is known only to who knows the answer, and that one counts.
-
-    Returns:
-        None where no interpolant is solved.
+    parameter, and the periodic splines of degree 5 and 7 by arc length. Each is solved as a curve in formulas.
     """
     points = case.loop(n).points
     least: float | None = None
@@ -173,10 +154,5 @@ def _interpolants(points: Float[np.ndarray, "n 3"], *, equal_steps: bool) -> Ite
     around = np.vstack([points, points[:1]])
     for degree in (7, 5):
         spline = make_interp_spline(by_arcs(points), around, k=degree, bc_type="periodic")
-        point, derivative, second_derivative = (_periodic(spline, order) for order in range(3))
-        yield ClosedCurve(point=point, derivative=derivative, second_derivative=second_derivative)
-
-
-def _periodic(spline: BSpline, order: int) -> CurveFunction:
-    derivative = spline.derivative(order) if order else spline
-    return lambda s: derivative(np.mod(s, 1.0))
+        spline.extrapolate = "periodic"
+        yield ClosedCurve(point=spline, derivative=spline.derivative(), second_derivative=spline.derivative(2))

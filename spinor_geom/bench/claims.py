@@ -1,11 +1,10 @@
 """What the project promises of a run, beside what the run measured."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import Any
 
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.cut_outs import CUT, HEIGHTS, NOISY
@@ -31,8 +30,8 @@ RATES = {
 }
 WORKER_MIB = 1536.0
 FASTER = (
-    ("smooth loops", "smooth loops, one worker", "one worker", 1.8),
-    ("solved only, 64 at once", "solved only, one by one", "one by one", 8.0),
+    ("smooth loops", "one worker", "smooth loops, one worker", 1.8),
+    ("solved only, 64 at once", "one by one", "solved only, one by one", 8.0),
 )
 # area errors of discrete surfaces and of other fillers, per ours; or ours no more than so many times what points tell
 CLOSER, OF_LIMIT, NEARER = 1e3, 10.0, 1e4
@@ -84,9 +83,9 @@ def _by_case(records: Sequence[Record]) -> dict[str, list[Record]]:
 
 
 def _comparable(one: Record, other: Record) -> bool:
-    """Whether two records' seconds were measured at like loads."""
-    loads = [record["load"] for record in (one, other) if record.get("load") is not None]
-    return len(loads) < 2 or abs(loads[0] - loads[1]) <= SAME_LOAD
+    """Whether two records' seconds were measured at like loads, as far as is known."""
+    loads: list[Any] = [one.get("load"), other.get("load")]
+    return None in loads or abs(loads[0] - loads[1]) <= SAME_LOAD
 
 
 def _disks(case: str, here: list[Record]) -> Iterator[Figure]:
@@ -191,15 +190,13 @@ def _continued(done: list[Record]) -> Iterator[Figure]:
     if mine and theirs:
         won = [r["distance"] <= least.get(r["case"], math.inf) for r in mine]
         yield from share("cut-outs", "scans", "nearer than every other filler", won, 0.85)
-        best = min(
-            median(r["distance"] for r in theirs if r["method"] == name) for name in {r["method"] for r in theirs}
-        )
+        methods = {r["method"] for r in theirs}
+        best = min(median(r["distance"] for r in theirs if r["method"] == name) for name in methods)
         ratio = median(r["distance"] for r in mine) / best
         yield from at_most("cut-outs", "scans", "median distance by the best other filler's", [ratio], 0.6)
 
 
 def _ragged(ours: list[Record]) -> Iterator[Figure]:
-    """Ours on rims with noise, and on those cut along triangles."""
     rims = [r for r in ours if r["case"] in CUT]
     clean = [not (r.get("crossings") or r.get("mesh_crossings")) for r in rims]
     yield from share("ragged", "cut", "no patch crosses anything", clean)
@@ -212,14 +209,12 @@ def _ragged(ours: list[Record]) -> Iterator[Figure]:
         yield from at_most("ragged", "cut", "seconds", seconds, 1.0, "time")
     for record in (r for r in ours if r["case"] in NOISY):
         noise, points = NOISY[record["case"]]
-        yield judged(
-            Limit("residual_per_edge", "RMS residual, in mean edges,", WITHIN if noise < 0.2 else 1e-2), record
-        )
+        allowed = WITHIN if noise < 0.2 else 1e-2
+        yield judged(Limit("residual_per_edge", "RMS residual, in mean edges,", allowed), record)
         yield judged(Limit("seconds", "seconds", NOISY_SECONDS[points], "time"), record)
 
 
 def _meshes(ours: list[Record]) -> Iterator[Figure]:
-    """Ours on every hole of every mesh file."""
     if ours:
         loops, near = (sum(r[name] for r in ours) for name in ("requested", "within_1e-2"))
         text = "at least 90% of the loops within 1e-2 of an edge"
@@ -246,13 +241,11 @@ def _batch(done: list[Record]) -> Iterator[Figure]:
     for case in (name for name in RATES if name in here):
         rate, least = here[case]["rate"], RATES[case]
         yield Figure("batch", case, f"loops a second at least {least:g}", f"{rate:.3g}", rate >= least, "time")
-    for case, of, text, least in FASTER:
+    for case, name, of, least in FASTER:
         whole, alone = here.get(case), here.get(of)
         if whole and alone and _comparable(whole, alone):
-            ratio = whole["rate"] / alone["rate"]
-            yield Figure(
-                "batch", case, f"times the rate of {text} at least {least:g}", f"{ratio:.3g}", ratio >= least, "time"
-            )
+            ratio, text = whole["rate"] / alone["rate"], f"times the rate of {name} at least {least:g}"
+            yield Figure("batch", case, text, f"{ratio:.3g}", ratio >= least, "time")
     for case, record in here.items():
         if record.get("worker_mib"):
             yield from at_most("batch", case, "MiB of the largest process", [record["worker_mib"]], WORKER_MIB)

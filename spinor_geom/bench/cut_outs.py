@@ -1,7 +1,5 @@
 """Pieces cut out of known surfaces and of scans, which a filler should put back; ragged rims, as people have them."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -32,6 +30,7 @@ _Mesh: TypeAlias = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]
 HEIGHTS = (0.85, 0.7, 0.3, 0.0)  # above which the caps of unit spheres are removed
 JITTER = 0.2  # moves of vertices, in mean edges
 TUBE, TORUS, TORUS_TUBE = 0.5, 1.0, 0.4  # radii
+_SPHERES = ("icosphere-3", "icosphere-4", "uv-sphere", "jittered-sphere")
 SCANS = ("bunny_scan.ply", "spot_cut.obj", "max_face.obj", "mountain.obj", "demosthenes_low_res.obj")
 PER_SCAN = 12
 FEWEST, MOST = 20, 150  # points of a scan's rim
@@ -43,25 +42,15 @@ _TRIES = 1000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CutOut:
-    """A mesh with a hole, and what was in it.
-
-    Attributes:
-        kind: of the hole: "long" windows are many times longer than wide, a "ring" has an island in it, and "tube" is a
-            band between two rims.
-        hole: the rest of the mesh.
-        vertices: of the whole mesh, a surface's own points.
-        faces: the removed ones.
-        places: of each vertex of the hole's mesh, where it is among those of the whole.
-        exact: distances of points from the exact surface; None where the removed faces are all that is known.
-    """
+    """A mesh with a hole, and what was in it."""
 
     name: str
     kind: Kind
-    hole: Hole
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
-    places: Int[np.ndarray, " v"]
-    exact: Distances | None = None
+    hole: Hole  # the rest of the mesh
+    vertices: Float[np.ndarray, "n 3"]  # of the whole mesh, a surface's own points
+    faces: Int[np.ndarray, "f 3"]  # the removed ones
+    places: Int[np.ndarray, " v"]  # of each vertex of the hole's mesh, among those of the whole
+    exact: Distances | None = None  # from the surface; without, the removed faces are all that is known
 
     @cached_property
     def diameter(self) -> float:
@@ -80,9 +69,6 @@ def cut(name: str, kind: Kind, mesh: _Mesh, removed: Bool[np.ndarray, " f"], exa
     rim = np.flatnonzero(np.isin(used, faces[removed]))
     hole = Hole(name=name, vertices=vertices[used], faces=rest.reshape(-1, 3), rim=rim, facing=kind in ("ring", "tube"))
     return CutOut(name=name, kind=kind, hole=hole, vertices=vertices, faces=faces[removed], places=used, exact=exact)
-
-
-# --- known surfaces ---------------------------------------------------------------------------------------------------
 
 
 def _sphere(ball: str) -> _Mesh:
@@ -124,7 +110,6 @@ def _axis_distance(points: _Points) -> _Values:
 
 
 def _turn(points: _Points) -> _Values:
-    """Angles about the third axis."""
     return np.asarray(np.arctan2(points[:, 1], points[:, 0]))
 
 
@@ -137,10 +122,7 @@ def _near(x: float, y: float, z: float, radius: float) -> Choice:
 
 
 SURFACES: Mapping[str, tuple[Callable[[], _Mesh], Distances]] = {
-    **{
-        ball: (partial(_sphere, ball), lambda points: np.abs(np.linalg.norm(points, axis=1) - 1))
-        for ball in ("icosphere-3", "icosphere-4", "uv-sphere", "jittered-sphere")
-    },
+    **{ball: (partial(_sphere, ball), lambda points: np.abs(np.linalg.norm(points, axis=1) - 1)) for ball in _SPHERES},
     "plane": (_plane, lambda points: np.abs(points[:, 2])),
     "cylinder": (_cylinder, lambda points: np.abs(_axis_distance(points) - TUBE)),
     "torus": (_torus, lambda points: np.abs(np.hypot(_axis_distance(points) - TORUS, points[:, 2]) - TORUS_TUBE)),
@@ -148,9 +130,7 @@ SURFACES: Mapping[str, tuple[Callable[[], _Mesh], Distances]] = {
 """Meshes of known surfaces, and the distance of points from each."""
 
 CAPS: Mapping[str, tuple[Kind, str, Choice]] = {
-    f"{ball}-{height:g}": ("dome", ball, _above(height))
-    for ball in ("icosphere-3", "icosphere-4", "uv-sphere", "jittered-sphere")
-    for height in HEIGHTS
+    f"{ball}-{height:g}": ("dome", ball, _above(height)) for ball in _SPHERES for height in HEIGHTS
 }
 """Caps of unit spheres: kind, surface, and which faces are cut out, by their middles."""
 
@@ -175,9 +155,6 @@ WINDOWS: Mapping[str, tuple[Kind, str, Choice]] = {
 """Windows, slots and bands of planes, cylinders, tori and a sphere."""
 
 
-# --- scans ------------------------------------------------------------------------------------------------------------
-
-
 def scan_names(folder: Path | None) -> tuple[str, ...]:
     """Names of the disks cut out of the scans that a folder holds."""
     here = [] if folder is None else [name for name in SCANS if (folder / name).is_file()]
@@ -185,22 +162,19 @@ def scan_names(folder: Path | None) -> tuple[str, ...]:
 
 
 def scan_disk(name: str, folder: Path) -> CutOut:
-    """A disk grown on a scan: the faces within a random distance along edges from a random vertex.
-
-    Vertex and distance are drawn until what is cut out is a disk with a simple rim of 20 to 150 points that is away
-    from the mesh's own boundary. They depend on the name alone.
-    """
+    """The faces within a random distance along edges from a random vertex, both drawn until they make a disk."""
     stem, _, place = name.rpartition("-")
     scan = next(file for file in SCANS if Path(file).stem == stem)
     mesh, graph, edge = _read_scan(folder / scan)
-    border = np.unique(boundary_edges(mesh[1]))
+    faces = mesh[1]
+    border = np.unique(boundary_edges(faces))
     random = np.random.default_rng([_SEED, int(place)])
     for _ in range(_TRIES):
-        seed = int(random.choice(np.unique(mesh[1])))
+        seed = int(random.choice(np.unique(faces)))
         radius = edge * float(np.exp(random.uniform(np.log(_SMALLEST), np.log(_LARGEST))))
         distance = np.asarray(dijkstra(graph, directed=False, indices=np.array(seed), limit=radius))
-        removed = np.asarray(np.isfinite(distance[mesh[1]]).all(axis=1))
-        if is_disk(mesh[1][removed]) and not np.isin(mesh[1][removed], border).any():
+        removed = np.asarray(np.isfinite(distance[faces]).all(axis=1))
+        if is_disk(faces[removed]) and not np.isin(faces[removed], border).any():
             found = cut(name, "scan", mesh, removed)
             loops = [found.hole.loops[k] for k in found.hole.places]
             if len(loops) == 1 and FEWEST <= len(loops[0]) == len(found.hole.rim) <= MOST:
@@ -240,9 +214,6 @@ def named_cut_out(name: str, folder: Path | None = None) -> CutOut:
     return scan_disk(name, folder)
 
 
-# --- ragged rims ------------------------------------------------------------------------------------------------------
-
-
 SHORTEST, LONGEST = 13, 120
 CUT = tuple(f"cut-{place:02}" for place in range(60))
 """Names of the first 60 rims of so many points that are cut out of generated meshes."""
@@ -271,7 +242,11 @@ def _cut_holes() -> list[Hole]:
     random, found = np.random.default_rng(0), list[Hole]()
     for make, least, most in itertools.cycle(_MESHES):
         mesh = make(random)
-        centre = _side(random) if make is _can else mesh.vertices[int(random.integers(len(mesh.vertices)))]
+        if make is _can:  # a point of its side
+            turn = random.uniform(0, 2 * np.pi)
+            centre = np.array([TUBE * np.cos(turn), TUBE * np.sin(turn), random.uniform(-0.4, 0.4)])
+        else:
+            centre = mesh.vertices[int(random.integers(len(mesh.vertices)))]
         removed = np.linalg.norm(mesh.triangles_center - centre, axis=1) <= random.uniform(least, most)
         hole = cut("", "curved", (np.array(mesh.vertices), np.array(mesh.faces)), removed).hole
         if len(hole.loops) == 1 and SHORTEST <= len(hole.loops[0]) <= LONGEST:
@@ -279,12 +254,6 @@ def _cut_holes() -> list[Hole]:
         if len(found) == len(CUT):
             break
     return found
-
-
-def _uv_sphere(random: np.random.Generator) -> trimesh.Trimesh:
-    """A unit sphere by latitude and longitude: slivers at its poles."""
-    count = int(random.integers(20, 45))
-    return trimesh.creation.uv_sphere(count=[count, count])
 
 
 def _can(_: np.random.Generator) -> trimesh.Trimesh:
@@ -295,12 +264,6 @@ def _can(_: np.random.Generator) -> trimesh.Trimesh:
     top = np.column_stack([np.full(40, len(vertices) + 1), 1000 + ring, 1000 + after])
     ends = [[0, 0, -1], [0, 0, 1]]
     return trimesh.Trimesh(np.vstack([vertices, ends]), np.vstack([side, bottom, top]), process=False)
-
-
-def _side(random: np.random.Generator) -> Float[np.ndarray, "3"]:
-    """A point of the cylinder's side."""
-    turn = random.uniform(0, 2 * np.pi)
-    return np.array([TUBE * np.cos(turn), TUBE * np.sin(turn), random.uniform(-0.4, 0.4)])
 
 
 def _ellipsoid(random: np.random.Generator) -> trimesh.Trimesh:
@@ -314,7 +277,7 @@ def _ellipsoid(random: np.random.Generator) -> trimesh.Trimesh:
 # what is cut, and the radii of the balls that cut it
 _MESHES: tuple[tuple[Callable[[np.random.Generator], trimesh.Trimesh], float, float], ...] = (
     (lambda random: trimesh.creation.icosphere(int(random.integers(2, 5))), 0.25, 0.9),
-    (_uv_sphere, 0.25, 0.6),
+    (lambda random: trimesh.creation.uv_sphere(count=[int(random.integers(20, 45))] * 2), 0.25, 0.6),
     (lambda _: trimesh.creation.torus(1.0, 0.4, major_sections=48, minor_sections=24), 0.15, 0.45),
     (_can, 0.15, 0.4),
     (_ellipsoid, 0.2, 0.6),

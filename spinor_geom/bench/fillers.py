@@ -1,7 +1,5 @@
 """All methods by name, each by its own package and options that serve it: loops are spanned, holes are filled."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,10 +25,8 @@ SMOOTHEST = (
     *("meshlib-nicely", "meshlib-nicely-fine", "meshlib-nicely-natural", "cgal-fair", "cgal-fair-2"),
     *("meshlab-close-smoothed", "pymeshfix-refined"),
 )
-# radius of holes for tools that cannot tell ours from the others by it
-_EVERY_SIZE = 1e6
-# CGAL's own default, which its bindings ask for before the continuity
-_CGAL_DENSITY = 2**0.5
+_EVERY_SIZE = 1e6  # radius of holes for tools that cannot tell ours from the others by it
+_CGAL_DENSITY = 2**0.5  # CGAL's own default, which its bindings ask for before the continuity
 
 
 Answer: TypeAlias = PlateauSolution | DiscreteMinimalSurface
@@ -75,23 +71,15 @@ LOOP_METHODS: Mapping[str, LoopMethod] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Filled:
-    """What a filler left: the whole mesh.
-
-    Attributes:
-        told: what the call returned, in words; empty where it returns nothing.
-        succeeded: whether the tool says that it filled; None where it says nothing, which users take for a yes.
-        area: of the surface that the patches are meshes of, where there is one.
-        in_order: whether the mesh's vertices are known to come first as before, wherever they are now.
-        figures: what only ours tells besides.
-    """
+    """What a filler left: the whole mesh."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
-    told: str = ""
-    succeeded: bool | None = None
-    area: float | None = None
-    in_order: bool = False
-    figures: Mapping[str, Any] = field(default_factory=dict)
+    told: str = ""  # what the call returned, in words
+    succeeded: bool | None = None  # by the tool itself; where it says nothing users take that for a yes
+    area: float | None = None  # of the surface that the patches are meshes of, where there is one
+    in_order: bool = False  # whether the mesh's vertices are known to come first as before, wherever they are now
+    figures: Mapping[str, Any] = field(default_factory=dict)  # what only ours tells besides
 
 
 # the call that fills, which alone is timed, and what makes of its answer the mesh that it left
@@ -100,10 +88,9 @@ Prepared: TypeAlias = tuple[Callable[[], Any], Callable[[Any], Filled]]
 
 @dataclass(frozen=True)
 class Filler:
-    """A way to fill holes: its module, its package, options that are not the defaults, and what hands a mesh over."""
+    """A way to fill holes: its package, options that are not the defaults, and what hands a mesh over."""
 
     package: str
-    distribution: str
     options: str
     prepare: Callable[[Hole], Prepared]
 
@@ -115,13 +102,9 @@ def _left(vertices: Any, faces: Any, **said: Any) -> Filled:
 
 def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
     # of a mesh all of whose loops are asked for, borders of sheets are left open as for any user
-    which: dict[str, Any] = {} if len(hole.places) == len(hole.loops) else {"loop": hole.places}
-    if hole.facing:
-        which = {"bridge": hole.places}
-
-    def fill() -> Any:
-        mesh = hole.vertices, hole.faces
-        return fill_hole(mesh, **which, islands="join", continuity=continuity, return_report=True)
+    some = {} if len(hole.places) == len(hole.loops) else {"loop": hole.places}
+    options: dict[str, Any] = {"bridge": hole.places} if hole.facing else some
+    options |= {"islands": "join", "continuity": continuity, "return_report": True}
 
     def finish(answer: Any) -> Filled:
         mesh, report = answer
@@ -146,7 +129,7 @@ def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
             },
         )
 
-    return fill, finish
+    return lambda: fill_hole((hole.vertices, hole.faces), **options), finish
 
 
 def _meshlab(hole: Hole, *, refine: bool, smooth: bool = False) -> Prepared:
@@ -184,13 +167,13 @@ def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool 
 
     asked = edges()
 
-    def plain() -> None:
-        for edge in asked:
-            parameters = mrmeshpy.FillHoleParams()
-            parameters.metric = getattr(mrmeshpy, metric)(mesh)
-            mrmeshpy.fillHole(mesh, edge, parameters)
-
-    def nicely() -> None:
+    def fill() -> None:
+        if metric:
+            for edge in asked:
+                parameters = mrmeshpy.FillHoleParams()
+                parameters.metric = getattr(mrmeshpy, metric)(mesh)
+                mrmeshpy.fillHole(mesh, edge, parameters)
+            return
         settings = mrmeshpy.StitchHolesNicelySettings() if hole.facing else mrmeshpy.FillHoleNicelySettings()
         if fine:
             settings.subdivideSettings.maxEdgeLen = hole.mean_edge
@@ -207,7 +190,7 @@ def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool 
         vertices, faces = mrmeshnumpy.getNumpyVerts(mesh), mrmeshnumpy.getNumpyFaces(mesh.topology)
         return _left(vertices, faces, told=f"{left} holes left" if left else "", in_order=True)
 
-    return plain if metric else nicely, finish
+    return fill, finish
 
 
 def _cgal(hole: Hole, *, function: str, outputs: int = 2, options: tuple[float, ...] = ()) -> Prepared:
@@ -315,60 +298,46 @@ def _trimesh(hole: Hole, *, stitch: bool) -> Prepared:
 
 
 _FAIR = "triangulate_refine_and_fair_hole"
-_TOOLS: Mapping[tuple[str, str], Mapping[str, tuple[str, Callable[[Hole], Prepared]]]] = {
-    ("spinor_geom", "spinor-geom"): {
-        OURS: (
-            "fill_hole, islands joined, facing rims bridged; the whole of it is timed: finding loops, solving, "
-            "meshing, stitching",
-            partial(_spinor, continuity="C0"),
-        ),
-        SMOOTH: ('the same with continuity="C1"', partial(_spinor, continuity="C1")),
-    },
-    ("pymeshlab", "pymeshlab"): {
-        "meshlab-close": ("maxholesize above the rim's edges", partial(_meshlab, refine=False)),
-        "meshlab-close-refined": ("and refinehole=True with the rim's mean edge", partial(_meshlab, refine=True)),
-        "meshlab-close-smoothed": (
-            "and apply_coord_laplacian_smoothing of the new faces with its defaults",
-            partial(_meshlab, refine=True, smooth=True),
-        ),
-    },
-    ("meshlib", "meshlib"): {
-        "meshlib-universal": ("fillHole, universal metric", partial(_meshlib, metric="getUniversalMetric")),
-        "meshlib-min-area": ("fillHole, minimum-area metric", partial(_meshlib, metric="getMinAreaMetric")),
-        "meshlib-nicely": ("fillHoleNicely with its defaults, stitchHolesNicely between facing rims", _meshlib),
-        "meshlib-nicely-fine": (
-            "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000",
-            partial(_meshlib, fine=True),
-        ),
-        "meshlib-nicely-natural": (
-            "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too",
-            partial(_meshlib, natural=True),
-        ),
-    },
-    ("CGAL", "cgal"): {
-        "cgal": ("triangulate_hole", partial(_cgal, function="triangulate_hole", outputs=1)),
-        "cgal-refine": ("triangulate_and_refine_hole", partial(_cgal, function="triangulate_and_refine_hole")),
-        "cgal-fair": (f"{_FAIR}, which fairs with continuity 1", partial(_cgal, function=_FAIR)),
-        "cgal-fair-2": ("with fairing continuity 2", partial(_cgal, function=_FAIR, options=(_CGAL_DENSITY, 2))),
-    },
-    ("pyvista", "vtk"): {
-        "vtk": ("vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too", _vtk)
-    },
-    ("open3d", "open3d-cpu"): {"open3d": ("t.geometry fill_holes, any size", _open3d)},
-    ("pymeshfix", "pymeshfix"): {
-        "pymeshfix": ("fill_small_boundaries up to the rim's edges, refine=False", partial(_meshfix, refine=False)),
-        "pymeshfix-refined": ("the same, refine=True", partial(_meshfix, refine=True)),
-    },
-    ("trimesh", "trimesh"): {
-        "trimesh": ("fill_holes", partial(_trimesh, stitch=False)),
-        "trimesh-stitch": (
-            "repair.stitch, which closes every boundary, the outer ones too",
-            partial(_trimesh, stitch=True),
-        ),
-    },
-}
+_REFINE = "triangulate_and_refine_hole"
+_FINE = "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000"
+_NATURAL = "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too"
+_WHOLE = "fill_hole, islands joined, facing rims bridged; timed with finding loops, solving, meshing, stitching"
+_SMOOTHED = "and apply_coord_laplacian_smoothing of the new faces with its defaults"
 
 FILLERS: Mapping[str, Filler] = {
-    name: Filler(*tool, *way) for tool, ways in _TOOLS.items() for name, way in ways.items()
+    OURS: Filler("spinor_geom", _WHOLE, partial(_spinor, continuity="C0")),
+    SMOOTH: Filler("spinor_geom", 'the same with continuity="C1"', partial(_spinor, continuity="C1")),
+    "meshlab-close": Filler("pymeshlab", "maxholesize above the rim's edges", partial(_meshlab, refine=False)),
+    "meshlab-close-refined": Filler(
+        "pymeshlab", "and refinehole=True with the rim's mean edge", partial(_meshlab, refine=True)
+    ),
+    "meshlab-close-smoothed": Filler("pymeshlab", _SMOOTHED, partial(_meshlab, refine=True, smooth=True)),
+    "meshlib-universal": Filler(
+        "meshlib", "fillHole, universal metric", partial(_meshlib, metric="getUniversalMetric")
+    ),
+    "meshlib-min-area": Filler(
+        "meshlib", "fillHole, minimum-area metric", partial(_meshlib, metric="getMinAreaMetric")
+    ),
+    "meshlib-nicely": Filler(
+        "meshlib", "fillHoleNicely with its defaults, stitchHolesNicely between facing rims", _meshlib
+    ),
+    "meshlib-nicely-fine": Filler("meshlib", _FINE, partial(_meshlib, fine=True)),
+    "meshlib-nicely-natural": Filler("meshlib", _NATURAL, partial(_meshlib, natural=True)),
+    "cgal": Filler("CGAL", "triangulate_hole", partial(_cgal, function="triangulate_hole", outputs=1)),
+    "cgal-refine": Filler("CGAL", _REFINE, partial(_cgal, function=_REFINE)),
+    "cgal-fair": Filler("CGAL", f"{_FAIR}, which fairs with continuity 1", partial(_cgal, function=_FAIR)),
+    "cgal-fair-2": Filler(
+        "CGAL", "with fairing continuity 2", partial(_cgal, function=_FAIR, options=(_CGAL_DENSITY, 2))
+    ),
+    "vtk": Filler("pyvista", "vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too", _vtk),
+    "open3d": Filler("open3d", "t.geometry fill_holes, any size", _open3d),
+    "pymeshfix": Filler(
+        "pymeshfix", "fill_small_boundaries up to the rim's edges, refine=False", partial(_meshfix, refine=False)
+    ),
+    "pymeshfix-refined": Filler("pymeshfix", "the same, refine=True", partial(_meshfix, refine=True)),
+    "trimesh": Filler("trimesh", "fill_holes", partial(_trimesh, stitch=False)),
+    "trimesh-stitch": Filler(
+        "trimesh", "repair.stitch, which closes every boundary, the outer ones too", partial(_trimesh, stitch=True)
+    ),
 }
 """Ours first."""

@@ -1,7 +1,5 @@
 """Meshes with holes for the hole fillers: a collar around a known rim, odd rims, mesh files."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,28 +24,20 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 # width of a collar per edge of the rim: the height of an equilateral triangle
 _COLLAR = math.sqrt(0.75)
-# of the squares of odd rims, on a side
-_GRID = 12
+_GRID = 12  # of the squares of odd rims, on a side
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hole:
-    """A mesh with one or more rims to be closed; its other boundaries, which are longer, are to be left open.
-
-    Attributes:
-        rim: ids of the vertices of the rims.
-        expected: what a tool should do, in a few words; empty where it is to close the rims.
-        facing: whether its two rims face each other, so that a tool that can join rims is to join them.
-        area: of the minimal surface over the rims, where it is known.
-    """
+    """A mesh with one or more rims to be closed; its other boundaries, which are longer, are to be left open."""
 
     name: str
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
-    rim: Int[np.ndarray, " r"]
-    expected: str = ""
-    facing: bool = False
-    area: float | None = None
+    rim: Int[np.ndarray, " r"]  # ids of the rims' vertices
+    expected: str = ""  # what a tool should do, where it is not to close the rims
+    facing: bool = False  # whether its two rims face each other: a tool that can join rims is to join them
+    area: float | None = None  # of the minimal surface over the rims, where it is known
 
     @cached_property
     def edges(self) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "o 2"]]:
@@ -68,10 +58,9 @@ class Hole:
 
     @cached_property
     def edge_limit(self) -> int:
-        """Number of edges that all rims together, which some tools walk around as one, do not exceed.
+        """The edges of all rims together, which some tools walk around as one; less where other boundaries have as few.
 
-        Where another boundary is as short it is one edge shorter than that, which still lets each single rim pass;
-        those shorter than a rim cannot be told from it, and are closed with it.
+        Those shorter than a rim cannot be told from it, and are closed with it.
         """
         inner = [len(self.loops[place]) for place in self.places]
         outer = [len(loop) for place, loop in enumerate(self.loops) if place not in self.places]
@@ -85,11 +74,7 @@ class Hole:
 
 
 def hole_over(name: str, loop: BoundaryLoop, area: float | None = None) -> Hole:
-    """A collar one triangle wide around a loop; its outer boundary has one point more, so that tools can tell them.
-
-    The collar goes on as the discrete minimal surface over the loop ends, so that a filler that continues the mesh
-    smoothly is led the right way.
-    """
+    """A collar one triangle wide around a loop that goes on as the discrete minimal surface over it ends."""
     disk = discrete_minimal_surface(loop)
     tangent = np.roll(loop.points, -1, axis=0) - np.roll(loop.points, 1, axis=0)
     outward = np.cross(tangent, vertex_normals(disk.vertices, disk.faces)[: len(loop)])
@@ -99,7 +84,7 @@ def hole_over(name: str, loop: BoundaryLoop, area: float | None = None) -> Hole:
 
 
 def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n 3"], *, expected: str = "") -> Hole:
-    """Triangles between a rim and an outer curve, which gets one point more in its first edge."""
+    """Triangles between a rim and an outer curve, which gets one point more, so that tools can tell them."""
     n = len(rim)
     outer = np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0)
     i = np.arange(n)
@@ -110,9 +95,6 @@ def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n
     split = np.array([[0, n, n + 1], [0, n + 1, n + 2]])
     faces = np.concatenate([first[1:], second, split])
     return Hole(name=name, vertices=np.concatenate([rim, outer]), faces=faces, rim=i, expected=expected)
-
-
-# --- odd rims ---------------------------------------------------------------------------------------------------------
 
 
 @cache
@@ -180,7 +162,6 @@ def _odd() -> Iterator[Hole]:
 
 
 def _upright(name: str, points: Float[np.ndarray, "n 3"], expected: str) -> Hole:
-    """A collar that goes down and outwards."""
     return collar(name, points, points * [1.15, 1.15, 1.0] - [0, 0, 0.25], expected=expected)
 
 
@@ -191,9 +172,8 @@ def facing_rims(height: float, n: int = 48) -> Hole:
     lift = np.array([0, 0, height])
     upper = collar("", circle + lift, 1.1 * circle + np.array([0, 0, 0.1]) + lift)
     lower = upper.vertices * [1, 1, -1]
-    joined = height < 0.66274
     expected = "no minimal annulus between them: two disks"
-    if joined:
+    if joined := height < 0.66274:
         expected = "a catenoid between them is a local minimum, two disks have less area"
     if height < 0.5277:
         expected = "the catenoid between them has less area than two disks"
@@ -213,7 +193,6 @@ def _square(low: int, high: int) -> list[tuple[int, int]]:
 
 
 def _pierced(name: str, cells: list[tuple[int, int]], expected: str, side: int = _GRID) -> Hole:
-    """A plane grid without some of its cells."""
     vertices, faces = _plane(side)
     gone = np.zeros((side, side, 2), dtype=bool)
     gone[tuple(np.array(cells).T[::-1])] = True
@@ -247,9 +226,6 @@ def all_rims(name: str, vertices: ArrayLike, faces: ArrayLike, expected: str = "
     return Hole(name=name, vertices=points, faces=triangles, rim=rim, expected=expected)
 
 
-# --- mesh files -------------------------------------------------------------------------------------------------------
-
-
 def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:
     """The mesh files of a folder that have faces and holes, or those of them whose names match one that is given."""
     found = []
@@ -259,9 +235,3 @@ def mesh_files(folder: Path, names: Sequence[str] = ()) -> list[Path]:
             if len(mesh.faces) and len(boundary_edges(mesh.faces)):
                 found.append(path)
     return found
-
-
-def file_hole(path: Path) -> Hole:
-    """A mesh file whose every boundary loop is to be closed."""
-    mesh = read_mesh(path).mesh
-    return all_rims(path.name, mesh.vertices, mesh.faces)

@@ -1,7 +1,5 @@
 """What figures were measured with: cores, system, versions, commit, date and load; and whether the code has changed."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import platform
@@ -41,11 +39,7 @@ def stamp() -> dict[str, Any]:
 
 
 def is_older(record: Mapping[str, Any]) -> bool:
-    """Whether a record is ours and the code that it measured has changed since.
-
-    As far as a clone's git can tell: where there is none, or none of the record's commit, figures of another version
-    count as older.
-    """
+    """Whether a record is ours and the code that it measured has changed since, or git cannot tell that."""
     return "spinor" in record["method"] and _changed_since(record["commit"])
 
 
@@ -93,7 +87,5 @@ def _processor() -> str:
 
 
 def _version(package: str) -> str | None:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
+    found = importlib.metadata.distributions(name=package)
+    return next((distribution.version for distribution in found), None)

@@ -1,7 +1,5 @@
 """What is measured of a disk or a filled hole; every figure has one definition, see docs/benchmark.md."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -25,8 +23,7 @@ from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 
-# of the exact |H|: second derivatives cost some milliseconds a point
-_CURVATURE_POINTS = 100
+_CURVATURE_POINTS = 100  # of the exact |H|: second derivatives cost some milliseconds a point
 # at least so many points of the mesh and of the surface
 _DISTANCE_SAMPLES = 5_000
 _SURFACE_TRIANGLES = 2_000
@@ -106,10 +103,7 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Figures:
 
 
 def cut_out_figures(filled: Filled, cut_out: CutOut) -> Figures:
-    """The figures of a hole of which it is known what was in it, and how far what a filler put there is from that.
-
-    Lengths are in units of the largest distance of two points of the rims.
-    """
+    """The figures of a hole of which it is known what was in it; lengths per largest distance of points of the rims."""
     figures = hole_figures(filled, cut_out.hole, None) | {"diameter": cut_out.diameter, "kind": cut_out.kind}
     _, of_patch, vertex_of = _parts(filled, cut_out.hole)
     patch = filled.faces[of_patch]
@@ -140,21 +134,15 @@ def save_views(filled: Filled, cut_out: CutOut, folder: Path, method: str) -> No
     for name, vertices, faces in ((REMOVED, cut_out.vertices, cut_out.faces), (method, filled.vertices, patch)):
         if len(faces):
             used, index = np.unique(faces, return_inverse=True)
-            np.savez_compressed(
-                folder / f"{name}.npz",
-                vertices=vertices[used].astype(np.float32),
-                faces=index.reshape(-1, 3).astype(np.int32),
-                values=(cut_out.distances(vertices[used]) / cut_out.diameter).astype(np.float32),
-            )
+            values = cut_out.distances(vertices[used]) / cut_out.diameter
+            known = {"vertices": vertices[used].astype(np.float32), "values": values.astype(np.float32)}
+            np.savez_compressed(folder / f"{name}.npz", faces=index.reshape(-1, 3).astype(np.int32), **known)
 
 
 def rim_bend(
     vertices: Float[np.ndarray, "n 3"], patch: Int[np.ndarray, "p 3"], rest: Int[np.ndarray, "f 3"]
 ) -> float | None:
-    """Root mean square angle, in radians and by length, between a patch and the rest of its mesh along their edges.
-
-    None where they have no edge in common.
-    """
+    """RMS angle, in radians and by length, between a patch and its mesh along their common edges, if there are any."""
     half = HalfEdges.of(np.concatenate([patch, rest]))
     first, second = half.pairs[(half.pairs < 3 * len(patch)).sum(axis=1) == 1].T
     if not len(first):

@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, SMOOTHEST
 from spinor_geom.bench.holes import mesh_files, odd_holes
 from spinor_geom.bench.machine import Record, Task, machine, stamp
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
+from spinor_geom.bench.solves import SUITES as SOLVED
 from spinor_geom.bench.solves import solves
 from spinor_geom.errors import OptionError
 from spinor_geom.files import finite, write_json
@@ -42,19 +44,10 @@ COMPARED = ("spinor", "libigl", "libigl-uniform")
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What a run measures.
+    """What a run measures: names of suites, of their cases (or patterns) and of methods, all of those that are empty.
 
-    Attributes:
-        suites: names of suites; empty for all.
-        cases: names of their cases, or patterns as of files; empty for all.
-        methods: names of loop methods and fillers; empty for all.
-        points: of the loops of known cases.
-        hole_points: of the rims of known cases, for the fillers: all where they are compared with a reference, two of
-            other smooth rims, the first of rims with corners.
-        repeat: counted calls of each task of the suites that are repeated.
-        time_limit: of each task, in seconds.
-        data: folder of mesh files; none without.
-        quick: whether it is the short run, which takes a few cases of each suite where none are named.
+    Of `hole_points`, those of known rims, all count where there is a reference, two for other smooth rims, else one.
+    The short run takes a few cases of each suite where none are named.
     """
 
     suites: tuple[str, ...] = ()
@@ -62,9 +55,9 @@ class Settings:
     methods: tuple[str, ...] = ()
     points: tuple[int, ...] = (32, 64, 128, 256)
     hole_points: tuple[int, ...] = (64, 256, 1000)
-    repeat: int = 3
-    time_limit: float = 180.0
-    data: Path | None = None
+    repeat: int = 3  # counted calls of each task
+    time_limit: float = 180.0  # of each task, in seconds
+    data: Path | None = None  # folder of mesh files
     quick: bool = False
 
     @classmethod
@@ -118,18 +111,16 @@ def chosen_tasks(settings: Settings, folder: Path) -> list[Task]:
 
 
 def _disks(settings: Settings, _: Path) -> Iterator[Task]:
-    """Known loops spanned by ours and by discrete surfaces."""
     more = [name for name in settings.cases if name.removeprefix("random-").partition("@")[0].isdigit()]
     cases = QUICK_CASES if settings.few else tuple(dict.fromkeys((*KNOWN, *SAMPLED, *more)))
     for name, method in LOOP_METHODS.items():
         for case in cases[:2] if settings.few and name in SLOW else cases:
             if "@" not in case or settings.cases or name in COMPARED:
                 for n in (n for n in settings.points if n <= method.most_points):
-                    yield _task("disks", name, case, settings.repeat, n=n)
+                    yield from _each("disks", (case,), (name,), settings.repeat, n=n)
 
 
 def _fills(settings: Settings, _: Path) -> Iterator[Task]:
-    """Known rims in a collar, filled by ours and by peers."""
     for case in QUICK_CASES[:1] if settings.few else KNOWN:
         count = 3 if case == REFERENCE_CASE else 2 if known_kind(case) == "smooth" else 1
         for n in settings.hole_points[:count]:
@@ -137,7 +128,10 @@ def _fills(settings: Settings, _: Path) -> Iterator[Task]:
 
 
 def _each(suite: str, cases: Iterable[str], methods: Iterable[str], repeat: int = 0, **more: Any) -> Iterator[Task]:
-    return (_task(suite, name, case, repeat, **more) for name in methods for case in cases)
+    for method in methods:
+        package = "spinor_geom" if method in LOOP_METHODS else FILLERS[method].package
+        for case in cases:
+            yield {"suite": suite, "method": method, "package": package, "case": case, "repeat": repeat, **more}
 
 
 def _cut_outs(settings: Settings, folder: Path) -> Iterator[Task]:
@@ -150,31 +144,24 @@ def _cut_outs(settings: Settings, folder: Path) -> Iterator[Task]:
 
 
 def _meshes(settings: Settings, _: Path) -> Iterator[Task]:
-    """Every hole of every mesh file, by every filler."""
     if settings.data is not None and not settings.few:
         yield from _each("meshes", [str(path) for path in mesh_files(settings.data, settings.cases)], FILLERS)
 
 
 def _ragged(settings: Settings, _: Path) -> Iterator[Task]:
-    """Rims with noise and rims cut along triangles, by ours and by the reference."""
     cases = (*list(NOISY)[:1], *CUT[:5]) if settings.few else (*NOISY, *CUT)
     yield from _each("ragged", cases, (OURS, REFERENCE), 1)
 
 
-def _solves(suite: str) -> Callable[[Settings, Path], Iterator[Task]]:
-    def tasks(settings: Settings, _: Path) -> Iterator[Task]:
-        for name, case in solves().items():
-            if case.suite == suite and (name in QUICK_SOLVES or not settings.few):
-                yield _task(suite, "spinor", name, 0 if suite == "curves" else settings.repeat)
-
-    return tasks
+def _solves(suite: str, settings: Settings, _: Path) -> Iterator[Task]:
+    cases = [c.name for c in solves().values() if c.suite == suite and (c.name in QUICK_SOLVES or not settings.few)]
+    return _each(suite, cases, ("spinor",), 0 if suite == "curves" else settings.repeat)
 
 
 def _batch(settings: Settings, _: Path) -> Iterator[Task]:
     """Many files; in the short run only where it is asked for."""
-    if settings.few and not settings.suites:
-        return
-    yield from _each("batch", BATCHES, ("spinor",), share=QUICK_SHARE if settings.quick else 1.0)
+    cases = () if settings.few and not settings.suites else BATCHES
+    return _each("batch", cases, ("spinor",), share=QUICK_SHARE if settings.quick else 1.0)
 
 
 SUITES: Mapping[str, Callable[[Settings, Path], Iterator[Task]]] = {
@@ -184,21 +171,10 @@ SUITES: Mapping[str, Callable[[Settings, Path], Iterator[Task]]] = {
     "cut-outs": _cut_outs,
     "meshes": _meshes,
     "ragged": _ragged,
-    "curves": _solves("curves"),
-    "rims": _solves("rims"),
-    "speed": _solves("speed"),
-    "paper": _solves("paper"),
+    **{suite: partial(_solves, suite) for suite in SOLVED},
     "batch": _batch,
 }
 """All suites by name, in the order of the tables."""
-
-
-def _task(suite: str, method: str, case: str, repeat: int, **more: Any) -> Task:
-    package = "spinor_geom" if method in LOOP_METHODS else FILLERS[method].package
-    return {"suite": suite, "method": method, "package": package, "case": case, "repeat": repeat, **more}
-
-
-# --- a run and its folder ---------------------------------------------------------------------------------------------
 
 
 def key(task: Task) -> str:
@@ -254,11 +230,7 @@ def measure(
 def run_isolated(
     tasks: Iterable[Task], *, module: str, time_limit: float, on_record: Callable[[Task, Record], None]
 ) -> None:
-    """Runs tasks one after the other in a process that is replaced when one crashes or takes too many seconds.
-
-    The process runs the module as a program, which tells one answer to each task; what it writes besides is kept beside
-    the answer, as "said".
-    """
+    """Runs tasks in a process that is replaced when one crashes or takes too long; what it writes is kept as "said"."""
     process = Process(module)
     try:
         for task in tasks:
@@ -287,19 +259,18 @@ def read_records(folder: Path) -> list[Record]:
 
 
 def _description(settings: Settings, folder: Path) -> dict[str, Any]:
-    told = {**asdict(settings), "data": None if settings.data is None else str(settings.data)}
     here, path = machine(), folder / DESCRIPTION
     if path.exists():
         before = json.loads(path.read_text(encoding="utf-8"))["machine"]
         # of ours every record has its commit
-        own = {"versions": {**here["versions"], "spinor-geom": before["versions"]["spinor-geom"]}}
-        differ = [name for name in ("versions", "cores", "processor") if {**here, **own}[name] != before[name]]
-        if differ:
+        here["versions"]["spinor-geom"] = before["versions"]["spinor-geom"]
+        if differ := [name for name in ("versions", "cores", "processor") if here[name] != before[name]]:
             raise OptionError(
                 f"{folder} holds a run on another machine or of other versions ({', '.join(differ)} differ); "
                 "name another folder"
             )
         here = before
-    description = {"settings": told, "machine": here}
+    data = None if settings.data is None else str(settings.data)
+    description = {"settings": {**asdict(settings), "data": data}, "machine": here}
     write_json(path, description)
     return description

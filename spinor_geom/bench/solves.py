@@ -1,7 +1,5 @@
 """What ours alone is to solve, and what is promised of it: loops of every kind, pairs of rims, the paper's curves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
@@ -55,24 +53,15 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Solve:
-    """Something to be solved.
-
-    Attributes:
-        subject: makes it.
-        limits: what is promised.
-        options: of `solve_plateau`.
-        disks: minimal surfaces that it is known to bound, smallest area first.
-        also: what is looked at besides: the "null error" of its slide, or whether what the solution says of itself is
-            the "truth".
-    """
+    """Something to be solved, what is promised of it, and what is looked at besides."""
 
     suite: str
     name: str
     subject: Callable[[], Subject]
     limits: tuple[Limit, ...]
-    options: dict[str, Any] = field(default_factory=dict)
-    disks: tuple[KnownDisk, ...] = ()
-    also: Literal["", "null error", "truth"] = ""
+    options: dict[str, Any] = field(default_factory=dict)  # of `solve_plateau`
+    disks: tuple[KnownDisk, ...] = ()  # that it is known to bound, smallest area first
+    also: Literal["", "null error", "truth"] = ""  # of its slide; of what the solution says of itself
 
 
 @cache
@@ -106,10 +95,7 @@ def solve_figures(case: Solve, answer: PlateauSolution | NoConnectedSurface) -> 
 
 
 def rms_distance(solution: PlateauSolution, samples_per_edge: int = 8) -> float:
-    """Root mean square distance, by arc length, of the surface's boundary from the nearest points of Γ.
-
-    Evaluated from the surface's public methods at equal parameters of ∂Ω; the solver's own figure is not used.
-    """
+    """RMS distance, by arc length, of the boundary from the nearest points of Γ, by the surface's public methods."""
     boundary, count = solution.domain.boundary, samples_per_edge * len(solution.loop)
     t = (np.arange(count) + 0.5) / count
     z = boundary.point(t)
@@ -134,19 +120,13 @@ def untrue(solution: PlateauSolution, rms_per_edge: float) -> str:
 
 
 def null_error(solution: PlateauSolution) -> float:
-    """Largest |φ·φ| on the circle by the largest |φ|², φ that of the harmonic map with the solution's boundary values.
-
-    It comes from the slide along Γ alone; p and q of the solution make a null φ whatever they are.
-    """
+    """Largest |φ·φ| on the circle by the largest |φ|², φ that of the harmonic map with its boundary values."""
     x: Float[np.ndarray, "n 3"] = solution.curve.point(solution.matching[:, 1] % 1)
     n = len(x)
     k = np.arange(n // 2)[:, None]
     # φ z = 2 Σ k c_k zᵏ
     phi = np.fft.ifft(np.concatenate([2 * k * np.fft.fft(x, axis=0)[: n // 2], np.zeros((n - n // 2, 3))]), axis=0)
     return float(np.abs((phi * phi).sum(1)).max() / (np.abs(phi) ** 2).sum(1).max())
-
-
-# --- what is to be solved ---------------------------------------------------------------------------------------------
 
 
 _CONVERGED = Limit("converged", "converged", True)
@@ -166,7 +146,6 @@ def _seconds(limit: float) -> Limit:
 
 
 def _curves() -> Iterator[Solve]:
-    """Smooth curves, noisy ones, strips, polygons, and rims with straight sides."""
     stable = (*_met(1e-8), _area(1e-6), Limit("verdict", "verdict", "stable, index 0"))
     near = Limit("rms_per_diameter", "RMS distance from Γ, in diameters,", 1e-5), _CONVERGED
     seam, ramp, ellipse = gallery.tennis_seam, gallery.helical_ramp, partial(gallery.ellipse, height=0.3)
@@ -201,7 +180,6 @@ def _noisy(curve: KnownCurve, n: int, noise: float, seed: int) -> BoundaryLoop:
 
 
 def _rims() -> Iterator[Solve]:
-    """Two rims: catenoids, rings, and rims that crowd, tilt and shake."""
 
     def known(name: str, subject: Callable[[], Subject], area: float, *limits: Limit) -> Solve:
         return Solve("rims", name, subject, limits, disks=(KnownDisk(area=area),))
@@ -259,7 +237,6 @@ def _sampled(
 
 
 def _speed() -> Iterator[Solve]:
-    """From few points to thousands."""
     ellipse = gallery.ellipse(2.0, 0.3)
     for curve in (gallery.twisted_circle(), ellipse, gallery.tennis_seam(0.8)):
         for n, seconds in SMOOTH_SECONDS.items():

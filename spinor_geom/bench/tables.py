@@ -1,11 +1,11 @@
 """The tables of a run, as text: a page and markdown files show the same ones."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
+from textwrap import shorten
 
 from spinor_geom.bench.claims import Figure, claims, is_whole
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
@@ -13,7 +13,7 @@ from spinor_geom.bench.machine import Record, is_older
 from spinor_geom.render.page import cell, markdown
 
 OLDER = "†"  # a row of ours whose code has changed since
-_SAID = 160
+_short = partial(shorten, width=160, placeholder="…")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +34,8 @@ class Table:
 
 FIELDS = (
     *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "worker_mib", "equal", "memory_mib", "closed"),
-    "area_error",
-    *("limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max", "residual_per_edge"),
+    *("area_error", "limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max"),
+    "residual_per_edge",
     *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),
     *("rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "converged"),
     *("verdict", "untrue", "told"),
@@ -56,18 +56,12 @@ def record_table(suite: str, records: Iterable[Record]) -> Table:
     """A line a record that is done."""
     shown = []
     for record in (r for r in records if r["status"] == "done"):
-        told = short(record.get("told") or record.get("said") or "")
+        told = _short(record.get("told") or record.get("said") or "")
         whole = (left_open(record) or "yes") if "open_rim_edges" in record else None
         shown.append({**record, "closed": whole, "told": told})
     names = [name for name in FIELDS if any(record.get(name) not in (None, "") for record in shown)]
     rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in names)) for r in shown]
     return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in names)), rows=rows)
-
-
-def short(text: str) -> str:
-    """A text in one line, cut where it is long."""
-    text = " ".join(text.split())
-    return text if len(text) <= _SAID else text[: _SAID - 1].rstrip() + "…"
 
 
 def method_name(record: Record) -> str:
@@ -125,10 +119,7 @@ def _in_short(record: Record) -> str:
 
 
 def filler_table(records: Sequence[Record]) -> Table:
-    """A line a filler: how many cut-outs it closes, how near it is, how smooth, how quick; then by kind of hole.
-
-    A scan is a kind of its own, and the least distance of each kind is in bold.
-    """
+    """A line a filler: how many cut-outs it closes, how near, smooth and quick; then by kind of hole or scan."""
     whole = [r for r in records if is_whole(r)]
     by_case = ([r for r in whole if r["case"] == case] for case in _names(whole, "case"))
     nearest = [min(here, key=lambda r: r["distance"]) for here in by_case]
@@ -192,7 +183,7 @@ def trouble_table(records: Sequence[Record]) -> Table:
         if r["status"] != "done" and r["suite"] != "odd":
             where = "all" if r["status"] == "missing" else Path(r["case"]).name
             where += f", {r['n']} points" if r.get("n") and where != "all" else ""
-            cases.setdefault((r["method"], r["status"], short(r.get("reason") or "")), []).append(where)
+            cases.setdefault((r["method"], r["status"], _short(r.get("reason") or "")), []).append(where)
     rows = [
         (method, status, on[0] + (f" and {len(set(on)) - 1} more" if len(set(on)) > 1 else ""), reason)
         for (method, status, reason), on in cases.items()
@@ -204,6 +195,6 @@ def trouble_table(records: Sequence[Record]) -> Table:
 
 def option_table() -> Table:
     """What every method and filler is asked for."""
-    rows = [(name, "spinor-geom", method.options) for name, method in LOOP_METHODS.items()]
-    rows += [(name, filler.distribution, filler.options) for name, filler in FILLERS.items()]
+    rows = [(name, "spinor_geom", method.options) for name, method in LOOP_METHODS.items()]
+    rows += [(name, filler.package, filler.options) for name, filler in FILLERS.items()]
     return Table(title="Methods and tools", columns=("name", "package", "options"), rows=rows)

@@ -1,10 +1,9 @@
 """The process that runs tasks: `python -m spinor_geom.bench.worker`, spoken to by the runner."""
 
-from __future__ import annotations
-
 import gc
 import importlib
 import statistics
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,21 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from spinor_geom.adapters import read_mesh
 from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.claims import LEAST_POINTS
 from spinor_geom.bench.cut_outs import named_cut_out, ragged_hole
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
-from spinor_geom.bench.holes import file_hole, hole_over, odd_holes
+from spinor_geom.bench.holes import all_rims, hole_over, odd_holes
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measure import cut_out_figures, disk_figures, hole_figures, save_views
-from spinor_geom.bench.solves import SUITES, solve_figures, solves
+from spinor_geom.bench.solves import solve_figures, solves
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.isolate import serve
 from spinor_geom.mesh.boundary_loop import turning_angles
 from spinor_geom.plateau.solve import solve_plateau
 
-# repeats end when they have taken this long together
-_ENOUGH_SECONDS = 5.0
+_ENOUGH_SECONDS = 5.0  # repeats end when they have taken this long together
 
 
 def run(task: Task) -> Record:
@@ -35,9 +34,11 @@ def run(task: Task) -> Record:
     gc.freeze()  # what is imported and cached by now need not be looked through before the next task
     forget_peak_memory()
     package = task["package"]
+    alone = {"disks": _span, "batch": _batch}
+    work = _fill if task["method"] in FILLERS else alone.get(task["suite"], _solve)
     try:
         importlib.import_module(package)
-        return {"status": "done", **_work(task)}
+        return {"status": "done", **work(task)}
     except ImportError as error:  # there is none, or what is broken is the installation, and not the tool
         return {"status": "missing", "reason": f"{package} cannot be imported here: {_sentence(error)}"}
     except SpinorGeomError as error:
@@ -46,14 +47,11 @@ def run(task: Task) -> Record:
         return {"status": "failed", "reason": f"{type(error).__name__}: {_sentence(error)}"}
 
 
-def _work(task: Task) -> Record:
-    if task["suite"] == "batch":
-        from spinor_geom.bench.batches import batch_figures
+def _batch(task: Task) -> Record:
+    from spinor_geom.bench.batches import BATCHES
 
-        return batch_figures(task["case"], task["share"])
-    if task["suite"] in SUITES:
-        return _solve(task)
-    return _span(task) if task["method"] in LOOP_METHODS else _fill(task)
+    with tempfile.TemporaryDirectory() as folder:
+        return BATCHES[task["case"]](Path(folder), task["share"])
 
 
 def _solve(task: Task) -> Record:
@@ -82,7 +80,8 @@ def _fill(task: Task) -> Record:
         case = known_case(name)
         hole = hole_over(name, case.loop(task["n"]), case.area)
     elif task["suite"] == "meshes":
-        hole = file_hole(Path(name))
+        mesh = read_mesh(name).mesh
+        hole = all_rims(Path(name).name, mesh.vertices, mesh.faces)
     else:
         hole = odd_holes()[name] if task["suite"] == "odd" else ragged_hole(name)
     timed, answer, finish = _timed(lambda: FILLERS[task["method"]].prepare(hole), task["repeat"])
@@ -99,10 +98,7 @@ def _fill(task: Task) -> Record:
 
 
 def _timed(prepare: Callable[[], tuple[Callable[[], Any], Any]], repeat: int) -> tuple[Record, Any, Any]:
-    """The median seconds of the calls after one that is not counted, unless that takes so long that it is alone.
-
-    Besides, the last call's answer and what was prepared with it.
-    """
+    """The median seconds of the calls after one that is not counted, if any; the last answer, and what goes on."""
     seconds: list[float] = []
     while len(seconds) < repeat + 1 and (len(seconds) < 1 or sum(seconds) < _ENOUGH_SECONDS):
         work, beside = prepare()

@@ -1,7 +1,5 @@
 """What the command line says: tables and progress on a terminal, complaints in one sentence, exit statuses."""
 
-from __future__ import annotations
-
 import enum
 import os
 import sys
@@ -37,13 +35,7 @@ def complain(text: str) -> None:
 
 
 def show_table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], *, piped: bool) -> None:
-    """Shows a table on standard output: ruled on a terminal, else tab-separated lines with a header if wanted piped.
-
-    Args:
-        columns: the headers.
-        rows: one text per column; those with a style have it on a terminal that shows colours.
-        piped: whether a pipe gets the table too; a terminal always does.
-    """
+    """Shows a table on standard output: ruled on a terminal, else tab-separated lines with a header if wanted piped."""
     console = Console()
     if console.is_terminal:
         table = Table(*columns, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
@@ -62,11 +54,7 @@ def show_lines(text: str, *, piped: bool) -> None:
 
 
 def flush() -> None:
-    """Sends what was written to standard output on its way.
-
-    Raises:
-        OSError: it takes nothing more; names it.
-    """
+    """Sends what was written to standard output on its way; an OSError names it."""
     with _naming_output():
         sys.stdout.flush()
 

@@ -1,7 +1,5 @@
 """`spinor-geom loops`: lists the boundary loops of a mesh file, and draws them with their numbers."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,7 +1,5 @@
 """The command line's entry: parses arguments and runs one command. Imports nothing heavy, so that --help is quick."""
 
-from __future__ import annotations
-
 import argparse
 import gc
 import importlib
@@ -67,7 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_add_fill, _add_loops, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_view, _add_render):
+    for add in (_add_fill, _add_loops, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_view_and_render):
         add(commands)
     return parser
 
@@ -108,6 +106,7 @@ def _path(metavar: str) -> dict[str, Any]:
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 _positive = _checked(float, "a positive number", lambda x: 0 < x < math.inf)
+_FORMATS = "obj, ply, stl, off, glb, vtp, vtk, 3mf"
 _FLAG: dict[str, Any] = {"action": "store_true"}
 _LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}
 _SECONDS: dict[str, Any] = {"metavar": "S", "type": _positive}
@@ -137,12 +136,8 @@ def _add_fill(commands: _Commands) -> None:
     which.add_argument("--loop", metavar="N[,N…]", type=_loops, action="extend", help=f"{only} (default: all holes)")
     together = "join these loops by one surface, and fill no other"
     which.add_argument("--bridge", metavar="I,J[,K…]", type=_loops, help=together)
-    add(
-        "--islands",
-        choices=("join", "ignore"),
-        default="ignore",
-        help="a loose piece in a hole: join it to the hole's rim, or fill both by themselves (default)",
-    )
+    loose = "a loose piece in a hole: join it to the hole's rim, or fill both by themselves (default)"
+    add("--islands", choices=("join", "ignore"), default="ignore", help=loose)
     _add_quality(add)
     add("--keep-largest", **_FLAG, help="leave the longest loop open")
     add("--max-perimeter", **_LENGTH, help="leave longer loops open")
@@ -158,19 +153,15 @@ def _add_fill(commands: _Commands) -> None:
 
 
 def _add_quality(add: Callable[..., Any]) -> None:
-    add(
-        "--continuity",
-        choices=CONTINUITY,
-        default="C0",
-        help="C0: minimal surfaces, which meet the mesh at the rim (default); C1: patches that go on with its tangents "
-        "and curvature",
-    )
+    films = "C0: minimal surfaces, which meet the mesh at the rim (default)"
+    smooth = "C1: patches that go on with its tangents and curvature"
+    add("--continuity", choices=CONTINUITY, default="C0", help=f"{films}; {smooth}")
     residual = "RMS boundary residual per mean edge of the loop (default: %(default)s)"
     add("--tolerance", metavar="T", type=_positive, default=1e-3, help=residual)
 
 
 def _add_input(add: Callable[..., Any]) -> None:
-    add("input", **_path("IN"), help="mesh file: obj, ply, stl, off, glb, vtp, vtk, 3mf")
+    add("input", **_path("IN"), help=f"mesh file: {_FORMATS}")
     add("--merge", **_FLAG, help="first merge vertices of equal position (those of STL files always are)")
 
 
@@ -204,13 +195,9 @@ def _add_bench(commands: _Commands) -> None:
     ).add_argument
     add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
     add("--quick", **_FLAG, help="a few cases of each suite, every tool once: less than three minutes")
-    add(
-        "--suite",
-        dest="suites",
-        **_NAMES,
-        help="disks, fills, odd, cut-outs, meshes, ragged: ours beside others; curves, rims, speed, paper, batch: "
-        "ours alone (default: all)",
-    )
+    beside, alone = "disks, fills, odd, cut-outs, meshes, ragged", "curves, rims, speed, paper, batch"
+    suites = f"{beside}: ours beside others; {alone}: ours alone (default: all)"
+    add("--suite", dest="suites", **_NAMES, help=suites)
     which = "which of their cases, also by patterns as of files, for instance 'icosphere-*' (default: all)"
     add("--cases", **_NAMES, help=which)
     add("--methods", **_NAMES, help="methods and tools (default: all)")
@@ -226,21 +213,11 @@ def _add_batch(commands: _Commands) -> None:
         epilog="exit status: 0 every loop of every file was done within the tolerance and crosses nothing, 1 some were "
         "not (OUT/failures.log names them), 2 the batch could not start or go on",
     ).add_argument
-    add(
-        "inputs",
-        metavar="INPUT",
-        nargs="+",
-        help="OBJ file, folder (with all below it), pattern, manifest (.csv with a column path, .jsonl) or archive "
-        "(.zip, .tar, .tar.gz, ...)",
-    )
+    lists = "manifest (.csv with a column path, .jsonl) or archive (.zip, .tar, .tar.gz, ...)"
+    add("inputs", metavar="INPUT", nargs="+", help=f"OBJ file, folder (with all below it), pattern, {lists}")
     add("-o", "--output", **_path("OUT"), required=True, help="folder of results")
-    add(
-        "--what",
-        choices=WHAT,
-        default="fill",
-        help="fill: triangulations and filled meshes; surface: triangulations and spinor surfaces; loops: the loops "
-        "alone (default: %(default)s)",
-    )
+    what = "fill: triangulations and filled meshes; surface: triangulations and spinor surfaces; loops: the loops alone"
+    add("--what", choices=WHAT, default="fill", help=f"{what} (default: %(default)s)")
     add("--format", choices=FORMAT, default="obj", help="of the meshes (default: %(default)s)")
     add("--workers", **_COUNT, help="processes that solve (default: one a core)")
     add("--scheduler", metavar="ADDRESS", help="use a running Dask cluster instead, as tcp://host:8786")
@@ -257,13 +234,8 @@ def _add_batch(commands: _Commands) -> None:
     size = _checked(lambda text: int(_bytes(text)), "a size such as 512M or 4G", lambda n: n > 0)
     memory = "of a process that solves, as 512M or 4G (default: 4G)"
     add("--memory-limit", metavar="SIZE", type=size, default=4 << 30, help=memory)
-    add(
-        "--retries",
-        metavar="K",
-        type=int,
-        default=2,
-        help="tries of a file after its process died (default: %(default)s)",
-    )
+    after = "tries of a file after its process died (default: %(default)s)"
+    add("--retries", metavar="K", type=int, default=2, help=after)
 
 
 def _add_morph(commands: _Commands) -> None:
@@ -273,31 +245,20 @@ def _add_morph(commands: _Commands) -> None:
         epilog="exit status: 0 the file was written, 2 the surface has no associate family or cannot be read, or the "
         "output's format is unknown",
     ).add_argument
-    add(
-        "surface",
-        metavar="SURFACE",
-        help="a saved surface (.safetensors), or a name in the gallery, such as catenoid or enneper; for a name that "
-        "does not exist all are listed",
-    )
+    named = "a name in the gallery, such as catenoid or enneper; for a name that does not exist all are listed"
+    add("surface", metavar="SURFACE", help=f"a saved surface (.safetensors), or {named}")
     add("-o", "--output", **_path("OUT"), required=True, help="animation (.gif, .mp4), or page with a slider (.html)")
     add("--frames", **_COUNT, default=72, help="of an animation (default: %(default)s)")
 
 
 def _add_shown(add: Callable[..., Any]) -> None:
-    add(
-        "input",
-        **_path("IN"),
-        help="mesh file (obj, ply, stl, off, glb, vtp, vtk, 3mf) or saved surface (.safetensors)",
-    )
+    add("input", **_path("IN"), help=f"mesh file ({_FORMATS}) or saved surface (.safetensors)")
     add("--curvature", **_FLAG, help="colours tell the curvature: Gauss curvature of a surface, |H| of a mesh")
 
 
-def _add_view(commands: _Commands) -> None:
+def _add_view_and_render(commands: _Commands) -> None:
     epilog = "exit status: 0 the window was closed, 2 the file cannot be read or there is no display"
     _add_shown(commands.add_parser("view", help="open a window with a mesh or a surface", epilog=epilog).add_argument)
-
-
-def _add_render(commands: _Commands) -> None:
     add = commands.add_parser(
         "render",
         help="draw a mesh or a surface as a PNG, without a display",

@@ -13,7 +13,7 @@ from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import RenderError
 from spinor_geom.optional import require
-from spinor_geom.render.layers import INSIDE_COLOUR, MESH_COLOUR, Faces, Lines, View
+from spinor_geom.render.layers import MESH, Faces, Lines, View
 from spinor_geom.render.png import draw_apart
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def _view(arguments: argparse.Namespace) -> None:
     shape = _shape(arguments.input)
     title = f"{arguments.input.name}{f', {shape.curvature}'.replace('_', ' ') * arguments.curvature}"
     fields = {title: shape.told} if arguments.curvature else {}
-    mesh = Faces(vertices=shape.vertices, faces=shape.faces, colour=MESH_COLOUR, inside=INSIDE_COLOUR, fields=fields)
+    mesh = Faces(vertices=shape.vertices, faces=shape.faces, fields=fields, **MESH)
     view = View(layers=[mesh, Lines(vertices=shape.vertices, edges=shape.rims, width=1.0)])
     draw_apart([view], _SIZE, [0.0], None, title, time_limit=math.inf)  # as long as it is looked at
 
@@ -76,7 +76,6 @@ def _morph(arguments: argparse.Namespace) -> None:
 
 
 def _shape(path: Path) -> Shape:
-    """A mesh file with faces, or a saved surface as triangles."""
     from spinor_geom.render.shapes import shape_of
 
     if path.suffix.lower() != SURFACE_SUFFIX:

@@ -1,7 +1,5 @@
 """`spinor-geom batch`, `bench` and `reproduce`: runs over many files or cases, which go on where they were stopped."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,6 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 
 
 def _batch(arguments: argparse.Namespace) -> ExitStatus:
-    """Runs the batch; says how many files are not wholly done, and where that stands."""
     with progress("listing the inputs") as show:
 
         def on_progress(now: BatchProgress) -> None:
@@ -56,8 +53,6 @@ def _said(now: BatchProgress) -> str:
 
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
-    """Measures, writes the run's files, and says which promises of accuracy are not kept."""
-    require("matplotlib", extra="bench")
     from spinor_geom.bench.claims import claims
     from spinor_geom.bench.page import PAGE, write
     from spinor_geom.bench.runner import Settings, measure
@@ -87,7 +82,6 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
 
 
 def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
-    """Runs experiments in their own order; says which did not show what the paper says."""
     for package in ("matplotlib", "markdown_it"):
         require(package, extra="experiments")
     from spinor_geom.experiments.experiment import PAGE, Done, reproduce

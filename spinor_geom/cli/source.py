@@ -1,7 +1,5 @@
 """Reads the mesh that a command works on, and checks what it is to write."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -10,12 +8,7 @@ from spinor_geom.errors import MeshFileError
 
 
 def read_surface(path: Path, *, merge: bool) -> MeshFile:
-    """A mesh file with faces; with `merge` vertices of equal position are one.
-
-    Raises:
-        MeshFileError: the file is missing, malformed, or has no faces.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
-    """
+    """A mesh file, which must have faces; with `merge` vertices of equal position are one."""
     mesh = read_mesh(path)
     if not len(mesh.mesh.faces):
         raise MeshFileError(
@@ -26,11 +19,7 @@ def read_surface(path: Path, *, merge: bool) -> MeshFile:
 
 
 def require_writable(path: Path) -> None:
-    """Checks that a file can be put at a path, its folders being made on the way; makes none.
-
-    Raises:
-        MeshFileError: the path is a folder, or the nearest folder above it that exists may not be written to.
-    """
+    """Checks that a file could be put at a path, folders being made on the way; MeshFileError where it could not."""
     if path.is_dir():
         raise MeshFileError(f"{path}: is a folder; name a file in it", path=path)
     above = next(folder for folder in path.absolute().parents if folder.exists())

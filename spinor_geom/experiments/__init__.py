@@ -1,7 +1,4 @@
-"""The paper's experiments, made anew from measured data, with our solvers beside its own.
-
-Importing the package imports none of them.
-"""
+"""The paper's experiments, made anew from measured data, with our solvers beside its own."""
 
 NAMES = {
     "twisted-circle": "forms",

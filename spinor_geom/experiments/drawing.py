@@ -27,19 +27,13 @@ HolomorphicFunction = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """A surface as triangles.
-
-    Attributes:
-        rim: closed sequence of points of its boundary.
-        value: what the colour of each vertex tells; one colour for all without.
-        marks: points that are marked by a cross.
-    """
+    """A surface as triangles."""
 
     position: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
-    rim: Float[np.ndarray, "m 3"]
-    value: Float[np.ndarray, " n"] | None = None
-    marks: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    rim: Float[np.ndarray, "m 3"]  # closed sequence of points of its boundary
+    value: Float[np.ndarray, " n"] | None = None  # what the colour of each vertex tells; one colour for all without
+    marks: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))  # with a cross
 
     @classmethod
     def of(cls, surface: SpinorSurface | WeierstrassSurface, grid: tuple[int, int] = _GRID) -> Drawn:

@@ -1,7 +1,5 @@
 """What an experiment is, and runs of some: data, pictures, and one report."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os
@@ -40,20 +38,14 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Experiment:
-    """One experiment of the paper: what it shows, the paper's setting, and ours, where it differs.
-
-    Attributes:
-        measure: runs it, its settings by name.
-        full: its settings, the paper's where it names them.
-        quick: those that are changed so that it takes a minute or two; "a.b" is the option b of the setting a.
-    """
+    """One experiment of the paper: what it shows, the paper's setting, and ours, where it differs."""
 
     title: str
     paper: str
     here: str
-    measure: Callable[..., Outcome]
-    full: Mapping[str, Any]
-    quick: Mapping[str, Any]
+    measure: Callable[..., Outcome]  # runs it, its settings by name
+    full: Mapping[str, Any]  # its settings, the paper's where it names them
+    quick: Mapping[str, Any]  # those of a run of a minute or two; "a.b" is the option b of the setting a
 
     def settings(self, *, quick: bool) -> dict[str, Any]:
         """The settings of a run."""
@@ -65,10 +57,8 @@ class Experiment:
 
     def description(self, *, quick: bool) -> dict[str, Any]:
         """The same, JSON-ready: by it a run knows what an earlier one finished."""
-        told = {}
-        for name, value in self.settings(quick=quick).items():
-            told[name] = finite(asdict(value) if isinstance(value, RMSprop | LevenbergMarquardt) else value)
-        return told
+        named = self.settings(quick=quick).items()
+        return {name: finite(asdict(v) if isinstance(v, RMSprop | LevenbergMarquardt) else v) for name, v in named}
 
     def shortened(self) -> dict[str, tuple[Any, Any]]:
         """Each setting that the quick run changes: its full and its quick value."""
@@ -85,18 +75,11 @@ def kept_as(name: str, options: RMSprop) -> RMSprop:
 
 
 def experiment(name: str) -> Experiment:
-    """The experiment of a name.
-
-    Raises:
-        OptionError: there is none.
-    """
+    """The experiment of a name; OptionError where there is none."""
     if name not in NAMES:
         raise OptionError(f"there is no experiment {name!r}; choose from: {', '.join(NAMES)}")
     found: Experiment = importlib.import_module(f"spinor_geom.experiments.{NAMES[name]}").EXPERIMENTS[name]
     return found
-
-
-# --- runs -------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,12 +106,6 @@ def reproduce(
 
     A run that was stopped goes on where it was: what it finished with the same settings is not measured again, and the
     paper's trainings keep their states in the folder while they run. `on_done` hears of each, of those too.
-
-    In the folder lie `report.md`, the same as `report.html`, which holds its pictures, and, for each experiment, a
-    folder with `data.json` and its pictures as PNG and PDF. Files are replaced whole or not at all.
-
-    Raises:
-        OptionError: there is no experiment of a name; none is run then.
     """
     chosen = {name: experiment(name) for name in names}
     done: list[Done] = []

@@ -1,7 +1,5 @@
 """Spinors and the Weierstrass-Enneper form: the paper's training of both beside our solvers; branch points."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Sequence
@@ -180,9 +178,6 @@ def which_disk(area: float, disks: Sequence[KnownDisk]) -> str:
         if abs(area - disk.area) < allowed:
             return "stable" if disk.stable else "unstable"
     return "none"
-
-
-# --- which branch points last -----------------------------------------------------------------------------------------
 
 
 def lasting(*, orders: Sequence[int], random: int) -> Outcome:

@@ -1,7 +1,5 @@
 """The paper's four surfaces: a twisted circle, a tennis seam, random networks, and perturbed power series."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -26,8 +24,7 @@ _SEED = 5
 _UNEVEN, _SHIFT = 0.4, 0.1
 # points of the circle that Taylor coefficients are taken from, and a boundary's, of which a hundred matter
 _TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512
-# points of ∂Ω whose distance from Γ is measured
-_MEASURED = 1024
+_MEASURED = 1024  # points of ∂Ω whose distance from Γ is measured
 
 
 def random_networks(depth: int) -> SpinorSurface:
@@ -49,10 +46,9 @@ def perturbed_series(depth: int) -> SpinorSurface:
 
 
 def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
-    """The boundary of a surface over the unit disk as a closed curve with its derivatives.
+    """The boundary of a surface over the unit disk as a closed curve with its derivatives, r(e^{2πiw}) at t.
 
-    Its parameter t runs unevenly: the point is r(e^{2πiw}), w = t + β sin(2πt)/2π + b. So the curve does not tell a
-    solver which of its points belong to which of the circle.
+    By w = t + β sin(2πt)/2π + b it does not tell a solver which of its points belong to which of the circle.
     """
     t = np.arange(_BOUNDARY_POINTS) / _BOUNDARY_POINTS
     place = t + _UNEVEN * np.sin(2 * np.pi * t) / (2 * np.pi) + _SHIFT

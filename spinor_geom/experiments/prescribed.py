@@ -1,11 +1,9 @@
 """Two prescribed surfaces, recovered from their boundaries: p, q, f, g compared up to Möbius maps of the disk."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -22,11 +20,11 @@ from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
 # what counts as recovered: positions in diagonals, and p and q relative to their size
 _NEAR, _ALIKE = 1e-6, 1e-5
+Points: TypeAlias = Complex[np.ndarray, " n"]
 PAPER, OURS, SERIES = "RMSprop", "Levenberg-Marquardt", "Douglas-Newton"
 # points on each of the circles that spinors are compared on, and the circles
 _POINTS, _RADII = 64, (1.0, 0.6, 0.25)
-# turns that the fit of a Möbius map starts from
-_STARTS = 12
+_STARTS = 12  # turns that the fit of a Möbius map starts from
 
 
 def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, perturbed: RMSprop) -> Outcome:
@@ -78,24 +76,17 @@ def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, pert
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MoebiusFit:
-    """The Möbius map T of the disk and the sign ± for which p ≈ ±p₀∘T √T′ and q ≈ ±q₀∘T √T′.
+    """The map T(z) = e^{iθ}(z − a)/(1 − āz) of the disk and the sign ± for which p ≈ ±p₀∘T √T′ and q ≈ ±q₀∘T √T′.
 
-    Attributes:
-        center: a, T(a) = 0.
-        turn: θ, T(z) = e^{iθ}(z − a)/(1 − āz).
-        sign: ±1.
-        residuals: "p, q" and "f": largest |difference|, as a share of their largest modulus; "g": largest distance of
-            the normals; "position/diagonal": largest distance of the positions.
+    Residuals of p, q and f are shares of their largest modulus, that of g is the largest distance of the normals.
     """
 
-    center: complex
-    turn: float
-    sign: int
+    center: complex  # a
+    turn: float  # θ
+    sign: int  # ±1
     residuals: Mapping[str, float]
 
-    def reparametrised(
-        self, z: Complex[np.ndarray, " n"]
-    ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+    def reparametrised(self, z: Points) -> tuple[Points, Points]:
         """T(z) and ±√T′(z)."""
         w, root = _moved(z, self.turn, self.center)
         return w, self.sign * root
@@ -138,9 +129,7 @@ def _center(parameters: Float[np.ndarray, "3"]) -> complex:
     return outside / math.sqrt(1 + abs(outside) ** 2)
 
 
-def _moved(
-    z: Complex[np.ndarray, " n"], turn: float, a: complex
-) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+def _moved(z: Points, turn: float, a: complex) -> tuple[Points, Points]:
     """T(z) and √T′(z)."""
     below = 1 - np.conj(a) * z
     return np.exp(1j * turn) * (z - a) / below, np.exp(0.5j * turn) * np.sqrt(1 - abs(a) ** 2) / below
@@ -178,13 +167,6 @@ EXPERIMENTS = {
             "random": RMSprop(epochs=2000),
             "perturbed": RMSprop(epochs=4000),
         },
-        quick={
-            "depth": 3,
-            **{
-                f"{name}.{option}": n
-                for name in ("random", "perturbed")
-                for option, n in (("epochs", 10), ("order", 25))
-            },
-        },
+        quick={**{"depth": 3, "random.epochs": 10, "random.order": 25, "perturbed.epochs": 10, "perturbed.order": 25}},
     )
 }

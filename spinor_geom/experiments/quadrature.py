@@ -1,7 +1,5 @@
 """Quadrature along rays from the middle of the disk: its error on the catenoid, and |H| of what it draws."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -172,10 +170,7 @@ EXPERIMENTS = {
 
 
 def radial_mean_curvature(surface: SpinorSurface, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-    """H of the surface that its own rule draws along the whole ray from 0 to each point; NaN at branch points.
-
-    p and q are exactly holomorphic, so the rule is all that keeps it from 0.
-    """
+    """H of the surface that its own rule draws along the whole ray from 0 to each point; NaN at branch points."""
     end = torch.tensor(z, device=surface.spinor_map.device).reshape(-1)
     with torch.no_grad():
         mean = mean_curvature_of_integrals(surface.integrate, torch.zeros_like(end), end, order=surface.order)

@@ -1,7 +1,5 @@
 """The paper's training: without and with its tangent term, and beside our solvers by wall-clock time."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -62,11 +60,7 @@ def _at_epochs(curve: KnownCurve, options: RMSprop, epochs: Sequence[int]) -> li
 
 
 def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[float], depth: int) -> Outcome:
-    """Measures distance from Γ against wall-clock time: every method on every curve.
-
-    The tolerances are largest distances, in diagonals, that the network by Levenberg-Marquardt (of so many hidden
-    layers) and the Cauchy network are asked for; each is a run of its own.
-    """
+    """Measures distance from Γ, in diagonals, against wall-clock time: every method on every curve."""
     rows: list[dict[str, Any]] = []
     pictures, ratios = {}, []
     # what the first solve of a process imports and compiles is nobody's time
@@ -87,7 +81,6 @@ def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[floa
 def _on_curve(
     curve: KnownCurve, rmsprop: RMSprop, tolerances: Sequence[float], depth: int
 ) -> dict[str, tuple[list[float], list[float]]]:
-    """Seconds and distances of every method."""
     gamma = BoundaryCurve.from_formula(curve)
     diagonal = float(np.linalg.norm(np.ptp(gamma.coefficients[-1], axis=0)))
     edges = diagonal / float(np.linalg.norm(np.diff(gamma.coefficients[-1], axis=0), axis=1).mean())

@@ -1,7 +1,5 @@
 """A surface in exact formulas as the ruler that meshes are measured with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,8 +17,7 @@ TangentFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pt
 # points where the projection of a point onto the surface may start
 _STARTS = 3000
 _STEPS = 60
-# points whose projections are iterated together
-_BLOCK = 1 << 14
+_BLOCK = 1 << 14  # points whose projections are iterated together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,7 +1,5 @@
 """Closed curves in exact formulas, with the areas of the minimal disks they are known to bound."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

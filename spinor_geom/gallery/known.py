@@ -1,7 +1,5 @@
 """What a known answer is: a surface or a closed curve with exact figures and their source."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,10 +16,8 @@ from spinor_geom.surface import SpinorSurface
 
 # points of a side, or of a curve without corners, that its length is measured by
 _LENGTH_POINTS = 1 << 9
-# steps that the length of a curve is measured by
-_DENSE = 1 << 14
-# vertices of a chart's outline
-_OUTLINE = 512
+_DENSE = 1 << 14  # steps that the length of a curve is measured by
+_OUTLINE = 512  # vertices of a chart's outline
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

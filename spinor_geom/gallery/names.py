@@ -1,7 +1,5 @@
 """Surfaces by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 
@@ -11,8 +9,7 @@ from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface
 from spinor_geom.plateau.solve import solve_plateau
 from spinor_geom.surface import SpinorSurface
 
-# of a boundary with corners
-_POINTS = 96
+_POINTS = 96  # of a boundary with corners
 
 SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
     "associate": surfaces.associate,

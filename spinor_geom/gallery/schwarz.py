@@ -4,8 +4,6 @@ In a parameter s with Gauss map g = s^k they have
 φ ds = e^{iα}(s^{2k} − 1, −i(s^{2k} + 1), 2s^k)·Π(1 − s/s_j)^{−1/2} ds.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, replace
@@ -25,8 +23,7 @@ from spinor_geom.gallery.known import KnownCurve, KnownDisk, KnownPatch
 
 # Gauss-Legendre nodes on a way from 0 that the square root at its end is taken out of: to round-off
 _NODES, _WEIGHTS = (0.5 * a for a in np.polynomial.legendre.leggauss(24))
-# of an outline, for every great circle
-_SIDE_POINTS = 48
+_SIDE_POINTS = 48  # of an outline, for every great circle
 # complete elliptic integrals of modulus 1/2 and √3/2 (scipy's argument is the modulus squared)
 _K, _K_PRIME = float(ellipk(0.25)), float(ellipk(0.75))
 _SOURCE = "Schwarz (1865); areas by complete elliptic integrals of modulus 1/2 and √3/2"

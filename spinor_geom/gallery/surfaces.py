@@ -1,7 +1,5 @@
 """Minimal surfaces in exact formulas, as `SpinorSurface`s with exact areas."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any
@@ -20,10 +18,8 @@ from spinor_geom.gallery.known import KnownSurface
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.surface import SpinorSurface
 
-# terms of a power series are kept down to this share of the largest
-_NEGLIGIBLE = 1e-19
-# vertices on the longer side of a rectangle in Ω
-_SIDE_VERTICES = 32
+_NEGLIGIBLE = 1e-19  # terms of a power series are kept down to this share of the largest
+_SIDE_VERTICES = 32  # vertices on the longer side of a rectangle in Ω
 
 
 def enneper(radius: float = 0.8) -> KnownSurface:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 # The colours that meshes, patches, rims and values have in every picture.
-MESH_COLOUR, INSIDE_COLOUR, PATCH_COLOUR, RIM_COLOUR = "#c9ced6", "#8d7f73", "#f28e2b", "#1f3b73"
+MESH: dict[str, Any] = {"colour": "#c9ced6", "inside": "#8d7f73"}
+PATCH: dict[str, Any] = {"colour": "#f28e2b"}
 # of a surface by itself: its two sides, and the image of Ω's grid
-FRONT_COLOUR, BACK_COLOUR, GRID_COLOUR = "#f6bd68", "#86b3dd", "#5a4a3c"
-PLAIN_COLOUR, UNKNOWN_COLOUR = "#8fb3d9", "#bebebe"
+SIDES: dict[str, Any] = {"colour": "#f6bd68", "inside": "#86b3dd"}
+RIM_COLOUR, GRID_COLOUR, PLAIN_COLOUR, UNKNOWN_COLOUR = "#1f3b73", "#5a4a3c", "#8fb3d9", "#bebebe"
 # from low to high, perceptually uniform
 VIRIDIS = (
     *("#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c"),
@@ -20,45 +22,33 @@ VIRIDIS = (
 )
 # share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
 _TAIL = 0.03
-# name of the loop choice for what is shown for every loop
-ALWAYS = ""
+ALWAYS = ""  # name of the loop choice for what is shown for every loop
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layer:
     """Something in a view.
 
-    Attributes:
-        vertices: positions.
-        colour: of all, where no field is shown.
-        switch: the switch of the view's panel that shows it; without one it is always shown.
-        loop: the loop of the view's panel for which it is shown; `ALWAYS` for each.
-        conjugate: positions on the conjugate surface; with them a slider turns through the associate family, cos θ of
-            the vertices and sin θ of these, both from the middle of the vertices.
+    With positions on the conjugate surface a slider turns through the associate family: cos θ of the vertices and sin θ
+    of these, both from the middle of the vertices.
     """
 
     vertices: Float[np.ndarray, "n 3"]
-    colour: str = RIM_COLOUR
-    switch: str | None = None
-    loop: str = ALWAYS
+    colour: str = RIM_COLOUR  # of all, where no field is shown
+    switch: str | None = None  # of the view's panel, that shows it; without one it is always shown
+    loop: str = ALWAYS  # of the view's panel, for which it is shown
     conjugate: Float[np.ndarray, "n 3"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Faces(Layer):
-    """A surface in a view.
-
-    Attributes:
-        inside: colour of the side that faces run clockwise on; that of the other side if none is given.
-        fields: values at the vertices that it may be coloured by, by name; NaN is grey.
-        edges: whether the triangles' edges are drawn, or the switch of the view's panel that says so.
-    """
+    """A surface in a view."""
 
     faces: Int[np.ndarray, "f 3"]
     colour: str = PLAIN_COLOUR
-    inside: str | None = None
-    fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
-    edges: bool | str = False
+    inside: str | None = None  # colour of the side that faces run clockwise on; without, as the other side
+    fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)  # at the vertices, by name; NaN is grey
+    edges: bool | str = False  # whether the triangles' edges are drawn, or the switch of the view's panel that says so
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,6 +81,16 @@ class Scale:
         known = values[np.isfinite(values)]
         low, high = np.quantile(known, [_TAIL, 1 - _TAIL]).tolist() if len(known) else (0.0, 1.0)
         return cls(low=low, high=high, unit=unit)
+
+
+def colours_of(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    """Colours in sRGB, 0 to 1, of values on viridis over their `Scale`; grey where there is none."""
+    known = (UNKNOWN_COLOUR, *VIRIDIS)
+    grey, *stops = np.array([[int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)] for colour in known])
+    scale, ends = Scale.of(values), np.linspace(0, 1, len(stops))
+    share = np.nan_to_num((values - scale.low) / ((scale.high - scale.low) or 1.0))
+    colours = np.stack([np.interp(share, ends, channel) for channel in np.transpose(stops)], axis=1)
+    return np.where(np.isfinite(values)[:, None], colours, grey)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

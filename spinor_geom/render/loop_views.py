@@ -1,7 +1,5 @@
 """One loop's patch as it is shown: in space, in Ω, on the sphere of normals, and its functions on a grid."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,25 +20,21 @@ from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.measures.hausdorff import distances_to_mesh
 from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.render.layers import (
-    ALWAYS,
-    INSIDE_COLOUR,
-    MESH_COLOUR,
-    PATCH_COLOUR,
-    Camera,
-    Dots,
-    Faces,
-    Layer,
-    Lines,
-)
+from spinor_geom.render.layers import ALWAYS, MESH, PATCH, Camera, Dots, Faces, Layer, Lines
 from spinor_geom.render.portrait import grid_lines
 from spinor_geom.render.scene import facing, whole_mesh
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 MEAN, DISTANCE, GAUSS = "mean curvature", "distance to the discrete minimal surface", "Gauss curvature"
 EXACT = "mean curvature of the surface"
-# switches
-WIREFRAME, GRID, NORMALS = "wireframe", "conformal grid", "normals"
+COLOURS = {
+    MEAN: ("mean curvature |H| of the mesh", "/ mesh unit"),
+    EXACT: ("mean curvature |H| of the surface, measured", "/ mesh unit"),
+    DISTANCE: (DISTANCE, "mesh units"),
+    GAUSS: (GAUSS, "/ mesh unit²"),
+}
+"""Labels and units of the fields."""
+SWITCHES = WIREFRAME, GRID, NORMALS = "wireframe", "conformal grid", "normals"
 # triangles of a mesh that are shown; of a larger one those nearest to its loops
 MOST_FACES = 120_000
 _NORMAL_LENGTH = 0.8  # in edges of the loop
@@ -51,20 +45,14 @@ _POLE_COLOUR, _SPHERE_COLOUR, _CIRCLE_COLOUR = "#9b3fc4", "#dfe2e6", "#aab0b8"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopViews:
-    """What is shown of a filled loop.
-
-    Attributes:
-        fields: values at the patch's vertices by name, NaN where there are none.
-        baseline_figures: of the discrete minimal surface beside it; a reason where there is none.
-        normals: of the surface at the patch's vertices, on the side of the patch's faces.
-    """
+    """What is shown of a filled loop."""
 
     outcome: LoopOutcome
     patch: Patch
     surface: SpinorSurface
-    fields: Mapping[str, Float[np.ndarray, " n"]]
-    baseline_figures: Mapping[str, Any]
-    normals: Float[np.ndarray, "n 3"]
+    fields: Mapping[str, Float[np.ndarray, " n"]]  # at the patch's vertices by name, NaN where there are none
+    baseline_figures: Mapping[str, Any]  # of the discrete minimal surface beside it, or why there is none
+    normals: Float[np.ndarray, "n 3"]  # of the surface at the patch's vertices, on the side of the patch's faces
 
     @cached_property
     def _plane(self) -> Float[np.ndarray, "n 3"]:
@@ -157,16 +145,11 @@ class LoopViews:
 
 def patch_faces(patch: Patch) -> Faces:
     """A patch in the mesh's space."""
-    return Faces(vertices=patch.vertices, faces=patch.faces, colour=PATCH_COLOUR, edges=WIREFRAME)
+    return Faces(vertices=patch.vertices, faces=patch.faces, edges=WIREFRAME, **PATCH)
 
 
 def loop_views(outcome: LoopOutcome, *, exact: bool = False) -> LoopViews:
-    """What is shown of a loop that is filled with an exact minimal surface.
-
-    Args:
-        outcome: of that loop.
-        exact: whether to measure |H| of the surface itself too, by automatic differentiation: it takes seconds.
-    """
+    """What is shown of a loop with an exact surface, its |H| by automatic differentiation too: that takes seconds."""
     patch, solution = outcome.patch, outcome.solution
     assert patch is not None
     assert solution is not None
@@ -219,15 +202,8 @@ def surroundings(result: FillResult) -> tuple[list[Layer], int]:
         distance = cKDTree(near).query(mesh.vertices[faces].mean(axis=1))[0]
         faces = faces[np.sort(np.argpartition(distance, MOST_FACES)[:MOST_FACES])]
     used, renumbered = np.unique(faces, return_inverse=True)
-    layers: list[Layer] = [
-        Faces(
-            vertices=mesh.vertices[used],
-            faces=renumbered.reshape(-1, 3),
-            colour=MESH_COLOUR,
-            inside=INSIDE_COLOUR,
-            edges=WIREFRAME,
-        )
-    ]
+    shown = Faces(vertices=mesh.vertices[used], faces=renumbered.reshape(-1, 3), edges=WIREFRAME, **MESH)
+    layers: list[Layer] = [shown]
     if loops:
         points = np.concatenate([loop.points for loop in loops])
         edges = np.stack([np.arange(len(points)), rim_successors(tuple(len(loop) for loop in loops))], axis=1)

@@ -1,7 +1,5 @@
 """A surface turned through its associate family: an animation, or a page with a slider."""
 
-from __future__ import annotations
-
 import html
 import os
 from collections.abc import Sequence
@@ -57,12 +55,7 @@ def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int =
 
 
 def checked_suffix(path: Path) -> str:
-    """The suffix of a file for a morph, in small letters.
-
-    Raises:
-        OptionError: a morph has no such format.
-        MissingPackageError: what draws or encodes it is not installed.
-    """
+    """The suffix of a file for a morph, in small letters, if there is such a format and what it takes is installed."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise OptionError(f"{path}: the format of a morph is told by its suffix, one of {', '.join(SUFFIXES)}")
@@ -74,10 +67,7 @@ def checked_suffix(path: Path) -> str:
 
 
 def family_page(surface: SpinorSurface, *, title: str) -> str:
-    """A page that needs nothing from elsewhere: the surface to turn, and a slider for θ.
-
-    Colours tell the Gauss curvature, which is the same for the whole family.
-    """
+    """A page: the surface to turn, and a slider for θ; colours tell the Gauss curvature, which stays."""
     layers = associate_family(surface)
     view = Scene(
         title="Drag to turn, wheel to zoom, double click to set it spinning; the slider turns θ.",

@@ -1,9 +1,4 @@
-"""The one way to write a page for a browser: one file that needs nothing from elsewhere, in light and in dark.
-
-Surfaces in it can be turned; the data and the script are in the page.
-"""
-
-from __future__ import annotations
+"""The one way to write a page for a browser: one file with all it needs, in light and in dark, surfaces to turn."""
 
 import base64
 import html
@@ -54,13 +49,7 @@ _LESS = "\\u003c"  # "<" in JSON
 
 
 def document(title: str, body: Sequence[str], *, style: str = "") -> str:
-    """A whole page.
-
-    Args:
-        title: of the page.
-        body: pieces of HTML.
-        style: CSS of this page, after that of all pages.
-    """
+    """A whole page of pieces of HTML; the style is CSS of this page, after that of all pages."""
     return "\n".join(
         [
             "<!doctype html>",
@@ -74,13 +63,7 @@ def document(title: str, body: Sequence[str], *, style: str = "") -> str:
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Container[int] = ()) -> str:
-    """A table of plain text.
-
-    Args:
-        columns: the headers.
-        rows: one text per column.
-        marked: rows that miss what was asked for.
-    """
+    """A table of plain text; the marked rows miss what was asked for."""
     head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in columns)
     lines = (
         f"<tr{' class=missed' * (k in marked)}>"
@@ -115,32 +98,24 @@ def picture(data: bytes, alt: str) -> str:
 class Scene:
     """Surfaces, lines and points to be looked at together.
 
-    Attributes:
-        scales: of the layers' fields, by name; without the panel the view has a list of them, the first shown first.
-        panel: whether it follows the page's controls, see `panel`.
-        cameras: from where it is looked at first, by loop of the panel; `ALWAYS` for the others.
-        unit: of lengths, for the ruler; none is drawn without.
-        flat: whether it lies in the plane of the picture, and is moved and not turned.
-        spins: whether it turns by itself until it is touched.
-        shape: "view" (small), "square" or "wide".
+    Without the panel the view has a list of the scales of the layers' fields, the first shown first.
     """
 
     title: str
     layers: Sequence[Layer]
     scales: Mapping[str, Scale] = field(default_factory=dict)
-    panel: bool = False
-    cameras: Mapping[str, Camera] = field(default_factory=dict)
-    unit: str | None = None
-    flat: bool = False
-    spins: bool = False
-    shape: str = ""
+    panel: bool = False  # whether it follows the page's controls, see `panel`
+    cameras: Mapping[str, Camera] = field(default_factory=dict)  # at first, by loop of the panel; `ALWAYS` for others
+    unit: str | None = None  # of lengths, for the ruler; none is drawn without
+    flat: bool = False  # whether it lies in the plane of the picture, and is moved and not turned
+    spins: bool = False  # whether it turns by itself until it is touched
+    shape: str = ""  # "" (small), "square" or "wide"
 
 
 class Views:
     """The views of one page: `figure` where each is to stand, `script` once at the page's end."""
 
     def __init__(self) -> None:
-        """No views yet."""
         self._views: list[dict[str, object]] = []
         # each array once, however many layers have it
         self._places: dict[str, int] = {}
@@ -210,10 +185,9 @@ class Views:
 
 
 def panel(*, colours: Mapping[str, str], switches: Sequence[str], loops: Mapping[str, str]) -> str:
-    """Controls that the views of a page follow whose scenes say so; the first colour and the first loop are chosen.
+    """Controls that scenes of a page follow, and its parts with `data-loop`; the first colour and loop are chosen.
 
-    Colours and loops are labels by name of the field or loop; parts of the page with `data-loop` another loop are
-    hidden. The switches are of layers that are not shown at first.
+    Colours and loops are labels by name of the field or loop; the switches are of layers that are not shown at first.
     """
     radios = (_choice("radio", "colour", field, label, k == 0) for k, (field, label) in enumerate(colours.items()))
     boxes = (_choice("checkbox", "show", switch, switch, False) for switch in switches)
@@ -235,11 +209,7 @@ def _choice(kind: str, name: str, value: str, label: str, checked: bool) -> str:
 
 
 def three_js() -> str:
-    """The library that draws, with its licence's notice, as trimesh carries it in the page that shows its scenes.
-
-    Raises:
-        RenderError: this trimesh has it no more, or in another form.
-    """
+    """The library that draws, with its licence's notice, from the page in which trimesh shows its scenes."""
     import trimesh
     from trimesh.viewer import scene_to_html
 

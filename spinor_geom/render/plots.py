@@ -1,7 +1,5 @@
 """Plots of figures, and colours of complex numbers."""
 
-from __future__ import annotations
-
 import html
 import io
 from collections.abc import Mapping
@@ -17,11 +15,7 @@ _CHROMA, _RISE, _FALL = 0.125, 0.25, 0.5
 _RINGS = 0.08  # of lightness, between one power of two of the modulus and the next
 # Source: Ottosson, "A perceptual color space for image processing" (2020).
 _TO_LMS = np.array(
-    [
-        [1.0, 0.3963377774, 0.2158037573],
-        [1.0, -0.1055613458, -0.0638541728],
-        [1.0, -0.0894841775, -1.2914855480],
-    ]
+    [[1.0, 0.3963377774, 0.2158037573], [1.0, -0.1055613458, -0.0638541728], [1.0, -0.0894841775, -1.2914855480]]
 )
 _TO_RGB = np.array(
     [
@@ -40,11 +34,7 @@ def log_log(
     slopes: Mapping[str, int] | None = None,
     linear_x: bool = False,
 ) -> Figure:
-    """Lines, (x, y) by label, on logarithmic axes.
-
-    With slopes, by label of a line, a straight line for comparison goes through that line's first point, and the points
-    of the first line are marked on the axis.
-    """
+    """Lines, (x, y) by label, on logarithmic axes; with slopes, by label, lines of those through their first points."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for label, (at, value) in lines.items():

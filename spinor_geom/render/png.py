@@ -1,7 +1,5 @@
 """Draws scenes as PNGs, without a display: in a process of its own, which is the main program of this module."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil
@@ -41,12 +39,7 @@ def write_png(views: Sequence[View], path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def drawn(views: Sequence[View], *, size: tuple[int, int], angles: Sequence[float] = (0.0,)) -> Iterator[list[Path]]:
-    """Draws views side by side: a PNG for each angle of the associate family; they go with the block.
-
-    Raises:
-        MissingPackageError: pyvista is not installed.
-        RenderError: the drawing failed.
-    """
+    """Draws views side by side: a PNG for each angle of the associate family; they go with the block."""
     require("pyvista", extra="render")
     with tempfile.TemporaryDirectory() as folder:
         draw_apart(views, size, angles, folder, time_limit=TIME_LIMIT + TIME_OF_FRAME * len(angles))
@@ -54,13 +47,7 @@ def drawn(views: Sequence[View], *, size: tuple[int, int], angles: Sequence[floa
 
 
 def draw_apart(*job: Any, time_limit: float) -> None:
-    """Draws in a process of its own, with what it takes to draw without a display; the job is the arguments of `draw`.
-
-    Where the system has no OpenGL library the drawing package ends its process instead of raising.
-
-    Raises:
-        RenderError: it failed, or took longer.
-    """
+    """Calls `draw` in a process of its own, which the drawing package ends where there is no OpenGL library."""
     without_display = sys.platform.startswith("linux") and not os.environ.get("DISPLAY")
     process = Process(DRAWING, {WINDOW: os.environ.get(WINDOW, "vtkEGLRenderWindow")} if without_display else {})
     try:
@@ -189,7 +176,6 @@ def _add_lines(plotter: Any, layer: Lines, radius: float) -> Callable[[Any], Non
 
 
 def _look(plotter: Any, camera: Camera, points: Any) -> None:
-    """Looks at points, in soft light from several sides."""
     import pyvista
 
     right, reach = np.cross(camera.up, camera.direction), np.linalg.norm(points - camera.focus, axis=1).max()

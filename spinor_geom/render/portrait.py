@@ -22,7 +22,7 @@ from spinor_geom.files import atomic_path
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.meshing.embed import mesh_surface
-from spinor_geom.render.layers import BACK_COLOUR, FRONT_COLOUR, GRID_COLOUR, Faces, Layer, Lines, View, turned
+from spinor_geom.render.layers import GRID_COLOUR, SIDES, Faces, Layer, Lines, View, turned
 from spinor_geom.render.png import drawn
 from spinor_geom.render.scene import upright, whole_mesh
 from spinor_geom.surface import SpinorSurface, formulas
@@ -103,7 +103,7 @@ def plain_portrait(
 ) -> Portrait:
     """Triangles with their rims; colours tell the values at the vertices, else each side has a colour of its own."""
     fields = {} if values is None else {"": values}
-    surface = Faces(vertices=vertices, faces=faces, colour=FRONT_COLOUR, inside=BACK_COLOUR, fields=fields)
+    surface = Faces(vertices=vertices, faces=faces, fields=fields, **SIDES)
     return Portrait(layers=(surface, Lines(vertices=vertices, edges=boundary_edges(faces), width=2.5)))
 
 
@@ -129,7 +129,7 @@ def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> tup
     fields = {GAUSS: gauss[:, 0]}
     rim = np.arange(mesh.boundary_size)
     return (
-        Faces(**places, faces=mesh.faces, colour=FRONT_COLOUR, inside=BACK_COLOUR, fields=fields),
+        Faces(**places, faces=mesh.faces, fields=fields, **SIDES),
         Lines(**places, edges=lines + len(known), colour=GRID_COLOUR, width=0.75),
         Lines(**places, edges=np.stack([rim, np.roll(rim, -1)], axis=1), width=2.5),
     )

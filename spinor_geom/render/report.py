@@ -1,7 +1,5 @@
 """The report of a fill as one page: the mesh to turn, Ω and the Gauss map beside it, p and q in colours, figures."""
 
-from __future__ import annotations
-
 import html
 import io
 import os
@@ -16,36 +14,15 @@ from spinor_geom.adapters import MeshFile
 from spinor_geom.comparison import Comparison
 from spinor_geom.files import write_text
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.render.layers import Scale
-from spinor_geom.render.loop_views import (
-    DISTANCE,
-    EXACT,
-    GAUSS,
-    GRID,
-    MEAN,
-    NORMALS,
-    WIREFRAME,
-    LoopViews,
-    loop_views,
-    patch_faces,
-    surroundings,
-)
+from spinor_geom.render.loop_views import COLOURS, SWITCHES, LoopViews, loop_views, patch_faces, surroundings
 from spinor_geom.render.page import Scene, Views, cell, document, panel, picture, table
 from spinor_geom.render.plots import domain_colours, inline_svg, log_log
-from spinor_geom.render.scene import camera_on, shown_loop
+from spinor_geom.render.scene import camera_on, shown_loop, used_vertices
 
 # of how many filled loops, the longest first, Ω and its functions are shown
 MOST_LOOPS = 8
 _KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to start again."
-_COLOURS = {
-    "": "one colour",
-    MEAN: "mean curvature |H| of the mesh",
-    EXACT: "mean curvature |H| of the surface, measured",
-    DISTANCE: DISTANCE,
-    GAUSS: GAUSS,
-}
-_UNITS = {MEAN: "/ mesh unit", EXACT: "/ mesh unit", DISTANCE: "mesh units", GAUSS: "/ mesh unit²"}
 _MOST_SAID = 3  # remarks that are not folded
 # the solution's own figures say them too
 _TOLD_ALREADY = ("residual_rms_per_edge", "residual_max_per_edge")
@@ -128,7 +105,6 @@ def _summary(result: FillResult) -> str:
 
 
 def _left_open(outcomes: Sequence[LoopOutcome]) -> list[str]:
-    """What the reader must not overlook."""
     said = [f"{line[0].upper()}{line[1:]}" for outcome in outcomes for line in outcome.shortcomings]
     if not said:
         return []
@@ -141,14 +117,14 @@ def _left_open(outcomes: Sequence[LoopOutcome]) -> list[str]:
 
 
 def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) -> list[str]:
-    used = result.original.vertices[referenced_vertices(result.original.faces, vertices=len(result.original.vertices))]
+    used = used_vertices(result.original)
     patches = {outcome.index: outcome.patch for outcome in result.loops if outcome.patch is not None}
     shown = {one.outcome.index: one for one in details}
     layers, left_out = surroundings(result)
     for index, patch in patches.items():
         layers += shown[index].in_space() if index in shown else [patch_faces(patch)]
-    known = {name: [one.fields[name] for one in details if name in one.fields] for name in _COLOURS}
-    scales = {name: Scale.of(np.concatenate(values), _UNITS[name]) for name, values in known.items() if values}
+    known = {name: [one.fields[name] for one in details if name in one.fields] for name in COLOURS}
+    scales = {name: Scale.of(np.concatenate(values), COLOURS[name][1]) for name, values in known.items() if values}
     cameras = {"": camera_on(used, shown_loop(result.loops))} | {
         str(i): camera_on(used, result.loops[i]) for i in patches
     }
@@ -178,8 +154,8 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
         **follow,
     )
     controls = panel(
-        colours={name: label for name, label in _COLOURS.items() if name in ("", *scales)},
-        switches=[WIREFRAME, GRID, NORMALS] if details else [WIREFRAME],
+        colours={"": "one colour"} | {name: COLOURS[name][0] for name in scales},
+        switches=SWITCHES if details else SWITCHES[:1],
         loops={str(o.index): f"loop {o.index}: {len(o.loop)} vertices" for o in (one.outcome for one in details)},
     )
     parts = [controls, f"<p><small>{_KEYS}</small></p>"]
@@ -281,12 +257,7 @@ def _flat(figures: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]
 
 
 def _png(values: Complex[np.ndarray, "h w"], middle: float) -> bytes:
-    """A function's values on a grid, row after row upwards, as a PNG; NaN is transparent.
-
-    Args:
-        values: of the function.
-        middle: the modulus that has the middle lightness.
-    """
+    """A function's values on a grid, row after row upwards, as a PNG, by the modulus of middle lightness."""
     infinite = np.isinf(np.abs(values))
     scaled = np.where(infinite, np.inf, np.where(infinite, 0, values) / middle)
     pixels = np.concatenate([domain_colours(scaled), ~np.isnan(scaled)[..., None]], axis=-1)

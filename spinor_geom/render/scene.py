@@ -1,7 +1,5 @@
 """Pictures of fills and of rims: what is in them, and from where it is seen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +10,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.render.layers import INSIDE_COLOUR, MESH_COLOUR, PATCH_COLOUR, Camera, Faces, Layer, Lines, View
+from spinor_geom.render.layers import MESH, PATCH, Camera, Faces, Layer, Lines, View
 
 ALONG_Y = np.cos(np.pi / 4)  # a view along the y axis, or nearly, has the z axis upright instead
 MARGIN_OF_HOLE = 2.2  # radius shown around a small hole, in radii of the hole
@@ -20,31 +18,20 @@ CLOSE_UP = 0.5  # a hole that would fill less of the mesh's radius than this is 
 
 
 def fill_scene(result: FillResult) -> tuple[View, ...]:
-    """The scene of a fill: the open mesh beside the filled one, with its largest patch face on.
-
-    A hole that is small against the mesh is shown close up, else the whole mesh is shown. Where nothing was filled the
-    longest open loop is looked at.
-    """
+    """The open mesh beside the filled one, its largest patch, else its longest loop, face on; small ones close up."""
     original, extension = result.original, result.extension
     # a patch that goes on with the mesh may reach far beyond it
-    camera = camera_on(np.concatenate([_used(original), extension.vertices]), shown_loop(result.loops))
+    camera = camera_on(np.concatenate([used_vertices(original), extension.vertices]), shown_loop(result.loops))
     mesh = _layers(original, [outcome.loop for outcome in result.loops])
-    patch = Faces(
-        vertices=np.concatenate([original.vertices, extension.vertices]),
-        faces=extension.faces,
-        colour=PATCH_COLOUR,
-        edges=True,
-    )
+    vertices = np.concatenate([original.vertices, extension.vertices])
+    patch = Faces(vertices=vertices, faces=extension.faces, edges=True, **PATCH)
     return View(layers=mesh, camera=camera, title="open"), View(layers=[*mesh, patch], camera=camera, title="filled")
 
 
 def loops_scene(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> tuple[View, ...]:
-    """The scene of a mesh's rims, from before the longest one and from behind.
-
-    The number of a rim stands at its vertex nearest to its centroid, in the picture in which the mesh there is seen.
-    """
+    """A mesh's rims from before the longest one and from behind, each with its number where the mesh there is seen."""
     direction, up = facing(loops[0].plane.normal if loops else np.array([0.0, 0.0, 1.0]))
-    points = _used(mesh)
+    points = used_vertices(mesh)
     places = [int(loop.vertex_ids[np.argmin(np.linalg.norm(loop.points - loop.centroid, axis=1))]) for loop in loops]
     normals = vertex_normals(mesh.vertices, mesh.faces)[places]
     is_behind = normals @ direction < 0
@@ -68,7 +55,8 @@ def shown_loop(outcomes: Sequence[LoopOutcome]) -> LoopOutcome | None:
     return outcomes[0] if outcomes else None
 
 
-def _used(mesh: TriangleMesh) -> Float[np.ndarray, "v 3"]:
+def used_vertices(mesh: TriangleMesh) -> Float[np.ndarray, "v 3"]:
+    """The points of a mesh that its faces use."""
     return np.asarray(mesh.vertices[referenced_vertices(mesh.faces, vertices=len(mesh.vertices))])
 
 
@@ -76,7 +64,7 @@ def _layers(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> list[Layer]:
     rims = [np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1) for loop in loops]
     edges = np.concatenate([np.empty((0, 2), dtype=np.int64), *rims])
     return [
-        Faces(vertices=mesh.vertices, faces=mesh.faces, colour=MESH_COLOUR, inside=INSIDE_COLOUR),
+        Faces(vertices=mesh.vertices, faces=mesh.faces, **MESH),
         Lines(vertices=mesh.vertices, edges=edges, width=2.0),
     ]
 

@@ -1,7 +1,5 @@
 """Any surface or mesh as vertices, triangles and values, and what other libraries and browsers take of it."""
 
-from __future__ import annotations
-
 import html
 import os
 from collections.abc import Mapping
@@ -21,18 +19,7 @@ from spinor_geom.measures.mean_curvature import discrete_mean_curvature
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.render.layers import (
-    INSIDE_COLOUR,
-    MESH_COLOUR,
-    PATCH_COLOUR,
-    RIM_COLOUR,
-    UNKNOWN_COLOUR,
-    VIRIDIS,
-    Faces,
-    Layer,
-    Lines,
-    Scale,
-)
+from spinor_geom.render.layers import MESH, PATCH, Faces, Layer, Lines, Scale, colours_of
 from spinor_geom.render.page import Scene, Views, document
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -45,15 +32,12 @@ _FRAME_STYLE = "body { margin: .3rem auto } figure.view { margin: 0 } figure.wid
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
-    """Triangles with values at their vertices, (n,) or (n, k) by name, as `Shown` tells them.
-
-    Colours tell the one that `curvature` names; `patch_faces` have another.
-    """
+    """Triangles with values at their vertices, (n,) or (n, k) by name, as `Shown` tells them."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
     values: Mapping[str, np.ndarray] = field(default_factory=dict)
-    curvature: str = MEAN
+    curvature: str = MEAN  # the value that colours tell
     patch_faces: Int[np.ndarray, " p"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
@@ -117,34 +101,18 @@ def shape_of(shown: Any) -> Shape:
     return _mesh(mesh.vertices, mesh.faces, mesh.vertex_attributes)
 
 
-def colours_of(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Colours in sRGB, 0 to 1, of values on viridis over their `Scale`; grey where there is none."""
-    scale, stops = Scale.of(values), np.array([_rgb(stop) for stop in VIRIDIS])
-    share = (values - scale.low) / ((scale.high - scale.low) or 1.0)
-    place = np.clip(np.nan_to_num(share), 0, 1) * (len(stops) - 1)
-    colours = np.stack([np.interp(place, np.arange(len(stops)), stops[:, k]) for k in range(3)], axis=1)
-    return np.where(np.isfinite(values)[:, None], colours, _rgb(UNKNOWN_COLOUR))
-
-
 def shape_page(shape: Shape, *, title: str) -> str:
     """A page with a shape, to turn, its curvature as a choice of colours."""
     ours = np.isin(np.arange(len(shape.faces)), shape.patch_faces)
     curvature = shape.values[shape.curvature]
     name = f"{shape.curvature.replace('_', ' ')}, 1/unit{'²' * (shape.curvature == GAUSS)}"
-    parts = [(~ours, MESH_COLOUR, INSIDE_COLOUR), (ours, PATCH_COLOUR, None)]
     layers: list[Layer] = [
-        Faces(
-            vertices=shape.vertices,
-            faces=shape.faces[chosen],
-            colour=colour,
-            inside=inside,
-            fields={name: curvature},
-        )
-        for chosen, colour, inside in parts
+        Faces(vertices=shape.vertices, faces=shape.faces[chosen], fields={name: curvature}, **look)
+        for chosen, look in ((~ours, MESH), (ours, PATCH))
         if chosen.any()
     ]
     if len(shape.rims):
-        layers.append(Lines(vertices=shape.vertices, edges=shape.rims, colour=RIM_COLOUR, width=2.5))
+        layers.append(Lines(vertices=shape.vertices, edges=shape.rims, width=2.5))
     scales = {name: Scale.of(curvature)} if np.isfinite(curvature).any() else {}
     views = Views()
     scene = Scene(title=title, layers=layers, scales=scales, unit="units", shape="wide")
@@ -167,7 +135,3 @@ def _mesh(
         found = discrete_mean_curvature(vertices, faces)
         mean[found.vertices] = found.values
     return Shape(vertices=vertices, faces=faces, values={**attributes, MEAN: mean})
-
-
-def _rgb(colour: str) -> Float[np.ndarray, "3"]:
-    return np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])

@@ -26,16 +26,11 @@ from spinor_geom.surface.weierstrass import weierstrass_phi
 _PANEL_ORDER = 4
 # rounds in which the constant of r and the nearest points of Γ are found from each other
 _CONSTANT_STEPS = 5
-# points that the bounding box of a curve is taken from
-_POINTS = 1024
+_POINTS = 1024  # points that the bounding box of a curve is taken from
 
 
 def as_boundary_curve(curve: BoundaryCurve | ClosedCurve) -> BoundaryCurve:
-    """A curve as polynomials, to rounding error where it is given by formulas.
-
-    Raises:
-        CurveError: the formulas are not those of a smooth closed curve.
-    """
+    """A curve as polynomials, to rounding error where it is given by formulas."""
     return curve if isinstance(curve, BoundaryCurve) else BoundaryCurve.from_formula(curve)
 
 
@@ -46,18 +41,13 @@ def diagonal_of(curve: BoundaryCurve) -> float:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryNodes:
-    """Nodes on ∂Ω, their parameters t increasing, with dz/dt.
-
-    Attributes:
-        weights: of the mean over t; their sum is 1.
-        integral: (n, n), values at the nodes to ∫ f dt, up to a constant.
-    """
+    """Nodes on ∂Ω, their parameters t increasing, with dz/dt."""
 
     t: Float[Tensor, " n"]
     z: Complex[Tensor, " n"]
     dz: Complex[Tensor, " n"]
-    weights: Float[Tensor, " n"]
-    integral: Float[Tensor, "n n"]
+    weights: Float[Tensor, " n"]  # of the mean over t; their sum is 1
+    integral: Float[Tensor, "n n"]  # of values at the nodes: ∫ f dt, up to a constant
 
     @classmethod
     def on(cls, domain: PlaneDomain, count: int, device: torch.device) -> BoundaryNodes:
@@ -104,10 +94,7 @@ def placed(
     *,
     held: bool = False,
 ) -> Placed:
-    """The boundary of the surface of p and q, its constant such that it is as near to Γ as it can be.
-
-    The nearest points are looked for from the slide on, which is kept as it is where it is `held`.
-    """
+    """The boundary of the surface of p and q, as near to Γ as a constant brings it, from the slide on or held."""
     position = nodes.positions(spinors)
     position = position - nodes.weights @ (position - curve.point_and_derivative(slide)[0])
     for _ in range(0 if held else _CONSTANT_STEPS):

@@ -33,7 +33,7 @@ from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training.boundary import BoundaryNodes, Placed, as_boundary_curve, diagonal_of, move_to, placed
-from spinor_geom.training.result import Trained, TrainingStep, taken_by
+from spinor_geom.training.result import Trained, TrainingStep
 
 # damping at the start, as a share of the mean diagonal entry of J Jᴴ: near to what is sought, and from random numbers
 _NEAR, _FAR = 1e-6, 1e-1
@@ -44,8 +44,7 @@ _MOST_NODES = 512
 _DEEP, _GAIN_ALONE = 3, 8.0
 # shares of the tolerance at which distillation (r is quadratic in p and q, so errors double) and polishing stop
 _DISTILLED, _POLISHED = 0.1, 0.2
-# change of the damping after a good and a bad step
-_LESS, _MORE = 0.2, 4.0
+_LESS, _MORE = 0.2, 4.0  # change of the damping after a good and a bad step
 # least damping as a share of the mean diagonal entry of J Jᴴ: below it rounding decides
 _LEAST_DAMPING = 1e-16
 # so many steps have to lessen the distance by a tenth together, else it stands still
@@ -97,7 +96,7 @@ class LevenbergMarquardt:
             matching=None if start is None else start.matching,
             options=self,
             device=device,
-            on_step=taken_by(steps),
+            on_step=lambda step: steps.take(step.method, step.loss),
         )
         return trained.as_disk(curve)
 
@@ -135,8 +134,6 @@ def train_by_levenberg_marquardt(
 
 
 class _Training:
-    """One curve, its network, and the steps so far."""
-
     def __init__(
         self,
         curve: BoundaryCurve,
@@ -244,9 +241,6 @@ class _Training:
         self.history.append(step)
         if self.on_step is not None:
             self.on_step(step)
-
-
-# --- damped steps -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,8 +1,5 @@
 """What training returns: a surface, how near its boundary came, and every step on the way."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,7 +9,6 @@ from jaxtyping import Float
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
@@ -88,8 +84,3 @@ class Trained:
             route="trained",
             limit=self.reason,
         )
-
-
-def taken_by(steps: Steps) -> Callable[[TrainingStep], None]:
-    """What takes steps of training down as iterations of a solve."""
-    return lambda step: steps.take(step.method, step.loss)

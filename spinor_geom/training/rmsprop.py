@@ -1,7 +1,5 @@
 """The paper's training: Algorithm 1, alternating RMSprop on the surface and on the homeomorphism of its boundary."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math
@@ -35,12 +33,10 @@ from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve, diagonal_of, move_to
-from spinor_geom.training.result import Status, Trained, TrainingStep, taken_by
+from spinor_geom.training.result import Status, Trained, TrainingStep
 
-# of files with the state of a training
-_FORMAT = "spinor_geom.training 2"
-# a loss so many times that of the first epoch is no training any more
-_GROWTH = 1e3
+_FORMAT = "spinor_geom.training 2"  # of files with the state of a training
+_GROWTH = 1e3  # a loss so many times that of the first epoch is no training any more
 # points of ∂Ω and of Γ between which the boundary error is measured
 _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192
 # its rates suit curves of the paper's size: a solver's Γ gets the diagonal of the unit circle's bounding box
@@ -115,7 +111,8 @@ class RMSprop:
         """A minimal disk over a curve at unit size, from random parameters; see `plateau.options.Trainer`."""
         assert start is None
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
-        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=taken_by(steps))
+        take = steps.take
+        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=lambda s: take(s.method, s.loss))
         return trained.as_disk(curve, scale=1 / _DIAGONAL)
 
 
@@ -156,8 +153,6 @@ def train_by_rmsprop(
 
 
 class _Training:
-    """The networks, their optimisers, the random numbers, and the epochs so far."""
-
     def __init__(self, curve: BoundaryCurve, options: RMSprop, device: torch.device) -> None:
         self.options, self.device = options, device
         self.path = None if options.checkpoint is None else Path(options.checkpoint)
@@ -182,8 +177,6 @@ class _Training:
             for name, module in self.modules.items()
         }
         self.history: list[TrainingStep] = []
-
-    # --- Algorithm 1 --------------------------------------------------------------------------------------------------
 
     def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
         """Epochs until the last one, no more time, or a divergence."""
@@ -255,8 +248,6 @@ class _Training:
             ways.append(Misfit.from_distances(distance, slide, weights, self.curve, length=length))
         largest = {name: max(getattr(way, name) for way in ways) for name in ("rms", "max", "max_per_local_edge")}
         return Misfit(**largest, length=length)
-
-    # --- state --------------------------------------------------------------------------------------------------------
 
     def save(self, path: Path) -> None:
         """Writes parameters, optimisers, random numbers, some points of the curve, options and history."""
@@ -335,7 +326,6 @@ def boundary_loss(of: Moving, onto: Moving, *, tangent_weight: float) -> Float[T
 
 
 def _read_state(path: Path) -> dict[str, Any]:
-    """What `_Training.save` wrote."""
     try:
         # only what torch itself writes is looked into
         state = torch.load(path, map_location="cpu", weights_only=True) if zipfile.is_zipfile(path) else None

@@ -15,6 +15,7 @@ import tarfile
 import tracemalloc
 import zipfile
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -239,7 +240,7 @@ def test_archives_are_read_member_by_member_in_any_order(tmp_path: Path, suffix:
     assert [source.key for source in found] == [f"pack{suffix}/set/{number}.obj" for number in range(5)]
     reader = ArchiveReader()
     for source in [*found, found[3], found[1]]:
-        source = Source.from_dict(json.loads(json.dumps(source.to_dict())))
+        source = Source.from_dict(json.loads(json.dumps(asdict(source))))
         assert source.member is not None
         stream = reader.open(source.path, source.member)
         assert stream.read(10) == data[source.member.name][:10]

@@ -7,7 +7,7 @@ import io
 import json
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +41,9 @@ def solved(given: list[Path], output: Path, *, together: int = 16, **options: An
     chosen = BatchOptions(**options)
     told: Told = []
     with opened_store(output, chosen, resume=False) as store:
-        sources = [source.to_dict() for source in Inputs(given, output=output, limits=LIMITS)]
+        sources = [asdict(source) for source in Inputs(given, output=output, limits=LIMITS)]
         for start in range(0, len(sources), together):
-            job = {"sources": sources[start : start + together], "options": chosen.to_dict()}
+            job = {"sources": sources[start : start + together], "options": asdict(chosen)}
             solver.work({**job, "store": asdict(store)}, told.append, archives=ArchiveReader())
     return told
 
@@ -327,11 +327,11 @@ def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
         options = BatchOptions()
         with opened_store(output, options, resume=output.exists()) as store:
             job = {
-                "sources": [source.to_dict() for source in Inputs(given, output=output, limits=LIMITS)],
-                "options": options.to_dict(),
+                "sources": [asdict(source) for source in Inputs(given, output=output, limits=LIMITS)],
+                "options": asdict(options),
                 "store": {"output": store.output, "token": token or store.token},
             }
-            return worker.run_block(job, {**asdict(LIMITS), **changed})
+            return worker.run_block(job, replace(LIMITS, **changed))
 
     yield run
     worker.solver().end()
@@ -375,11 +375,9 @@ def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, mo
     monkeypatch.setattr(worker, "solver", Solver)
     options, output = BatchOptions(), tmp_path / "out"
     with opened_store(output, options, resume=False) as store:
-        sources = [
-            source.to_dict() for source in Inputs(write_curves(tmp_path / "in", 3), output=output, limits=LIMITS)
-        ]
-        job = {"sources": sources, "options": options.to_dict(), "store": asdict(store)}
-        done = worker.run_block(job, asdict(LIMITS))
+        sources = [asdict(source) for source in Inputs(write_curves(tmp_path / "in", 3), output=output, limits=LIMITS)]
+        job = {"sources": sources, "options": asdict(options), "store": asdict(store)}
+        done = worker.run_block(job, LIMITS)
     assert [one["status"] for one in done["finished"]] == ["done"] * 3
 
 
@@ -432,7 +430,7 @@ def test_results_that_cannot_be_placed_cost_one_file(tmp_path: Path) -> None:
         Path(store.output, "files").mkdir()
         store.folder("curve001.obj").write_text("")
         told: Told = []
-        job = {"sources": [source.to_dict() for source in sources], "options": BatchOptions().to_dict()}
+        job = {"sources": [asdict(source) for source in sources], "options": asdict(BatchOptions())}
         solver.work({**job, "store": asdict(store)}, told.append, archives=ArchiveReader())
     found = {one["key"]: one["status"] for one in (event["finished"] for event in told if "finished" in event)}
     assert found == {"curve000.obj": "done", "curve001.obj": "fault", "curve002.obj": "done"}

@@ -157,8 +157,6 @@ def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     assert "http" not in text.replace("http-equiv", "")
     assert "enneper-0.5" in text
     assert len(text) < 5_000_000
-    plot = folder / page.PLOTS / "enneper-0.5-error-time.png"
-    assert plot.stat().st_size > 1000
     rows = list(csv.DictReader((folder / page.CSV).read_text(encoding="utf-8").splitlines()))
     assert len(rows) == total
     # figures of other versions are not mixed in
