@@ -38,24 +38,24 @@ def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
     return _Capacity(form=DirichletForm.of(domain, n)).mean_modulus
 
 
-def all_on_path(problem: RimsProblem, surface: HarmonicSurface) -> list[HarmonicSurface]:
-    """The critical points on the path of a surface whose slides are stationary, by mean modulus.
+def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[HarmonicSurface]:
+    """The critical points on the path of a surface whose slides are stationary, if there is one, by mean modulus.
 
     Raises:
         SurfaceError: the energy rises from the least mean modulus on that the nodes resolve, or the nodes crowd: other
             critical points may exist.
     """
     path = _Path(problem=problem)
-    here = path.at(_OnPath.near(problem.point(surface)), None)
+    here = None if surface is None else path.at(_OnPath.near(problem.point(surface)), None)
     if here is None or here.here.crowded:
         raise SurfaceError(
             "the nodes crowd on the rims: the gap between them is too long or too uneven for round circles, and no "
             "surface was found"
         )
     points = [*path.followed(here, -1)[::-1], here, *path.followed(here, 1)]
-    if surface.domain.rims == 2 and points[0].multiplier < 0:
+    if here.here.domain.rims == 2 and points[0].multiplier < 0:
         raise SurfaceError(
-            f"the gap between the rims is too narrow for their length: {surface.slides.shape[1]} nodes on each do not "
+            f"the gap between the rims is too narrow for their length: {here.here.form.steps} nodes on each do not "
             "resolve it, and no annulus was found; divide the gap by a few edges between the rims and fill the holes "
             "that result"
         )

@@ -25,7 +25,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.douglas_rims import ROUNDING, RimsProblem
+from spinor_geom.plateau.douglas_rims import HELD, ROUNDING, RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
@@ -245,8 +245,7 @@ class RimsSolver:
         start = min(self._starts, key=lambda start: start.surface.dirichlet_energy)
         with self.request.clock.stage("moduli"):
             problem = self._problem(start)
-            held = problem.descended(start.surface, tolerance=_POOR, fixed=True)
-            assert held is not None  # a modulus that stays does not run away
+            held = problem.descended(start.surface, tolerance=_POOR, stiffness=HELD)
             return [replace(start, surface=surface) for surface in all_on_path(problem, held)]
 
     def _stable(self) -> list[Placement]:
