@@ -30,9 +30,8 @@ _NODES = 16
 _KEPT = 2
 # Eyes' distances from the rims' middle, in the rims' largest distance from it.
 _EYES = (0.5, 2.0)
-# Narrowest circles on a sphere, as the cosine of their angle; the least gap between two, in radii of the smaller one;
-# and how often those that cross are made smaller.
-_NARROWEST, _CLEAR, _SHRINKINGS = 0.9999, 0.1, 20
+# Narrowest circles on a sphere, as the cosine of their angle, and how often those that cross are made smaller.
+_NARROWEST, _SHRINKINGS = 0.9999, 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,9 +159,7 @@ def _circles_on_sphere(
     apart = (axis @ axis.T).clamp(-1, 1).acos()
     apart.fill_diagonal_(math.inf)
     for _ in range(_SHRINKINGS):
-        # circles that cross, or nearly so, are made smaller
-        excess = width[:, None] + width + _CLEAR * torch.minimum(width[:, None], width) - apart
-        excess = excess.max(dim=1).values.clamp(min=0)
+        excess = (width[:, None] + width - apart).max(dim=1).values.clamp(min=0)
         if not excess.any():
             break
         width = (width - excess).maximum(width / 2)
