@@ -46,7 +46,7 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
             critical points may exist.
     """
     path = _Path(problem=problem)
-    here = None if surface is None else path.at(_OnPath.near(problem.point(surface)), None)
+    here = None if surface is None else path.at(_OnPath.near(surface), None)
     if here is None or here.here.crowded:
         raise SurfaceError(
             "the nodes crowd on the rims: the gap between them is too long or too uneven for round circles, and no "
@@ -201,7 +201,7 @@ class _Path:
             width = high.log_modulus - low.log_modulus
             middle = self._nearby((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
             found = self.problem.critical(middle.here)
-            log = _OnPath.near(self.problem.point(found)).log_modulus
+            log = _OnPath.near(found).log_modulus
             if (
                 middle in (low, high)
                 or width < _LEAST_STEP

@@ -30,8 +30,6 @@ HELD = 1e26
 ROUNDING = 1e-13
 # A step of Newton's method at a critical point lowers the gradient at least to this share.
 _GAIN = 0.5
-# Curvatures of the energy below this share of the largest count as none.
-_FLAT = 1e-12
 # Curvatures of the energy by the moduli below this share of it are raised to that.
 _FLAT_MODULUS = 1e-3
 
@@ -44,10 +42,6 @@ class RimsProblem:
     negligible: float = ROUND_OFF  # as for `DirichletForm.of`
     on_step: Callable[[float], None] | None = None  # is called with the gradient at each Newton step; None for silence
 
-    def at(self, slides: Float[Tensor, "m n"], domain: CircularDomain) -> HarmonicSurface:
-        """The harmonic surface with given slides over a given domain."""
-        return HarmonicSurface.of(self.curves, slides, domain, self.negligible)
-
     def descended(
         self, start: HarmonicSurface, *, tolerance: float, stiffness: float = _STIFF_MODULUS
     ) -> HarmonicSurface | None:
@@ -57,8 +51,7 @@ class RimsProblem:
         factors nothing, is no way to here: its steps are not held back in the moduli, so that it leaves shallow valleys
         (the 5-noid's falls apart), and along splines it takes three times as long.
         """
-        here = self.point(start)
-        damping = _DAMPING
+        here, damping = start, _DAMPING
         for _ in range(MOST_STEPS):
             require_time()
             if self.on_step is not None:
@@ -92,7 +85,7 @@ class RimsProblem:
 
     def critical(self, near: HarmonicSurface, *, tolerance: float = ROUNDING) -> HarmonicSurface:
         """The critical point next to a surface, a minimum or not, by plain Newton steps while the gradient falls."""
-        here = self.point(near)
+        here = near
         for _ in range(MOST_STEPS):
             if self.on_step is not None:
                 self.on_step(here.size)
@@ -111,13 +104,13 @@ class RimsProblem:
 
     def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
         """The harmonic surface of the same slides at n nodes on each rim."""
-        return self.at(resampled(surface.slides, n), surface.domain)
+        return HarmonicSurface.of(self.curves, resampled(surface.slides, n), surface.domain, self.negligible)
 
     def settled(
         self, surface: HarmonicSurface, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0
     ) -> HarmonicSurface:
         """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many."""
-        start = _AsBatch(here=self.point(self.resampled(surface, n)))
+        start = _AsBatch(here=self.resampled(surface, n))
         ((found, _),) = minimised(
             start,
             tolerances=[tolerance],
@@ -127,15 +120,6 @@ class RimsProblem:
             on_step=[] if self.on_step is None else [self.on_step],
         )
         return found.here
-
-    def index(self, surface: HarmonicSurface) -> int:
-        """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
-        values = torch.linalg.eigvalsh(self.point(surface).hessian())
-        return int((values < -_FLAT * values.abs().max()).sum())
-
-    def point(self, surface: HarmonicSurface) -> HarmonicSurface:
-        """The surface of the same slides and domain on these curves."""
-        return self.at(surface.slides, surface.domain)
 
 
 def is_apart(domain: CircularDomain) -> bool:

@@ -238,7 +238,7 @@ class RimsSolver:
             return [replace(start, surface=surface) for surface in all_on_path(problem, held)]
 
     def _stable(self) -> list[Placement]:
-        return [placed for placed in self.all_critical() if self._problem(placed).index(placed.surface) == 0]
+        return [placed for placed in self.all_critical() if placed.surface.index == 0]
 
     def fitted(self, placed: Placement) -> Found:
         """The surface with as many nodes as the tolerance asks for, or as help."""
@@ -285,7 +285,7 @@ class RimsSolver:
     def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
         """The surface over the loops' own curves, and with more and more nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
-        stable = self._problem(placed).index(surface) == 0
+        stable = surface.index == 0
         if self._is_noisy:
             n = _even(_PER_EDGE * max(map(len, self.request.units)))
             with self.request.clock.stage("slides"):

@@ -26,6 +26,8 @@ _MOST_HALVINGS = 4
 _LARGEST_STEP = 0.5
 # Share of a curve that no step may be: few nodes do not crowd before they are all in one place.
 _LARGE_PART = 0.5
+# Curvatures of the energy below this share of the largest count as none.
+_FLAT = 1e-12
 # Error of Λ, relative, above which so many nodes do not resolve the gaps between the circles.
 _UNRESOLVED = 1e-2
 
@@ -124,6 +126,12 @@ class HarmonicSurface:
         hessian[count:, :count], hessian[:count, count:] = self.mixed, self.mixed.T
         hessian[count:, count:] = self.moduli.hessian
         return hessian.addr_(self.rotation, self.rotation, alpha=self.stiffness)
+
+    @property
+    def index(self) -> int:
+        """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
+        values = torch.linalg.eigvalsh(self.hessian())
+        return int((values < -_FLAT * values.abs().max()).sum())
 
     @cached_property
     def mixed(self) -> Float[Tensor, "p mn"]:
