@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import torch
 from jaxtyping import Float
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
@@ -38,24 +38,24 @@ def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
     return _Capacity(form=DirichletForm.of(domain, n)).mean_modulus
 
 
-def all_on_path(problem: RimsProblem, surface: HarmonicSurface) -> list[HarmonicSurface]:
-    """The critical points on the path of a surface whose slides are stationary, by mean modulus.
+def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[HarmonicSurface]:
+    """The critical points on the path of a surface whose slides are stationary, if there is one, by mean modulus.
 
     Raises:
         SurfaceError: the energy rises from the least mean modulus on that the nodes resolve, or the nodes crowd: other
             critical points may exist.
     """
     path = _Path(problem=problem)
-    here = path.at(_OnPath.near(problem.point(surface)), None)
+    here = None if surface is None else path.at(_OnPath.near(surface), None)
     if here is None or here.here.crowded:
         raise SurfaceError(
             "the nodes crowd on the rims: the gap between them is too long or too uneven for round circles, and no "
             "surface was found"
         )
     points = [*path.followed(here, -1)[::-1], here, *path.followed(here, 1)]
-    if surface.domain.rims == 2 and points[0].multiplier < 0:
+    if here.here.domain.rims == 2 and points[0].multiplier < 0:
         raise SurfaceError(
-            f"the gap between the rims is too narrow for their length: {surface.slides.shape[1]} nodes on each do not "
+            f"the gap between the rims is too narrow for their length: {here.here.form.steps} nodes on each do not "
             "resolve it, and no annulus was found; divide the gap by a few edges between the rims and fill the holes "
             "that result"
         )
@@ -135,19 +135,26 @@ class _OnPath:
         along = slides.square().mean().sqrt() / self.here.normal.square().sum(-1).mean().sqrt()
         return max(float(along), float(moduli.abs().max()) / self.here.energy, abs(self.log_modulus - log_modulus))
 
-    def corrected(self, log_modulus: float) -> _OnPath:
-        """After one Newton step to the path at a given log M."""
-        here, count = self.here, len(self.here.by_slides)
-        hessian = here.hessian()
+    @cached_property
+    def _steps(self) -> Float[Tensor, "2 k"]:
+        """Newton's step at this λ, and the step for each unit of λ."""
+        hessian, count = self.here.hessian(), len(self.here.by_slides)
         hessian[count:, count:] -= self.multiplier * self.capacity.moduli.hessian
         # the derivative of log M is −(2/T) that of T/2
-        pull = torch.cat([torch.zeros_like(here.by_slides), self.capacity.moduli.slopes])
-        normal = self.by_log_modulus
-        gap = self.log_modulus - log_modulus
-        both = torch.linalg.solve(hessian, torch.stack([-self._gradient, pull], dim=1))
-        change = (-gap - normal @ both[:, 0]) / (normal @ both[:, 1])
-        step = both[:, 0] + change * both[:, 1]
-        return _OnPath(here=here.stepped(step), multiplier=self.multiplier + float(change))
+        pull = torch.cat([torch.zeros_like(self.here.by_slides), self.capacity.moduli.slopes])
+        steps: Tensor = torch.linalg.solve(hessian, torch.stack([-self._gradient, pull], dim=1)).T
+        return steps
+
+    @cached_property
+    def rise(self) -> float:
+        """The derivative of λ by log M along the path."""
+        return 1 / float(self.by_log_modulus @ self._steps[1])
+
+    def corrected(self, log_modulus: float) -> _OnPath:
+        """After one Newton step to the path at a given log M."""
+        step, by_multiplier = self._steps
+        change = (log_modulus - self.log_modulus - float(self.by_log_modulus @ step)) * self.rise
+        return _OnPath(here=self.here.stepped(step + change * by_multiplier), multiplier=self.multiplier + change)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,27 +178,21 @@ class _Path:
 
     def critical(self, points: list[_OnPath]) -> list[HarmonicSurface]:
         """Where λ changes its sign, or does so twice between two of its steps."""
-        for left, middle, right in zip(points, points[1:], points[2:], strict=False):
-            sizes = [point.multiplier * math.copysign(1, middle.multiplier) for point in (left, middle, right)]
-            if min(sizes) == sizes[1] > 0:
-                points = sorted([*points, self._least(left, middle, right)], key=lambda point: point.log_modulus)
+        for low, high in pairwise(points):
+            sign = math.copysign(1, low.multiplier)
+            if low.multiplier * high.multiplier > 0 and sign * low.rise < 0 < sign * high.rise:
+                points = sorted([*points, self._least(low, high)], key=lambda point: point.log_modulus)
         return [
             self._zero(before, after)
             for before, after in pairwise(points)
             if before.multiplier * after.multiplier < 0 or after.multiplier == 0
         ]
 
-    def _least(self, *points: _OnPath) -> _OnPath:
-        """Where |λ| is least between points."""
-        sign = math.copysign(1, points[1].multiplier)
-        ends = points[0].log_modulus, points[-1].log_modulus
-        found = minimize_scalar(
-            lambda log: sign * self._nearby(points, log).multiplier,
-            bounds=ends,
-            method="bounded",
-            options={"xatol": _LEAST_STEP},
-        )
-        return self._nearby(points, float(found.x))
+    def _least(self, low: _OnPath, high: _OnPath) -> _OnPath:
+        """Where |λ| is least between two points."""
+        ends = low, high
+        log = brentq(lambda log: self._nearby(ends, log).rise, low.log_modulus, high.log_modulus, xtol=_LEAST_STEP)
+        return self._nearby(ends, log)
 
     def _zero(self, low: _OnPath, high: _OnPath) -> HarmonicSurface:
         """The critical point between two points: Newton's method from where λ is about 0, if it stays between them."""
@@ -200,7 +201,7 @@ class _Path:
             width = high.log_modulus - low.log_modulus
             middle = self._nearby((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
             found = self.problem.critical(middle.here)
-            log = _OnPath.near(self.problem.point(found)).log_modulus
+            log = _OnPath.near(found).log_modulus
             if (
                 middle in (low, high)
                 or width < _LEAST_STEP

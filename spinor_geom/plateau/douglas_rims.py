@@ -25,12 +25,11 @@ MOST_MODULUS = 20.0
 _DAMPING, _FACTOR = 1e-2, 4.0
 # Share of the energy that is added to the metric of each modulus: the search stays in shallow valleys.
 _STIFF_MODULUS = 0.1
+HELD = 1e26
 # Gradients, dampings and falls of the energy at which nothing but rounding errors is left.
 ROUNDING = 1e-13
 # A step of Newton's method at a critical point lowers the gradient at least to this share.
 _GAIN = 0.5
-# Curvatures of the energy below this share of the largest count as none.
-_FLAT = 1e-12
 # Curvatures of the energy by the moduli below this share of it are raised to that.
 _FLAT_MODULUS = 1e-3
 
@@ -43,32 +42,25 @@ class RimsProblem:
     negligible: float = ROUND_OFF  # as for `DirichletForm.of`
     on_step: Callable[[float], None] | None = None  # is called with the gradient at each Newton step; None for silence
 
-    def at(self, slides: Float[Tensor, "m n"], domain: CircularDomain) -> HarmonicSurface:
-        """The harmonic surface with given slides over a given domain."""
-        return HarmonicSurface.of(self.curves, slides, domain, self.negligible)
-
-    def descended(self, start: HarmonicSurface, *, tolerance: float, fixed: bool = False) -> HarmonicSurface | None:
+    def descended(
+        self, start: HarmonicSurface, *, tolerance: float, stiffness: float = _STIFF_MODULUS
+    ) -> HarmonicSurface | None:
         """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
 
-        A modulus runs away then, or a rim shrinks to a point of it. The moduli may be held fixed. `minimised`, which
+        A modulus runs away then, or a rim shrinks to a point of it; `HELD` stiffness keeps them. `minimised`, which
         factors nothing, is no way to here: its steps are not held back in the moduli, so that it leaves shallow valleys
         (the 5-noid's falls apart), and along splines it takes three times as long.
         """
-        here = self.point(start)
-        damping = _DAMPING
+        here, damping = start, _DAMPING
         for _ in range(MOST_STEPS):
             require_time()
-            size = here.slope if fixed else here.size
             if self.on_step is not None:
-                self.on_step(size)
-            if size <= tolerance:
+                self.on_step(here.size)
+            if here.size <= tolerance:
                 break
-            hessian = here.hessian(fixed=fixed)
-            gradient = here.gradient(fixed=fixed)
+            hessian, gradient, count = here.hessian(), here.gradient(), len(here.by_slides)
             metric = here.stiffness * torch.ones_like(gradient)
-            if not fixed:
-                count = len(here.by_slides)
-                metric[count:] = hessian.diagonal()[count:].abs() + _STIFF_MODULUS * here.energy
+            metric[count:] = hessian.diagonal()[count:].abs() + stiffness * here.energy
             there = None
             while damping < 1 / ROUNDING:
                 damped = hessian.clone()
@@ -76,7 +68,7 @@ class RimsProblem:
                 factor, info = torch.linalg.cholesky_ex(damped)
                 if int(info) == 0:
                     step = torch.cholesky_solve(-gradient[:, None], factor)[:, 0]
-                    there = here.stepped(step, fixed=fixed)
+                    there = here.stepped(step)
                     if there.energy <= here.energy * (1 + ROUNDING):
                         break
                     there = None
@@ -84,17 +76,16 @@ class RimsProblem:
             if there is None:
                 break
             stays = here.energy - there.energy < ROUNDING * here.energy
-            lower = (there.slope if fixed else there.size) < _GAIN * size
-            if stays and not lower:
+            if stays and not there.size < _GAIN * here.size:
                 break
             here, damping = there, max(damping / _FACTOR, ROUNDING)
-            if not fixed and (here.crowded or is_apart(here.domain)):
+            if here.crowded or is_apart(here.domain):
                 return None
         return here
 
     def critical(self, near: HarmonicSurface, *, tolerance: float = ROUNDING) -> HarmonicSurface:
         """The critical point next to a surface, a minimum or not, by plain Newton steps while the gradient falls."""
-        here = self.point(near)
+        here = near
         for _ in range(MOST_STEPS):
             if self.on_step is not None:
                 self.on_step(here.size)
@@ -113,13 +104,13 @@ class RimsProblem:
 
     def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
         """The harmonic surface of the same slides at n nodes on each rim."""
-        return self.at(resampled(surface.slides, n), surface.domain)
+        return HarmonicSurface.of(self.curves, resampled(surface.slides, n), surface.domain, self.negligible)
 
     def settled(
         self, surface: HarmonicSurface, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0
     ) -> HarmonicSurface:
         """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many."""
-        start = _AsBatch(here=self.point(self.resampled(surface, n)))
+        start = _AsBatch(here=self.resampled(surface, n))
         ((_, found, _),) = minimised(
             start,
             tolerances=[tolerance],
@@ -129,15 +120,6 @@ class RimsProblem:
             on_step=[] if self.on_step is None else [self.on_step],
         )
         return found.here
-
-    def index(self, surface: HarmonicSurface) -> int:
-        """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
-        values = torch.linalg.eigvalsh(self.point(surface).hessian())
-        return int((values < -_FLAT * values.abs().max()).sum())
-
-    def point(self, surface: HarmonicSurface) -> HarmonicSurface:
-        """The surface of the same slides and domain on these curves."""
-        return self.at(surface.slides, surface.domain)
 
 
 def is_apart(domain: CircularDomain) -> bool:

@@ -16,8 +16,6 @@ from spinor_geom.plateau.steps import STALLED, Steps
 
 # Of the first step, as a share of the mean diagonal entry of the normal equations.
 _FIRST_DAMPING = 1e-2
-# Of a step, each five times as much damped as the one before: the last takes 10⁻⁸ of it and less.
-_TRIES = 14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -205,7 +203,7 @@ def _damped_step(problem: PlateauProblem, state: Fit, linear: _Linear, damping: 
     gradient = linear.gradient(problem, state)
     scale = linear.normal_matrix.diagonal().mean()
     speed2 = state.tangent.square().sum(1)
-    for _ in range(_TRIES):
+    while damping < 1 / torch.finfo(torch.float64).eps:
         shifted = linear.normal_matrix.clone()
         shifted.diagonal().add_(scale * damping)
         factor, info = torch.linalg.cholesky_ex(shifted)

@@ -47,8 +47,6 @@ _CROWDED = 1200.0
 _NODES_PER_GAP = 40.0
 # Way of a vertex of Ω, in residuals, that changes nothing: its scale is near to 1. With 1 areas are off by 5e-4.
 _STILL = 0.01
-# Fits of one loop, each with more units than the one before.
-_ROUNDS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -218,7 +216,7 @@ class NetworkSolver:
             if best.rms > self.request.allowed and stage.has_moduli:
                 corrected = self._with_right_moduli(stage, readout, slide)
                 best = replace(min(best, corrected, key=lambda one: one.rms), folds=corrected.folds)
-        while best.rounds < _ROUNDS and self._is_missed(best):
+        while self._is_missed(best):
             finer = best.stage.refined(best.energy, best.rms / self._excess(best))
             if finer is None:
                 break

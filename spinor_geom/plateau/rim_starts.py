@@ -1,8 +1,7 @@
 """Where Douglas's problem for several rims starts: each one's place in Ω, its direction, and what is opposite what.
 
 Two rims are matched by all shifts of one against the other and all moduli at once. More are seen as circles on a sphere
-around some points, from where the energy is least, on the domain on which equal steps of the angle are as even as can
-be.
+around some points, from where the energy is least.
 """
 
 from __future__ import annotations
@@ -10,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
 
+import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
@@ -31,9 +30,8 @@ _NODES = 16
 _KEPT = 2
 # Eyes' distances from the rims' middle, in the rims' largest distance from it.
 _EYES = (0.5, 2.0)
-# Narrowest circles on a sphere, as the cosine of their angle; the least gap between two, in radii of the smaller one;
-# and how often those that cross are made smaller.
-_NARROWEST, _CLEAR, _SHRINKINGS = 0.9999, 0.1, 20
+# Narrowest circles on a sphere, as the cosine of their angle, and how often those that cross are made smaller.
+_NARROWEST, _SHRINKINGS = 0.9999, 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,12 +112,12 @@ def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
     axes = torch.linalg.eigh(torch.einsum("mni,mnj->ij", samples - middle, samples - middle))[1].T
     size = (samples - middle).norm(dim=-1).max()
     ways = [torch.zeros_like(axes[0]), *(share * way for share in _EYES for way in (*axes, *-axes))]
-    starts = [_seen(rims, samples, middle + size * way) for way in ways]
+    starts = [_seen(rims, samples, middle + size * way, n) for way in ways]
     found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.dirichlet_energy)
-    return [_spread(start, n) for start in found[:_KEPT]]
+    return [start.with_first_as_given() for start in found[:_KEPT]]
 
 
-def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], eye: Float[Tensor, "3"]) -> Placement | None:
+def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m k 3"], eye: Float[Tensor, "3"], n: int) -> Placement | None:
     """The start that a point shows; none where two rims are seen in one direction."""
     m = len(rims)
     away = torch.nn.functional.normalize(samples - eye, dim=-1)
@@ -130,144 +128,61 @@ def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], eye: Float[Tenso
     side = torch.einsum("kni,mi->mkn", away, axis) - height[:, None, None]
     side[torch.arange(m), torch.arange(m)] = 0
     sign = -side.sum((1, 2)).sign()
-    axis, height = sign[:, None] * axis, sign * height
-    return _on_sphere(rims, away, axis, height.clamp(-_NARROWEST, _NARROWEST).acos())
+    axis, width = sign[:, None] * axis, (sign * height).clamp(-_NARROWEST, _NARROWEST).acos()
+    # the widest outside, and about 0 what is opposite to it
+    opposite = axis @ axis[width.argmax()]
+    order = opposite.index_fill(0, width.argmax(), -math.inf).argsort()
+    seen = _circles_on_sphere(axis[order], width[order], away[order])
+    if seen is None:
+        return None
+    domain, points = seen
+    even, parts = (np.arange(count) / count for count in (n, _NODES))
+    coordinates = domain.coordinates(points).cpu().numpy()
+    slides, back = [], []
+    for k in range(m):
+        turn = np.unwrap(np.angle(coordinates[k, k])) / (2 * np.pi)
+        back.append(bool(turn[-1] < turn[0]))
+        own = -parts if back[-1] else parts
+        slides.append(even + np.interp(even, turn, own - turn, period=1))
+    return Placement.of(
+        [rims[k] for k in order.tolist()], back, torch.as_tensor(np.stack(slides), device=away.device), domain
+    )
 
 
-def _on_sphere(
-    rims: Sequence[Rim], away: Float[Tensor, "m n 3"], axis: Float[Tensor, "m 3"], width: Float[Tensor, " m"]
-) -> Placement | None:
-    m, n = away.shape[:2]
+def _circles_on_sphere(
+    axis: Float[Tensor, "m 3"], width: Float[Tensor, " m"], points: Float[Tensor, "m k 3"]
+) -> tuple[CircularDomain, Complex[Tensor, "m k"]] | None:
+    """Ω between circles on a sphere, the first one outside and the second one about 0, and points of the sphere in it.
+
+    None where circles cross and cannot be made so small that they do not.
+    """
     apart = (axis @ axis.T).clamp(-1, 1).acos()
     apart.fill_diagonal_(math.inf)
     for _ in range(_SHRINKINGS):
-        # circles that cross, or nearly so, are made smaller
-        excess = width[:, None] + width + _CLEAR * torch.minimum(width[:, None], width) - apart
-        excess = excess.max(dim=1).values.clamp(min=0)
+        excess = (width[:, None] + width - apart).max(dim=1).values.clamp(min=0)
         if not excess.any():
             break
         width = (width - excess).maximum(width / 2)
     basis = torch.linalg.qr(axis[:1].T, mode="complete")[0]
     frame = torch.stack([basis[:, 1], torch.linalg.cross(axis[0], basis[:, 1]), axis[0]])
-
-    def flat(points: Tensor) -> Tensor:
-        x, y, z = (points @ frame.T).unbind(-1)
-        # from the pole of the first circle, which becomes the unit circle
-        return torch.complex(x, y) / (1 - z) * torch.tan(width[0] / 2)
-
+    # from the pole of the first circle, which becomes the unit circle
+    outer = torch.tan(width[0] / 2)
+    x, y, z = (points @ frame.T).unbind(-1)
+    flat = torch.complex(x, y) / (1 - z) * outer
     # the meridians' points of each circle that are nearest to and farthest from that pole
     x, y, z = (axis[1:] @ frame.T).unbind(-1)
     angle = z.clamp(-1, 1).acos()
-    outer = torch.tan(width[0] / 2)
     near, far = (outer / torch.tan((angle + way * width[1:]) / 2) for way in (1, -1))
-    domain = CircularDomain(
-        centres=torch.polar((near + far) / 2, torch.atan2(y, x)), log_radii=((far - near) / 2).log()
-    )
-    if not domain.nearness < 1:
-        return None
-    even = torch.arange(n, dtype=away.dtype, device=away.device) / n
-    seen = domain.coordinates(flat(away))
-    slides, back = [], []
-    for k in range(m):
-        turned = (seen[k, k].roll(-1) / seen[k, k]).angle()
-        angle = (seen[k, k, 0].angle() + turned.cumsum(0) - turned) / (2 * math.pi)
-        back.append(bool(turned.sum() < 0))
-        slides.append(even - (angle + even).mean() if back[-1] else even - (angle - even).mean())
-    return Placement.of(rims, back, torch.stack(slides), domain)
-
-
-def _spread(start: Placement, n: int) -> Placement:
-    """The same surface over the domain on which its nodes lie most evenly on the rims, at n nodes.
-
-    Of all domains that it is conformal to those are tried that have one circle outside and another one about 0.
-    """
-    domain, slides = start.surface.domain, start.surface.slides
-    best: tuple[float, _Renormed, Float[Tensor, "m n"]] | None = None
-    for pair in permutations(range(domain.rims), 2):
-        renormed = _Renormed.of(domain, *pair)
-        moved = torch.stack(
-            [_at_angles(slides[k], angles) for k, angles in zip(renormed.order, renormed.angles(n), strict=True)]
-        )
-        widest = float(torch.diff(moved, append=moved[:, :1] + 1).max())
-        if best is None or widest < best[0]:
-            best = widest, renormed, moved
-    assert best is not None
-    _, renormed, moved = best
-    ordered = [(start.rims[k], start.back[k]) for k in renormed.order]
-    rims, back = zip(*ordered, strict=True)
-    return Placement.of(rims, back, moved, renormed.domain).with_first_as_given()
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Renormed:
-    """A circular domain with another circle as the outer one and another hole about 0.
-
-    w = (az + b)/(cz + d) with ((a, b), (c, d)) the map: the coordinate of the circle that becomes the outer one, and
-    after it the automorphism of the disk that moves the other circle along the line through its centre.
-    """
-
-    before: CircularDomain
-    order: tuple[int, ...]
-    map: Complex[Tensor, "2 2"]
-    domain: CircularDomain
-
-    @classmethod
-    def of(cls, before: CircularDomain, outer: int, middle: int) -> _Renormed:
-        order = (outer, middle, *(k for k in range(before.rims) if k not in (outer, middle)))
-        zero = before.centres.new_zeros(1)
-        circles = torch.cat([zero, before.centres]), torch.cat([zero.real + 1, before.radii])
-        one = torch.eye(2, dtype=zero.dtype, device=zero.device)
-        if outer:
-            one = torch.stack(
-                [torch.stack([zero[0], circles[1][outer] + 0j]), torch.stack([zero[0] + 1, -circles[0][outer]])]
-            )
-        centres, radii = _images(one, *circles)
-        size = float(centres[middle].abs())
-        near, far = size - float(radii[middle]), size + float(radii[middle])
-        total, product = near + far, 1 + near * far
-        root = total / (product + math.sqrt(max(product**2 - total**2, 0.0)))
-        shift = centres[middle] * (root / size if size else 0.0)
-        moebius = torch.stack([torch.stack([zero[0] + 1, -shift]), torch.stack([-shift.conj(), zero[0] + 1])]) @ one
-        centres, radii = _images(moebius, *circles)
-        holes = centres[list(order[1:])]
-        holes[0] = 0
-        return cls(
-            before=before,
-            order=order,
-            map=moebius,
-            domain=CircularDomain(centres=holes, log_radii=radii[list(order[1:])].log()),
-        )
-
-    def angles(self, n: int) -> list[Float[Tensor, " n"]]:
-        """For n equal steps of every circle now, where they are on the circle before, in turns of its own angle."""
-        w = self.domain.circles(n)
-        (a, b), (c, d) = self.map
-        z = (d * w - b) / (a - c * w)
-        return [self.before.coordinates(part)[k].angle() / (2 * math.pi) for k, part in zip(self.order, z, strict=True)]
-
-
-def _images(
-    moebius: Complex[Tensor, "2 2"], centres: Complex[Tensor, " m"], radii: Float[Tensor, " m"]
-) -> tuple[Complex[Tensor, " m"], Float[Tensor, " m"]]:
-    """The centres and the radii of circles after a map (az + b)/(cz + d)."""
-    (a, b), (c, d) = moebius
-    below = (c * centres + d).abs().square() - (c.abs() * radii).square()
-    moved = ((a * centres + b) * (c * centres + d).conj() - a * c.conj() * radii.square()) / below
-    return moved, radii * (a * d - b * c).abs() / below.abs()
-
-
-def _at_angles(slide: Float[Tensor, " k"], angles: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-    """A slide at other angles, in turns, that rise by one turn in all: by its trigonometric interpolation."""
-    k = len(slide)
-    even = torch.arange(k, dtype=slide.dtype, device=slide.device) / k
-    spectrum = torch.fft.rfft(slide - even)[: k // 2] / k
-    rising = angles[0] + torch.remainder(angles - angles[0], 1.0)
-    frequency = torch.arange(len(spectrum), dtype=slide.dtype, device=slide.device)
-    waves = torch.polar(torch.ones_like(rising[:, None] * frequency), 2 * math.pi * rising[:, None] * frequency)
-    weight = torch.full_like(frequency, 2.0)
-    weight[0] = 1
-    slide_there: Tensor = rising + (waves @ (weight * spectrum)).real
-    return slide_there
+    centre, radius = torch.polar((near + far) / 2, torch.atan2(y, x)), (far - near) / 2
+    # the unit disk is moved into itself along the line through the second circle's centre
+    product = 1 + near[0] * far[0]
+    root = (near + far)[0] / (product + (product.square() - (near + far)[0].square()).clamp(min=0).sqrt())
+    to = torch.polar(root, centre[0].angle())
+    below = (1 - to.conj() * centre).abs().square() - (root * radius).square()
+    centre = ((centre - to) * (1 - to * centre.conj()) + to * radius.square()) / below
+    centre[0] = 0
+    domain = CircularDomain(centres=centre, log_radii=(radius * (1 - root.square()) / below).log())
+    return (domain, (flat - to) / (1 - to.conj() * flat)) if domain.nearness < 1 else None
 
 
 def _first_valley(energy: Float[Tensor, " k"], usual: int) -> int:

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from scipy.fft import next_fast_len
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import brentq
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
@@ -25,7 +24,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.douglas_rims import ROUNDING, RimsProblem
+from spinor_geom.plateau.douglas_rims import HELD, ROUNDING, RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import points_of_domain
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
@@ -42,8 +41,6 @@ from spinor_geom.plateau.vertex_route import surface_through
 # Fewest nodes on each rim where a surface is sought, nodes on all together for which matrices are factored, and most on
 # each.
 _FEWEST_NODES, _DENSE_IN_ALL, _MOST_NODES = 32, 512, 1 << 13
-# Nodes on a length as long as the gap is wide, where an annulus is sought.
-_NODES_PER_GAP = 4
 # Nodes for each edge of rough rims to begin with.
 _PER_EDGE = 6
 # Powers of one circle's coordinate on another that are left away over rough rims: far below what their nodes resolve.
@@ -173,19 +170,11 @@ class RimsSolver:
                 return None
 
     @cached_property
-    def _coarse_nodes(self) -> int:
-        """Nodes on each of two rims that resolve the gap: its width against their length is about the modulus."""
-        first, second = (curve.coefficients[-1] for curve in self.request.curves)
-        gap = float(np.mean(cKDTree(first).query(second)[0]))
-        length = sum(loop.perimeter for loop in self.request.units) / 2
-        return _even(np.clip(_NODES_PER_GAP * length / gap, _FEWEST_NODES, _DENSE_IN_ALL / 2))
-
-    @cached_property
     def _starts(self) -> tuple[Placement, ...]:
         """Where to start from: two rims with the second as it is and reversed."""
         rims = self._rims[0]
         if len(rims) == 2:
-            return tuple(start_between(*rims, self._coarse_nodes, back=back) for back in (False, True))
+            return tuple(start_between(*rims, _FEWEST_NODES, back=back) for back in (False, True))
         return tuple(seen_starts(rims, _FEWEST_NODES))
 
     @cached_property
@@ -245,12 +234,11 @@ class RimsSolver:
         start = min(self._starts, key=lambda start: start.surface.dirichlet_energy)
         with self.request.clock.stage("moduli"):
             problem = self._problem(start)
-            held = problem.descended(start.surface, tolerance=_POOR, fixed=True)
-            assert held is not None  # a modulus that stays does not run away
+            held = problem.descended(start.surface, tolerance=_POOR, stiffness=HELD)
             return [replace(start, surface=surface) for surface in all_on_path(problem, held)]
 
     def _stable(self) -> list[Placement]:
-        return [placed for placed in self.all_critical() if self._problem(placed).index(placed.surface) == 0]
+        return [placed for placed in self.all_critical() if placed.surface.index == 0]
 
     def fitted(self, placed: Placement) -> Found:
         """The surface with as many nodes as the tolerance asks for, or as help."""
@@ -297,7 +285,7 @@ class RimsSolver:
     def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
         """The surface over the loops' own curves, and with more and more nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
-        stable = self._problem(placed).index(surface) == 0
+        stable = surface.index == 0
         if self._is_noisy:
             n = _even(_PER_EDGE * max(map(len, self.request.units)))
             with self.request.clock.stage("slides"):

@@ -26,6 +26,8 @@ _MOST_HALVINGS = 4
 _LARGEST_STEP = 0.5
 # Share of a curve that no step may be: few nodes do not crowd before they are all in one place.
 _LARGE_PART = 0.5
+# Curvatures of the energy below this share of the largest count as none.
+_FLAT = 1e-12
 # Error of Λ, relative, above which so many nodes do not resolve the gaps between the circles.
 _UNRESOLVED = 1e-2
 
@@ -95,40 +97,41 @@ class HarmonicSurface:
         return float(steps.max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
 
     @cached_property
-    def slope(self) -> float:
-        """RMS derivative by arc length, relative to that of ΛX, but for a rotation of Ω, which only nodes feel."""
-        by_slides, normal = self.gradient()[: len(self.by_slides)], self.normal.square().sum(-1).mean()
-        return float((by_slides.square().mean() / normal).sqrt())
-
-    @cached_property
     def size(self) -> float:
-        """The larger of that and the steepest derivative by a modulus, over the energy."""
-        return max(self.slope, float(self.moduli.slopes.abs().max()) / self.energy)
+        """Of the gradient: RMS by arc length relative to ΛX, or the steepest by a modulus over the energy.
+
+        A rotation of Ω, which only nodes feel, is left out.
+        """
+        by_slides, normal = self.gradient()[: len(self.by_slides)], self.normal.square().sum(-1).mean()
+        return max(
+            float((by_slides.square().mean() / normal).sqrt()), float(self.moduli.slopes.abs().max()) / self.energy
+        )
 
     @property
     def stiffness(self) -> float:
         """Mean of |k|: the size of the energy's second derivatives by one node, and of what holds a rotation."""
         return float(self.form.own.mean())
 
-    def gradient(self, *, fixed: bool = False) -> Float[Tensor, " k"]:
-        """The first derivative by arc length and, unless they are fixed, the moduli, less that by a rotation of Ω."""
-        gradient = self.by_slides if fixed else torch.cat([self.by_slides, self.moduli.slopes])
-        rotation = self.rotation[: len(gradient)]
-        return gradient - (gradient @ rotation) / (rotation @ rotation) * rotation
+    def gradient(self) -> Float[Tensor, " k"]:
+        """The first derivative by arc length and the moduli, less that by a rotation of Ω."""
+        gradient = torch.cat([self.by_slides, self.moduli.slopes])
+        return gradient - (gradient @ self.rotation) / (self.rotation @ self.rotation) * self.rotation
 
-    def hessian(self, *, fixed: bool = False) -> Float[Tensor, "k k"]:
+    def hessian(self) -> Float[Tensor, "k k"]:
         """The second derivative by arc length and the moduli, stiffened against a rotation of Ω."""
         unit, count = self.unit.reshape(-1, 3), self.slides.numel()
-        size = count if fixed else count + len(self.moduli.slopes)
-        hessian = unit.new_empty(size, size)
+        hessian = unit.new_empty(len(self.rotation), len(self.rotation))
         torch.mul(unit @ unit.T, self.form.matrix(), out=hessian[:count, :count])
         hessian.diagonal()[:count] += self.bends.flatten()
-        if not fixed:
-            hessian[count:, :count], hessian[:count, count:] = self.mixed, self.mixed.T
-            hessian[count:, count:] = self.moduli.hessian
-        rotation = self.rotation[:size]
-        hessian.addr_(rotation, rotation, alpha=self.stiffness)
-        return hessian
+        hessian[count:, :count], hessian[:count, count:] = self.mixed, self.mixed.T
+        hessian[count:, count:] = self.moduli.hessian
+        return hessian.addr_(self.rotation, self.rotation, alpha=self.stiffness)
+
+    @property
+    def index(self) -> int:
+        """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
+        values = torch.linalg.eigvalsh(self.hessian())
+        return int((values < -_FLAT * values.abs().max()).sum())
 
     @cached_property
     def mixed(self) -> Float[Tensor, "p mn"]:
@@ -148,12 +151,10 @@ class HarmonicSurface:
         rotation: Tensor = torch.cat([turned.flatten(), _without_first_place(places)]) / turned.norm()
         return rotation
 
-    def stepped(self, step: Float[Tensor, " k"], *, fixed: bool = False) -> HarmonicSurface:
+    def stepped(self, step: Float[Tensor, " k"]) -> HarmonicSurface:
         """The surface after a step, or as much of it as keeps the circles apart and is resolved; else this one."""
         count = self.slides.numel()
         direction = step[:count].reshape(self.slides.shape) / self.speed
-        if fixed:
-            return HarmonicSurface.of(self.curves, slid(self.slides, direction, 1.0), self.domain, self.negligible)
         along = step[count:]
         share = min(1.0, _LARGEST_STEP / max(float(along.abs().max()), _LARGEST_STEP))
         for _ in range(_MOST_HALVINGS):

@@ -61,8 +61,6 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # So many edges away from the points no start has led to a surface through them, and a boundary that leaves the loop's
 # edges by as many would cross what is beside them.
 _FAR = 2.0
-# Newton steps to a point's place.
-_PLACINGS = 3
 
 
 def disk_through_points(request: Request, first: Disk | None = None) -> Found:
@@ -171,14 +169,11 @@ def surface_through(
 
 
 def _feet(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "n 3"]) -> Complex[Tensor, " n"]:
-    """Where a surface comes nearest to points."""
-    z = start
+    """Where a surface comes nearest to points, by a step along its tangent planes."""
     with torch.no_grad():
-        for _ in range(_PLACINGS):
-            velocity = phi(*smooth.series.value(z).unbind(-1))
-            away = points - smooth.shift - null_vector(*smooth.series.primitive(z).unbind(-1)).real
-            z = z + 2 * (away * velocity.conj()).sum(-1) / velocity.abs().square().sum(-1)
-    return z
+        velocity = phi(*smooth.series.value(start).unbind(-1))
+        away = points - smooth.shift - null_vector(*smooth.series.primitive(start).unbind(-1)).real
+        return start + 2 * (away * velocity.conj()).sum(-1) / velocity.abs().square().sum(-1)
 
 
 def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[Tensor, "k 2"]]:

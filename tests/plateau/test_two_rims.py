@@ -14,7 +14,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
 from spinor_geom.plateau.capacity_path import all_on_path
-from spinor_geom.plateau.douglas_rims import RimsProblem
+from spinor_geom.plateau.douglas_rims import HELD, RimsProblem
 from spinor_geom.plateau.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plan import ByNetwork, Task
@@ -155,8 +155,8 @@ def test_inertia_of_the_energy_is_the_index_of_the_area(h):
         rims.append(Rim(number=number, ways=ways))
     start = start_between(*rims, 48, back=True)
     problem = RimsProblem(curves=start.surface.curves)
-    held = problem.descended(start.surface, tolerance=1e-6, fixed=True)
-    assert [problem.index(surface) for surface in all_on_path(problem, held)] == [0, 1]
+    held = problem.descended(start.surface, tolerance=1e-6, stiffness=HELD)
+    assert [surface.index for surface in all_on_path(problem, held)] == [0, 1]
 
 
 @pytest.mark.parametrize("distance", [2.1, 3.0])
