@@ -148,6 +148,20 @@ def test_moduli_are_found_where_a_fit_is_near_at_its_nodes_alone():
     assert abs(solution.area / curve.disks[0].area - 1) < 2e-6
 
 
+def test_moduli_are_right_where_a_fit_met_the_tolerance_without():
+    known = gallery.schwarz_h(0.3)
+    # what the splines through 64 points are off
+    assert abs(solve_plateau(known.rim(64)).area / known.area - 1) < 5e-6
+
+
+@pytest.mark.slow
+def test_moduli_of_eight_corners_are_followed_while_the_fit_comes_nearer():
+    known = gallery.schwarz_prism(1.5)
+    solution = solve_plateau(known.sample(64))
+    assert solution.converged
+    assert abs(solution.area / known.disks[0].area - 1) < 1e-5
+
+
 def test_a_polygon_given_by_its_corners_alone_is_met():
     known = gallery.schwarz_d_quadrilateral()
     corners = known.point(np.array(known.corners))
