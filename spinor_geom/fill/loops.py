@@ -11,10 +11,11 @@ import numpy as np
 
 from spinor_geom.adapters import to_mesh
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.plane_route import lie_in_plane
+from spinor_geom.plateau.roughness import corners_are_seen, shows_sides
 
 LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 
@@ -58,13 +59,14 @@ def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:
 
 
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
-    """The rim of a mesh without the corners that were seen in it: they are corners of triangles, Γ is free beside them.
+    """The rim of a mesh without the corners of triangles that were seen in it: Γ is free beside them.
 
-    Corners that somebody gave the loop stay, and those of one that is plane within the tolerance, in mean edges: its
-    sides bound the plane region.
+    Corners that somebody gave the loop stay, those between smooth sides, and those of one that is plane within the
+    tolerance, in mean edges: its sides bound the plane region.
     """
-    seen = loop.corners.any() and np.array_equal(loop.corners, detect_corners(loop.points))
-    if not seen or lie_in_plane([loop], allowed=tolerance * loop.mean_edge_length / loop.diagonal):
+    if not corners_are_seen(loop) or shows_sides(loop):
+        return loop
+    if lie_in_plane([loop], allowed=tolerance * loop.mean_edge_length / loop.diagonal):
         return loop
     return replace(loop, corners=np.zeros(len(loop), dtype=bool))
 

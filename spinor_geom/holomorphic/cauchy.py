@@ -74,7 +74,7 @@ class CauchyNetwork(torch.nn.Module):
         scales: Float[Tensor, " k"],
         degree: int,
         branch: complex | None = None,
-        cutoff: float = 1e-12,
+        cutoff: float = 1e-8,
     ) -> CauchyNetwork:
         """A network whose features are orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g, read-outs zero.
 
@@ -85,7 +85,8 @@ class CauchyNetwork(torch.nn.Module):
             scales: d_k, usually the distance of ζ_k from ∂Ω.
             degree: highest degree of the polynomials.
             branch: the point c for p and q that change their sign around a hole.
-            cutoff: directions with singular value below cutoff times the largest are dropped.
+            cutoff: directions with singular value below cutoff times the largest are dropped: read-outs of units that
+                nearly cancel would take as many digits from p and q.
         """
         weight = weight / weight.sum()
         hessenberg = arnoldi_hessenberg(z, weight, degree)

@@ -31,9 +31,6 @@ BATCH_NODES = 16384
 _MOST_PER_EDGE = 64
 # Nodes of short loops on the disk: many loops have as many nodes, and are fitted together.
 FEWEST_NODES = 256
-# Share of the distance that twice as many nodes must come below on rough loops: it falls no faster than their number
-# grows, or hardly.
-_WORTHWHILE_IF_ROUGH = 0.8
 # Gradient of the energy, relative to its factors, at which a coarse solve stops, and that is rounding error. Between
 # them a solve goes on to a share of the tolerance, on smooth loops as small a one: each step doubles the digits.
 COARSE, _ROUNDING = 1e-4, 1e-13
@@ -114,7 +111,8 @@ class Fit:
             return
         self.slide = disk.slide
         before = math.inf if self.best is None else self.best[0].misfit.rms
-        share = _WORTHWHILE_IF_ROUGH if self.aims.is_rough else WORTHWHILE
+        # on rough loops it hardly falls at first
+        share = 1.0 if self.aims.is_rough else WORTHWHILE
         # without a lift more nodes may tell the sheets apart
         may_lift = self.attempt == 0 or self.aims.is_rough
         is_better = may_lift if lift is None else lift.misfit.rms < share * before

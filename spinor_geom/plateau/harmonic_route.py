@@ -26,6 +26,7 @@ from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.harmonic_fit import COARSE, FEWEST_NODES, Aims, Fit, even, fit_together
 from spinor_geom.plateau.lift import surface_of
 from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
+from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.roughness import is_rough
 from spinor_geom.plateau.solution import RouteName
@@ -95,6 +96,11 @@ class HarmonicSolver:
         return NodeDensity(self.request.curve, self._count)
 
     @property
+    def _averaged(self) -> CurveTensors:
+        """Γ as the points of Ω tell it: nodes that are too few for its bends would fall anywhere among them."""
+        return CurveTensors.of(self.request.curve.smoothed(1 / self._density.points), self.request.options.device)
+
+    @property
     def _unit_disk(self) -> DirichletForm:
         return DirichletForm.of_disk(self._count)
 
@@ -111,7 +117,7 @@ class HarmonicSolver:
         )
         with self.request.clock.stage("slide"):
             disk = minimise_dirichlet_energy(
-                self.aims.exact,
+                self._averaged if self.aims.is_rough and not is_fine else self.aims.exact,
                 form,
                 start,
                 tolerance=COARSE,

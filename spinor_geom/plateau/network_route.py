@@ -34,6 +34,7 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
+from spinor_geom.plateau.steps import STALLED
 from spinor_geom.plateau.through_points import PointEquations
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
@@ -208,14 +209,9 @@ class NetworkSolver:
         self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
     ) -> Fitted:
         """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
-        if stage.domain.holes:  # the modulus of a mesh is never quite right
-            best = self._with_right_moduli(stage, readout, slide)
-        else:
-            best = self._fitted(stage, readout, slide)
-            # with the wrong moduli a fit can be near to Γ at its nodes and nowhere else
-            if best.rms > self.request.allowed and stage.has_moduli:
-                corrected = self._with_right_moduli(stage, readout, slide)
-                best = replace(min(best, corrected, key=lambda one: one.rms), folds=corrected.folds)
+        # a mesh's are never quite right, and with wrong ones a fit can be near to Γ at its nodes and nowhere else
+        begin = self._with_right_moduli if stage.has_moduli else self._fitted
+        best = begin(stage, readout, slide)
         while self._is_missed(best):
             finer = best.stage.refined(best.energy, best.rms / self._excess(best))
             if finer is None:
@@ -244,7 +240,8 @@ class NetworkSolver:
                 break
             readout, slide = moved.transferred(stage, fit)
             stage = moved  # whatever the fit gained by the move, it is lost without it
-            if fit.residual > last / 2 or steps.are_spent:
+            # below half of what is allowed only fast convergence goes on
+            if fit.residual > (STALLED if fit.residual > allowed / 2 else 0.5) * last or steps.are_spent:
                 break
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)

@@ -25,15 +25,13 @@ from spinor_geom.plateau.options import Trainer
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rims import RimsSolver, obstacle
-from spinor_geom.plateau.roughness import ROUGH_TURN, is_rough, roughness, roundest
+from spinor_geom.plateau.roughness import FEW_POINTS, ROUGH_TURN, corners_are_seen, is_rough, roughness, roundest
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
 from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable, lower_beside
 from spinor_geom.plateau.vertex_route import disk_through_points
 
 # Rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³.
 _MOST_POINTS = 1500
-# So few points are a polygon: no curve is seen in them.
-_FEW_POINTS = 8
 # Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
 # is met to 1e-6 of a side, with none to 1e-2.
 _PARTS_OF_A_SIDE = 8
@@ -197,8 +195,10 @@ def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]
     if not options.is_free:
         return (ByNetwork(),)
     if loop.corners.any():
-        # kinks of Γ are singularities of p and q
-        return (*in_plane, ByNetwork())
+        # kinks of Γ are singularities of p and q; those that are only seen may be none
+        may_be_none = options.between == "free" and len(loop) <= _MOST_POINTS and corners_are_seen(loop)
+        through = (ThroughPoints(),) if may_be_none and not in_plane else ()
+        return (*in_plane, ByNetwork(), *through)
     if options.between == "free" and _shows_no_curve(loop, curve):
         return (*in_plane, ThroughPoints())
     on_disk = (OnUnitDisk(),) if suits_unit_disk(loop, curve) else ()
@@ -230,7 +230,7 @@ def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
         return False
     # only of so few points, in which no analytic curve is looked for, any loop turns by as much
     turn = roughness(loop) - (roundest(n) if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0)
-    if n <= _FEW_POINTS or turn > ROUGH_TURN or detect_corners(loop.points).any():
+    if n <= FEW_POINTS or turn > ROUGH_TURN or detect_corners(loop.points).any():
         return True
     return NodeDensity(curve, points_of_domain(loop)).is_narrow
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 
 # Angle by which one point in ten turns where a loop bends at many of its points: noise of a twentieth of an edge.
 ROUGH_TURN = np.radians(12.0)
+# So few points are a polygon: no curve is seen in them.
+FEW_POINTS = 8
 # Gradient of the energy at which slides along rough loops stop, as a share of the distance allowed in edges.
 ROUGH_GRADIENT = 3e-2
 
@@ -33,3 +35,14 @@ def negligible_energy(edges: int, allowed: float) -> float:
 def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     """Whether a loop bends at many of its points, more than the roundest one, where the curve through them is cubic."""
     return bool(curve.degree == min(DEGREES) and roughness(loop) - roundest(len(loop)) > ROUGH_TURN)
+
+
+def corners_are_seen(loop: BoundaryLoop) -> bool:
+    """Whether the corners of a loop are those that its points show, which nobody gave it."""
+    return bool(loop.corners.any() and np.array_equal(loop.corners, detect_corners(loop.points)))
+
+
+def shows_sides(loop: BoundaryLoop) -> bool:
+    """Whether the points of a loop with corners show smooth sides: no other one turns as rough loops do."""
+    points_of_a_side = len(loop) / np.count_nonzero(loop.corners) + 1
+    return bool(points_of_a_side > FEW_POINTS and turning_angles(loop.points)[~loop.corners].max() <= ROUGH_TURN)

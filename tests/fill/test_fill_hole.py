@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from spinor_geom import gallery
 from spinor_geom.adapters import read_mesh
 from spinor_geom.errors import FirstFillError, ForeignLoopError, ImperfectFillWarning, LoopIndexError, OptionError
 from spinor_geom.fill import one_loop
@@ -160,6 +161,21 @@ def test_a_loop_object_is_filled_with_its_own_corners() -> None:
     assert outcome.solution.loop.corners.all()
     # with its corners kept the quadrilateral is spanned by the flat square; without them by a round disk
     np.testing.assert_allclose(outcome.solution.area, 2.0, rtol=1e-9)
+
+
+def test_a_rim_of_a_few_smooth_sides_keeps_its_corners() -> None:
+    known = gallery.schwarz_d_quadrilateral()
+    points = known.sample(64).points
+    around = np.stack([np.arange(64), (np.arange(64) + 1) % 64], axis=1)
+    outward = 1.1 * (points - points.mean(axis=0)) + points.mean(axis=0)
+    faces = np.concatenate(
+        [np.column_stack([around[:, ::-1], around[:, 0] + 64]), np.column_stack([around[:, 1], around + 64])]
+    )
+    _, report = fill_hole((np.concatenate([points, outward]), faces), loop=1, return_report=True)
+    outcome = report.loops[1]
+    assert outcome.converged
+    assert outcome.area is not None
+    assert abs(outcome.area / known.disks[0].area - 1) < 1e-8
 
 
 def test_a_loop_of_another_mesh_is_refused() -> None:

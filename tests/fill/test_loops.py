@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError, UnknownMeshTypeError
-from spinor_geom.fill.loops import boundary_loops, chosen_places, place_of_loop, reasons_to_leave_open
+from spinor_geom.fill.loops import boundary_loops, chosen_places, free_rim, place_of_loop, reasons_to_leave_open
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.fill.shapes import tube
 
@@ -78,3 +78,29 @@ def test_loops_left_open_have_their_reason(loops: list[BoundaryLoop]) -> None:
     assert list(short) == [0]
     assert "max_perimeter" in short[0]
     assert reasons_to_leave_open(loops, [1], keep_largest=False, max_perimeter=None) == {0: "not requested"}
+
+
+def frame(kink: float = 0.0, edges: int = 12) -> BoundaryLoop:
+    """A bent square with straight sides and a curved one, one point in the middle of a side moved by a share of it."""
+    t, zero = np.arange(edges) / edges, np.zeros(edges)
+    sides = [(t, zero, t), (1 + 0.2 * np.sin(np.pi * t), t, 1 - t), (1 - t, 1 + zero, t), (zero, 1 - t, 1 - t)]
+    points = np.concatenate([np.column_stack(side) for side in sides])
+    points[edges // 2, 1] += kink
+    return BoundaryLoop.from_points(points)
+
+
+def test_corners_between_smooth_sides_stay() -> None:
+    loop = frame()
+    assert loop.corners.sum() == 4
+    assert free_rim(loop, tolerance=1e-3) is loop
+
+
+@pytest.mark.parametrize("loop", [frame(kink=0.02), frame(edges=6)], ids=["kink", "few points"])
+def test_corners_of_triangles_leave_a_rim_free(loop: BoundaryLoop) -> None:
+    assert loop.corners.sum() == 4
+    free = free_rim(loop, tolerance=1e-3)
+    assert not free.corners.any()
+    np.testing.assert_array_equal(free.points, loop.points)
+    # what somebody named stays
+    named = BoundaryLoop.from_points(loop.points, corners=np.flatnonzero(loop.corners)[:-1])
+    assert free_rim(named, tolerance=1e-3) is named

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from spinor_geom import gallery
+from spinor_geom.comparison import exact_curvature
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.domain.panels import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
@@ -146,6 +147,28 @@ def test_moduli_are_found_where_a_fit_is_near_at_its_nodes_alone():
     solution = solve_plateau(curve.sample(32))
     assert solution.converged
     assert abs(solution.area / curve.disks[0].area - 1) < 2e-6
+
+
+def test_moduli_are_right_where_a_fit_met_the_tolerance_without():
+    known = gallery.schwarz_h(0.3)
+    # what the splines through 64 points are off
+    assert abs(solve_plateau(known.rim(64)).area / known.area - 1) < 5e-6
+
+
+def test_units_do_not_cancel():
+    solution = solve_plateau(gallery.schwarz_prism(0.7).sample(64))
+    mesh = solution.domain.triangulation
+    curvature = exact_curvature(solution, mesh.points[mesh.boundary_size :], 50)
+    # 3e-9 where read-outs were 10⁷ times as large as p and q
+    assert np.median(curvature) * solution.loop.diagonal < 1e-12
+
+
+@pytest.mark.slow
+def test_moduli_of_eight_corners_are_followed_while_the_fit_comes_nearer():
+    known = gallery.schwarz_prism(1.5)
+    solution = solve_plateau(known.sample(64))
+    assert solution.converged
+    assert abs(solution.area / known.disks[0].area - 1) < 1e-5
 
 
 def test_a_polygon_given_by_its_corners_alone_is_met():

@@ -34,6 +34,7 @@ from tests.plateau.rims import TETRAHEDRON, coaxial, facing, ring, sampled
 
 SMOOTH = gallery.twisted_circle().sample(40)
 SKEW = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 1), (1, 1, 0), (0, 1, 1)], corners=[0, 1, 2, 3])
+SEEN = gallery.schwarz_d_quadrilateral().sample(40)
 # a saddle of seven points
 FEW = BoundaryLoop.from_points(
     [(np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)) for t in 2 * np.pi * np.arange(7) / 7], corners=()
@@ -80,6 +81,8 @@ PLANS = {
     "plane, with corners": (planar(CONVEX, 20), {"between": "free"}, (InPlane(), ByNetwork())),
     "plane, by a network": (planar(CONVEX, 20), {"model": "cauchy"}, (ByNetwork(),)),
     "corners": (SKEW, {"between": "free"}, (ByNetwork(),)),
+    "corners that are seen": (SEEN, {}, (ByNetwork(),)),
+    "corners that are seen, free": (SEEN, {"between": "free"}, (ByNetwork(), ThroughPoints())),
     "by a network": (SMOOTH, {"model": Cauchy(degree=20)}, (ByNetwork(),)),
     "power series": (SMOOTH, {"model": "series"}, (OnUnitDisk(),)),
     "power series, with corners": (SKEW, {"model": "series"}, (OnUnitDisk(),)),
