@@ -29,6 +29,8 @@ from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_e
 BATCH_NODES = 16384
 # Most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing.
 _MOST_PER_EDGE = 64
+# Nodes for each edge of rough loops below which chance decides how near a surface comes.
+_TELLING_PER_EDGE = 4
 # Nodes of short loops on the disk: many loops have as many nodes, and are fitted together.
 FEWEST_NODES = 256
 # Gradient of the energy, relative to its factors, at which a coarse solve stops, and that is rounding error. Between
@@ -111,8 +113,9 @@ class Fit:
             return
         self.slide = disk.slide
         before = math.inf if self.best is None else self.best[0].misfit.rms
-        # on rough loops it hardly falls at first
-        share = 1.0 if self.aims.is_rough else WORTHWHILE
+        share = WORTHWHILE
+        if self.aims.is_rough:
+            share = 1.0 if self.nodes >= _TELLING_PER_EDGE * len(self.aims.request.unit) else math.inf
         # without a lift more nodes may tell the sheets apart
         may_lift = self.attempt == 0 or self.aims.is_rough
         is_better = may_lift if lift is None else lift.misfit.rms < share * before
